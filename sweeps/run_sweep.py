@@ -43,12 +43,7 @@ from tracking.run_folders.sweep import RunFolder
 
 
 def run_sweep(
-    console: Console,
-    sweep: Sweep,
-    plan: Plan,
-    store: AnyStore,
-    command: str,
-    rerun_failed: bool,
+    console: Console, sweep: Sweep, plan: Plan, store: AnyStore, command: str, rerun_failed: bool
 ) -> bool:
     """Run the plan, log it, report it. Returns whether all trials finished and were logged.
 

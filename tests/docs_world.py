@@ -44,7 +44,7 @@ TRAFFIC = SWEEP | {
         "frames_per_route": 4,
         "frame_stride": 40,
         "warmup_s": 5,
-    },
+    }
 }
 """Takes the place of examples/grid.yaml, whose own values other tests read."""
 

@@ -350,11 +350,7 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
             "grid: is a key of a sweep; lidarplace run takes",
         ),
         ("search", "exclude: []\n", "exclude: is a key of a sweep; lidarplace run takes"),
-        (
-            "run",
-            "robustness: {}\nsearch: {}\n",
-            "search: is a key of a search; lidarplace search",
-        ),
+        ("run", "robustness: {}\nsearch: {}\n", "search: is a key of a search; lidarplace search"),
     ],
 )
 def test_a_file_of_another_command(in_folder, verb, content, told):

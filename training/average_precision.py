@@ -313,9 +313,7 @@ def precision_curve(
     # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
     positives = np.maximum(counts[:, 0] + counts[:, 1], 1)
     return PrecisionCurve(
-        monotone(counts[:, 0] / positives),
-        monotone(counts[:, 2] / positives),
-        len(hits) / counted,
+        monotone(counts[:, 0] / positives), monotone(counts[:, 2] / positives), len(hits) / counted
     )
 
 

@@ -149,12 +149,7 @@ def finetune(
             curve.extend((epoch, name, value) for name, value in values.items())
             kept.save(
                 TrainingState(
-                    epoch,
-                    batch_size,
-                    reduced,
-                    model.state_dict(),
-                    optimisation.state_dict(),
-                    curve,
+                    epoch, batch_size, reduced, model.state_dict(), optimisation.state_dict(), curve
                 )
             )
             if on_epoch is not None:

@@ -169,10 +169,7 @@ def evaluation(
         if routes is not None and len(own):
             nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
             frame = own_found["frame"].to_numpy(np.int64)
-            units = (
-                *units_of(own, frame, nearest, routes),
-                *halves_of(own, frame, routes),
-            )
+            units = (*units_of(own, frame, nearest, routes), *halves_of(own, frame, routes))
             left_out += ap_without_each(name, of_name, matches, units)
             left_out += recall_without_each(name, RECALL_IOU, best[here], units)
             left_out += mean_without_each(name, "mean_overlap", EVERY_IOU, of_class, units)

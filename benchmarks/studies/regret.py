@@ -13,9 +13,7 @@ from tracking.statistics.reliability import Noise
 _DRAWS = 1000
 
 
-def main(
-    times: Annotated[int, typer.Option(help="studies of a case")] = 1000,
-) -> None:
+def main(times: Annotated[int, typer.Option(help="studies of a case")] = 1000) -> None:
     """Seeds scatter by 1 point; a good surrogate has a correlation of 0.89 with the truth."""
     print(
         "| placements | seeds | spread | good: true | measured | expected | held % "

@@ -70,10 +70,7 @@ class PointClouds:
 
     @classmethod
     def from_frames(
-        cls,
-        frames: ArrayLike,
-        clouds: Iterable[tuple[NDArray[np.float32], ArrayLike]],
-        crop: Crop,
+        cls, frames: ArrayLike, clouds: Iterable[tuple[NDArray[np.float32], ArrayLike]], crop: Crop
     ) -> PointClouds:
         """Pack clouds, one frame at a time.
 

@@ -63,11 +63,7 @@ def sample_points(
         hits,
         (SIGN, GROUND),
         _Cells(ground.reflectivity, *_to_cells(ground.pose)),
-        _Chance(
-            lidar.range_noise,
-            lidar.drop_off,
-            key_of(*key),
-        ),
+        _Chance(lidar.range_noise, lidar.drop_off, key_of(*key)),
         (ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2),
         points,
     )

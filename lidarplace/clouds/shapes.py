@@ -290,17 +290,7 @@ def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     return [Part(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, Material.PAINT)]
 
 
-_KINDS = (
-    _sedan,
-    _hatchback,
-    _suv,
-    _pickup,
-    _box_truck,
-    _motorcycle,
-    _bicycle,
-    _pedestrian,
-    _brick,
-)
+_KINDS = (_sedan, _hatchback, _suv, _pickup, _box_truck, _motorcycle, _bicycle, _pedestrian, _brick)
 
 OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
 """The box of the vehicle's own body in the ego frame: a row of `GEOMETRY`."""

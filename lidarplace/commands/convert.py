@@ -203,12 +203,10 @@ def openlabel(
 )
 def table(
     source: Annotated[
-        Path,
-        typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames"),
+        Path, typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames")
     ],
     out: Annotated[
-        Path | None,
-        typer.Argument(help="folder of the box log; without it --propose or --preview"),
+        Path | None, typer.Argument(help="folder of the box log; without it --propose or --preview")
     ] = None,
     frames: Annotated[
         str | None, typer.Option(help="table of all frames, or their number: empty ones count too")

@@ -46,11 +46,7 @@ CloudsOf = Callable[[BoxLog], PointClouds]
 app = new_app()
 
 
-@verb(
-    app,
-    "logs/town kitti/line --placement line --images",
-    "logs/town line.mcap --placement line",
-)
+@verb(app, "logs/town kitti/line --placement line --images", "logs/town line.mcap --placement line")
 def export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(help="folder to write, new or empty; or FILE.mcap")],
@@ -78,8 +74,7 @@ def export(
         int, typer.Option(help="of shapes, drop-off and range noise", callback=within(SEED))
     ] = 0,
     recorded: Annotated[
-        bool,
-        typer.Option("--recorded", help="clouds of LOG/clouds/PLACEMENT, none are simulated"),
+        bool, typer.Option("--recorded", help="clouds of LOG/clouds/PLACEMENT, none are simulated")
     ] = False,
 ) -> None:
     """Write KITTI's object layout, as OpenPCDet reads it (docs/kitti.md), or FILE.mcap.
@@ -163,12 +158,7 @@ def _played(
 
 
 def _portions(
-    log: BoxLog,
-    clouds_of: CloudsOf,
-    roi: Crop,
-    seed: int,
-    all_around: bool,
-    counts: Counter[str],
+    log: BoxLog, clouds_of: CloudsOf, roi: Crop, seed: int, all_around: bool, counts: Counter[str]
 ) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
     """Labels and clouds of some frames at a time; counts what is in them."""
     x0, y0, z0, x1, y1, z1 = roi

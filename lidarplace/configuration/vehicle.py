@@ -7,12 +7,7 @@ from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import (
-    BeforeValidator,
-    Field,
-    Strict,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, Strict, model_validator
 
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings

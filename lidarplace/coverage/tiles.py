@@ -66,6 +66,5 @@ class Tiles:
         aside = shape[1] if axis == 0 else shape[0]
         rows = np.arange(0, aside, TILE_X) // side
         return Tiles(
-            first[rows].astype(np.int32),
-            np.minimum(last, shape[axis] - 1)[rows].astype(np.int32),
+            first[rows].astype(np.int32), np.minimum(last, shape[axis] - 1)[rows].astype(np.int32)
         )

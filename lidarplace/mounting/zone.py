@@ -14,14 +14,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.number_text import point
 from lidarplace.base.roi import Interval
-from lidarplace.mounting.polygon import (
-    NANOMETRE,
-    Polygon,
-    above_x_axis,
-    nearest,
-    polygon,
-    sections,
-)
+from lidarplace.mounting.polygon import NANOMETRE, Polygon, above_x_axis, nearest, polygon, sections
 
 TOLERANCE = 1e-3
 """How far outside of a zone `shares` accepts a point, metres."""

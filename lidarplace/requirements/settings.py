@@ -296,9 +296,7 @@ class RequirementSettings(Settings):
         )
 
 
-def _each_once(
-    requirements: tuple[RequirementSettings, ...],
-) -> tuple[RequirementSettings, ...]:
+def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[RequirementSettings, ...]:
     names = [requirement.name for requirement in requirements]
     if len(set(names)) < len(names):
         raise ValueError(f"each name once, found {', '.join(names)}")

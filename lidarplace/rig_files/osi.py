@@ -108,7 +108,4 @@ def _rays(mounted: MountedLidar) -> dict[str, Any]:
     }
     if lidar.pattern is not None:
         return view
-    return view | {
-        "numberOfRaysHorizontal": lidar.fired_steps,
-        "numberOfRaysVertical": lidar.beams,
-    }
+    return view | {"numberOfRaysHorizontal": lidar.fired_steps, "numberOfRaysVertical": lidar.beams}

@@ -103,7 +103,5 @@ def shortened(distance: ArrayLike, fading: float) -> NDArray[np.float64]:
         depth = wrightomega(math.log(fading) + np.log(clear))
         # W = x exp(-W): of little depth the quotient would be one of numbers near 0.
         return np.where(
-            depth < 1.0,
-            clear * np.exp(-depth),
-            np.where(np.isinf(clear), clear, depth / fading),
+            depth < 1.0, clear * np.exp(-depth), np.where(np.isinf(clear), clear, depth / fading)
         )

@@ -16,12 +16,7 @@ from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 from lidarplace.logs.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.logs.boxes import SPLITS
-from lidarplace.scenes.datasets.class_maps import (
-    PAPER,
-    PAPER_GROUPS,
-    ClassMap,
-    check_class_map,
-)
+from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap, check_class_map
 from lidarplace.scenes.parts import ScenePart
 
 

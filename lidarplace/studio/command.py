@@ -26,8 +26,7 @@ def studio(
         Path, typer.Argument(help="YAML file of rigs, or of one placement with `mounts`")
     ],
     log: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="a box log; simulated traffic without one"),
+        Path | None, typer.Option(metavar="FOLDER", help="a box log; simulated traffic without one")
     ] = None,
     frames: Annotated[
         int,

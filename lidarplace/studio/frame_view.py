@@ -75,9 +75,7 @@ class FrameView:
         """
         seen = self._seen.of(placement)
         return self.recall.objects.table.assign(
-            points=seen.points,
-            cells=seen.counts(),
-            probability=self.recall.probabilities(seen),
+            points=seen.points, cells=seen.counts(), probability=self.recall.probabilities(seen)
         )
 
     def cloud(self, placement: Placement | None, most: int) -> SimulatedCloud:

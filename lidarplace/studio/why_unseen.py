@@ -70,12 +70,7 @@ def why_unseen(
 
 
 def _aimed(
-    mount: Mount,
-    lidar: Lidar,
-    parts: Parts,
-    own: int,
-    ids: list[str],
-    ends: NDArray[np.float64],
+    mount: Mount, lidar: Lidar, parts: Parts, own: int, ids: list[str], ends: NDArray[np.float64]
 ) -> AimedRays:
     mine = parts.owner == own
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])

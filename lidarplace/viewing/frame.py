@@ -89,11 +89,7 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
     parts = Surroundings(own).parts(number, reach=np.inf)
     buildings = parts.geometry[parts.owner == BUILDING, : len(GEOMETRY)]
     return Frame(
-        own,
-        row,
-        own.boxes[near],
-        _inside(geometry[near], crop),
-        buildings[_near(buildings, crop)],
+        own, row, own.boxes[near], _inside(geometry[near], crop), buildings[_near(buildings, crop)]
     )
 
 

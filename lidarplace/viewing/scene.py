@@ -161,24 +161,13 @@ def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface
         if len(faces):
             i, j, k = faces.T.copy()
             figure.add_mesh3d(
-                **xyz(vertices),
-                i=i,
-                j=j,
-                k=k,
-                name=name,
-                opacity=opacity,
-                flatshading=True,
-                **grey,
+                **xyz(vertices), i=i, j=j, k=k, name=name, opacity=opacity, flatshading=True, **grey
             )
 
 
 def _axes(placement: Placement, crop: Crop, vehicle: NDArray[np.floating]) -> dict[str, Any]:
     """Axes of equal scale that hold ROI, vehicle and LiDARs; the camera looks from behind."""
     seen = np.concatenate(
-        [
-            np.reshape(crop, (2, 3)),
-            vehicle,
-            [mount.position for mount in placement.mounts],
-        ]
+        [np.reshape(crop, (2, 3)), vehicle, [mount.position for mount in placement.mounts]]
     )
     return equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}

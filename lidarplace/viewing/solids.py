@@ -54,9 +54,7 @@ def headings(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.stack([roof.mean(axis=1), front, np.full_like(front, np.nan)], 1).astype(np.float32)
 
 
-def triangles(
-    boxes: NDArray[np.float64],
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def triangles(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """The faces of boxes (m, 7): vertices (8 m, 3) in metres, and triangles of them (12 m, 3)."""
     first = 8 * np.arange(len(boxes))[:, None, None]
     faces = (first + _TRIANGLES).reshape(-1, 3).astype(np.int32)

@@ -29,11 +29,7 @@ def main() -> None:
         "training": {"epochs": 6, "rotation": 0.1},
         "generalist": {"rigs": 32, "rigs_per_frame": 8, "epochs": 4},
         "placements": rigs,
-        "grid": {
-            "placement": list(rigs),
-            "mounting_errors.angle_deg": [0.0, 0.5],
-            "seed": [1, 2],
-        },
+        "grid": {"placement": list(rigs), "mounting_errors.angle_deg": [0.0, 0.5], "seed": [1, 2]},
     }
     write(settings, FOLDER / "controlled.yaml", "python studies/findings/controlled.py")
 

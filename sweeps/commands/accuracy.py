@@ -30,12 +30,10 @@ app = new_app()
 @verb(app, "logs/sumo-1 --config examples/grid.yaml --out runs/accuracy")
 def accuracy_command(
     log: Annotated[
-        Path,
-        typer.Argument(help="folder of boxes.parquet and frames.parquet, or boxes alone"),
+        Path, typer.Argument(help="folder of boxes.parquet and frames.parquet, or boxes alone")
     ],
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="of a sweep: its placements, LiDAR and ROI"),
+        Path | None, typer.Option(metavar="FILE", help="of a sweep: its placements, LiDAR and ROI")
     ] = None,
     placement: Annotated[
         list[str] | None,

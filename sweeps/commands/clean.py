@@ -30,8 +30,7 @@ app = new_app()
 )
 def clean(
     store: Annotated[
-        str,
-        typer.Argument(help="YAML file of a sweep or a search, or folder or URL of a store"),
+        str, typer.Argument(help="YAML file of a sweep or a search, or folder or URL of a store")
     ],
     quota: Annotated[
         str | None,

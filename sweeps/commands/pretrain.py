@@ -86,11 +86,7 @@ def pretrain(
         raise typer.Exit(1)
     try:
         write_checkpoint(
-            out,
-            value.state_dict,
-            task.params.detector,
-            value.classes,
-            task.params.typical,
+            out, value.state_dict, task.params.detector, value.classes, task.params.typical
         )
     except OSError as error:
         say(f"failed: {error}")

@@ -42,11 +42,7 @@ from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.pog.surrogates.table import SURROGATES
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.catalogue.datasheet import datasheet
-from sweeps.configuration.sweep import (
-    Common,
-    Point,
-    best_of,
-)
+from sweeps.configuration.sweep import Common, Point, best_of
 
 Scalar = Text | bool | int | Number | None
 

@@ -7,12 +7,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    Field,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from lidarplace.base.metrics import METRICS, RANKING, Direction, Overlaps
 from lidarplace.base.registry import OneOf

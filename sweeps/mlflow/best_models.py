@@ -59,11 +59,7 @@ def save_model(trial: DetectorTrial, store: AnyStore, path: Path) -> None:
     from mlflow.pyfunc import save_model as save_pyfunc
     from mlflow.types import ColSpec, Schema
 
-    with (
-        TemporaryDirectory() as temporary,
-        whole_folder(path) as folder,
-        warnings.catch_warnings(),
-    ):
+    with TemporaryDirectory() as temporary, whole_folder(path) as folder, warnings.catch_warnings():
         weights, about = _write_parts(trial, store, Path(temporary))
         signature = ModelSignature(
             Schema([ColSpec(kind, name) for name, kind in _POINTS.items()]),

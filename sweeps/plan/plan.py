@@ -421,13 +421,7 @@ class _Builder:
         if split == "test" and vehicle is not None:
             placement, errors = errors.drawn(placement, scene.seed, vehicle), MountingErrors()
         return CollectParams(
-            placement,
-            lidar.misaligned_heights,
-            scene.seed,
-            split,
-            crop,
-            errors,
-            vehicle=body,
+            placement, lidar.misaligned_heights, scene.seed, split, crop, errors, vehicle=body
         )
 
     def _as_collected(self, point: Point, placement: Placement) -> Placement:

@@ -41,10 +41,7 @@ def object_tables(
         found.append(_found(trial, of_setting[place], store))
     if not found:
         return pd.DataFrame(), pd.DataFrame()
-    return (
-        pd.concat(of_setting.values(), ignore_index=True),
-        pd.concat(found, ignore_index=True),
-    )
+    return (pd.concat(of_setting.values(), ignore_index=True), pd.concat(found, ignore_index=True))
 
 
 def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:

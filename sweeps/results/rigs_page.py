@@ -30,8 +30,7 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
             *cautions,
         ],
         figures=rig_views(
-            [viewed_rig(name, rigs[name].mounts, models.get(name, ())) for name in drawn],
-            vehicle,
+            [viewed_rig(name, rigs[name].mounts, models.get(name, ())) for name in drawn], vehicle
         ),
     )
     if len(drawn) < len(rigs):

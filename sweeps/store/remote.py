@@ -137,10 +137,7 @@ class RemoteStore:
         attempts = self.local.attempts(task)
         place = f"{root}/{task.stage}/{attempts.name}"
         fetch(filesystem, place, attempts)
-        with (
-            self.local.working_folder(task) as folder,
-            mirrored(folder, filesystem, place),
-        ):
+        with self.local.working_folder(task) as folder, mirrored(folder, filesystem, place):
             yield folder
 
     def discard(self, task: Task) -> None:

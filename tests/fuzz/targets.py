@@ -280,11 +280,7 @@ DATA: tuple[Target, ...] = (
     Target("rig of clouds", ("clouds/placement.json",), read=_rig),
     Target("checkpoint", ("base.pt",), read=_checkpoint),
     Target("run folder", ("run/*.parquet", "run/*.npz", "run/config.yaml"), read=_run_folder),
-    Target(
-        "search folder",
-        ("found/*.parquet", "found/*.npz"),
-        read=_search_folder,
-    ),
+    Target("search folder", ("found/*.parquet", "found/*.npz"), read=_search_folder),
     Target("failures", ("failed/*.json",), read=_failures),
 )
 """Data of all kinds."""

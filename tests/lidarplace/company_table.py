@@ -73,10 +73,7 @@ def write_in_manner(log: BoxLog, manner: Manner) -> pd.DataFrame:
 
 def mapping_of(log: BoxLog, manner: Manner) -> dict[str, object]:
     """The mapping that tells all of this."""
-    poses = {
-        "poses": {"x": "host_x", "y": "host_y", "yaw": "host_heading"},
-        "coordinates": "world",
-    }
+    poses = {"poses": {"x": "host_x", "y": "host_y", "yaw": "host_heading"}, "coordinates": "world"}
     return {
         "columns": {
             "drive": "recording",
@@ -96,9 +93,7 @@ def mapping_of(log: BoxLog, manner: Manner) -> dict[str, object]:
         "origin": dict(zip("xyz", manner.origin, strict=True)),
         "classes": {theirs: ours for ours, theirs in CATEGORIES.items()},
         "frames": {"rate_hz": manner.rate_hz},
-        "drives": {
-            "test": sorted(set(log.frames["scene"][log.frames["split"] == "test"])),
-        },
+        "drives": {"test": sorted(set(log.frames["scene"][log.frames["split"] == "test"]))},
         **(poses if manner.coordinates == "world" else {}),
     }
 

@@ -100,38 +100,18 @@ def test_joined_logs_keep_all_tables_and_refuse_a_frame_twice():
 @pytest.mark.parametrize(
     ("table", "column", "value", "message"),
     [
-        (
-            "boxes",
-            "class",
-            "two wheels",
-            "row 0: a class has a name of .*'two wheels'",
-        ),
+        ("boxes", "class", "two wheels", "row 0: a class has a name of .*'two wheels'"),
         ("boxes", "class", 7, "row 0: a class has a name of letters, .*found 7"),
         ("boxes", "frame", 1e30, ("row 0", "frame", "1e+30")),
-        (
-            "boxes",
-            "frame",
-            2**63 - 1,
-            ("row 0", "frame", ""),
-        ),
+        ("boxes", "frame", 2**63 - 1, ("row 0", "frame", "")),
         ("boxes", "x", "far", ("row 0", "x", "far")),
         ("boxes", "x", True, ("row 0", "x", "True")),
-        (
-            "boxes",
-            "yaw",
-            pd.Timestamp(2020, 1, 1),
-            ("row 0", "yaw", "2020"),
-        ),
+        ("boxes", "yaw", pd.Timestamp(2020, 1, 1), ("row 0", "yaw", "2020")),
         ("boxes", "object_id", b"7", ("row 0", "object_id", "")),
         ("boxes", "scene", None, "row 0: scene is missing"),
         ("frames", "split", "Train", ("row 0", "split", "'Train'")),
         ("frames", "route", 0.5, ("row 0", "route", "0.5")),
-        (
-            "frames",
-            "timestamp_s",
-            math.inf,
-            ("row 0", "timestamp_s", ""),
-        ),
+        ("frames", "timestamp_s", math.inf, ("row 0", "timestamp_s", "")),
     ],
 )
 def test_a_value_of_another_kind_is_named(tmp_path, table, column, value, message):

@@ -22,10 +22,7 @@ def test_frames_are_numbered_by_scene_and_frame():
 
 @pytest.mark.parametrize(
     ("column", "value", "message"),
-    [
-        ("x", float("nan"), ("row 1", "x", "nan")),
-        ("height", -1.0, ("row 1", "height", "-1.0")),
-    ],
+    [("x", float("nan"), ("row 1", "x", "nan")), ("height", -1.0, ("row 1", "height", "-1.0"))],
 )
 def test_bad_values_name_row_and_column(column, value, message):
     boxes = BOXES.copy()

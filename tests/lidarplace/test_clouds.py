@@ -35,9 +35,7 @@ def test_every_point_comes_back_to_half_a_millimetre():
 
 
 corner = arrays(
-    np.float32,
-    st.tuples(st.integers(0, 40), st.just(4)),
-    elements=st.floats(0, 1, width=32),
+    np.float32, st.tuples(st.integers(0, 40), st.just(4)), elements=st.floats(0, 1, width=32)
 )
 
 

@@ -110,10 +110,7 @@ def test_split_region_profile_and_own_placement(tmp_path, log) -> None:
             ["--placement", "line", "--profile", "x"],
             "--profile x: allowed are paper, released-code",
         ),
-        (
-            ["--placement", "line", "--split", "dev"],
-            "log: no frame of split dev; found test",
-        ),
+        (["--placement", "line", "--split", "dev"], "log: no frame of split dev; found test"),
         (["--placement", "line", "--roi", *"100404"], "--roi: x needs min < max"),
         (["--placement", "none.yaml"], r"none\.yaml"),
     ],

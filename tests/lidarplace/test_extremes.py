@@ -495,9 +495,7 @@ def test_a_class_that_never_occurs_is_worth_nothing():
     boxes = boxes_of((0.6, 0.0, 0.5, 1.0, 1.0, 1.0, 0.0))
     grid = OccupancyGrid.from_boxes(boxes, ROI, "Pedestrian", frames=MANY)
     result = evaluate(
-        grid,
-        one_sensor(Mount(0.3, 0.1, 0.2), [0.0]),
-        surrogates=["expected_points", "expected_ig"],
+        grid, one_sensor(Mount(0.3, 0.1, 0.2), [0.0]), surrogates=["expected_points", "expected_ig"]
     )
     assert (result.h_pog, result.s_mig, result.ig, result.m_sog) == (0.0, 0.0, 0.0, 0.0)
     assert (result.expected_points, result.expected_ig) == (0.0, 0.0)

@@ -177,11 +177,7 @@ def test_lanes_change_sides():
     assert [
         (side.tag, [(int(lane.attrib["id"]), lane.get("type")) for lane in side])
         for side in section
-    ] == [
-        ("left", [(1, "c")]),
-        ("center", [(0, "none")]),
-        ("right", [(-1, "b"), (-2, "a")]),
-    ]
+    ] == [("left", [(1, "c")]), ("center", [(0, "none")]), ("right", [(-1, "b"), (-2, "a")])]
     assert [link.get("id") for link in root.iterfind(".//lane/link/*")] == ["2", "1"]
     assert root.find(".//laneLink").attrib == {"from": "-1", "to": "1"}
     offset = {name: float(value) for name, value in root.find(".//laneOffset").attrib.items()}

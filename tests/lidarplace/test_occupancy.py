@@ -44,13 +44,7 @@ coordinate = st.floats(-4, 4) | st.integers(-32, 32).map(lambda n: n / 8)
 size = st.floats(0, 3) | st.integers(0, 24).map(lambda n: n / 8)
 yaw = st.floats(-10, 10) | st.sampled_from([0.0, np.pi / 2, np.pi, np.pi / 4, 1e-17, 1e9])
 boxes_strategy = st.lists(
-    st.tuples(
-        st.integers(0, 3),
-        st.sampled_from(CLASSES),
-        *[coordinate] * 3,
-        *[size] * 3,
-        yaw,
-    ),
+    st.tuples(st.integers(0, 3), st.sampled_from(CLASSES), *[coordinate] * 3, *[size] * 3, yaw),
     max_size=10,
 )
 

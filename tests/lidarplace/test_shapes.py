@@ -9,13 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.clouds.reflectivity import uniforms
-from lidarplace.clouds.shapes import (
-    BODY,
-    OWN_BODY,
-    Parts,
-    own_body,
-    shapes_of,
-)
+from lidarplace.clouds.shapes import BODY, OWN_BODY, Parts, own_body, shapes_of
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount

@@ -186,7 +186,7 @@ def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkey
     taller.export(other / "renamed.stl")
     changed = collected(other / "grid.yaml")
     assert {stage for stage in here if changed[stage] != here[stage]} == {
-        *("collect", "recall", "finetune", "evaluate"),
+        *("collect", "recall", "finetune", "evaluate")
     }
 
 

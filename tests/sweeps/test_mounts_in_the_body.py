@@ -197,10 +197,7 @@ def test_of_a_search(tmp_path):
     for search, message in (
         ({"fixed": [NOSE]}, r"search: fixed: 'fixed': LiDAR 1 at \(2.25, 0, 0.6\) is inside the"),
         ({"zones": into | {"in": {"x": 0, "y": 0, "z": [0.2, 1.4]}}}, r"zones\.in: is inside the"),
-        (
-            {"zones": high(), "vehicle": [[[-9, -9, 0], [9, 9, 9]]]},
-            r"zones\.roof",
-        ),
+        ({"zones": high(), "vehicle": [[[-9, -9, 0], [9, 9, 9]]]}, r"zones\.roof"),
     ):
         with pytest.raises(ConfigError, match=message):
             problem(**search)

@@ -267,8 +267,7 @@ def test_a_log_of_ones_own(tmp_path):
     assert plan.trials[0].scenes[0].key != again.trials[0].scenes[0].key, "content counts"
     with pytest.raises(ConfigError, match=r"placement: .*no recorded clouds"):
         plan_of(
-            tmp_path,
-            scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
+            tmp_path, scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}
         )
     with pytest.raises(ConfigError, match="weather: recorded clouds are as they are"):
         plan_of(

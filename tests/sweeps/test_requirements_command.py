@@ -208,10 +208,7 @@ WRONG = {
         small(where={"distance": [5, 1]}),
         "where.distance: found [5, 1]; allowed is [min, max]",
     ),
-    "a name twice": (
-        SMALL | {"requirements": 2 * SMALL["requirements"]},
-        "requirements: found",
-    ),
+    "a name twice": (SMALL | {"requirements": 2 * SMALL["requirements"]}, "requirements: found"),
     "an unknown key": (
         small(weather="rain"),
         "requirements[0].weather: unknown key (did you mean where?); allowed are name, where,",

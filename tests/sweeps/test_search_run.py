@@ -299,8 +299,7 @@ def test_classes_that_do_not_occur(tmp_path, tracking):
 
 def test_no_password_in_the_files(tmp_path, tracking, monkeypatch):
     monkeypatch.setattr(
-        "sweeps.search.trials.study.RDBStorage",
-        lambda url: optuna.storages.InMemoryStorage(),
+        "sweeps.search.trials.study.RDBStorage", lambda url: optuna.storages.InMemoryStorage()
     )
     url = "postgresql://me:secret@host/db"
     result = search(tmp_path, tracking, search={"storage": url, "trials": 4})

@@ -99,12 +99,7 @@ def test_a_training_that_fails_is_told_as_failed(tmp_path, tracking):
     result, table, _ = search(
         tmp_path,
         tracking,
-        search={
-            "zones": {},
-            "objective": "recall",
-            "space": {"training.lr": [1e6]},
-            "trials": 1,
-        },
+        search={"zones": {}, "objective": "recall", "space": {"training.lr": [1e6]}, "trials": 1},
     )
     assert result.exit_code == 1
     assert table.loc[0, "state"] == "FAIL"

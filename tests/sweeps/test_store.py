@@ -215,8 +215,7 @@ def with_every_kind_of_file():
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["array.npy", "large.npy", "empty.npy", "table.parquet", "state_dict.pt", "result.json"],
+    "name", ["array.npy", "large.npy", "empty.npy", "table.parquet", "state_dict.pt", "result.json"]
 )
 def test_one_changed_bit_anywhere_is_a_damage(store, name):
     for place in np.linspace(0, 1, 7):

@@ -118,10 +118,7 @@ def write_search(
         "baseline": next(iter(papers)),
         "rigs": rigs,
         "commands": [
-            {
-                "what": "train detectors on it",
-                "line": "lidarplace run runs/made_up/sweep.yaml",
-            }
+            {"what": "train detectors on it", "line": "lidarplace run runs/made_up/sweep.yaml"}
         ],
         "tracking_uri": None,
         "versions": {"optuna": "5.0.0"},

@@ -10,14 +10,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import (
-    assert_logged_once,
-    free_port,
-    logging,
-    start_server,
-    trial_of,
-    until,
-)
+from mlflow_runs_of import assert_logged_once, free_port, logging, start_server, trial_of, until
 
 from tracking.mlflow.uri import absolute_uri
 

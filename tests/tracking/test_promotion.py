@@ -52,11 +52,7 @@ def _full(run, detector="tiny"):
 
 def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
     assert group.title == "tiny"
-    assert group.stages == (
-        "expected IG (Car)",
-        "3D AP @ 0.7 (Car), epochs = 2",
-        FULL_TRAINING,
-    )
+    assert group.stages == ("expected IG (Car)", "3D AP @ 0.7 (Car), epochs = 2", FULL_TRAINING)
     assert (group.placements, group.seeds) == (40, 2)
     assert set(group.trials["trial"]) == set(_full(run)["trial"])
     own = run.results.query(

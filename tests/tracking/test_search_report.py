@@ -83,9 +83,7 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
     cells = [word.strip() for word in table if word.strip()]
     assert (
         cells[3:10]
-        == [
-            *("zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"),
-        ][:7]
+        == [*("zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)")][:7]
     )
     shown = [float(cell.replace("−", "-")) for cell in cells[13:19]]
     assert shown[:3] == pytest.approx([trial[f"lidar_1.{k}_m"] for k in "xyz"], abs=5e-4)

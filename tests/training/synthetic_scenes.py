@@ -8,11 +8,7 @@ import pandas as pd
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.logs.boxes import GEOMETRY
 
-SIZES = {
-    "Car": (4.5, 1.9, 1.6),
-    "Cyclist": (1.8, 0.7, 1.7),
-    "Pedestrian": (0.6, 0.6, 1.75),
-}
+SIZES = {"Car": (4.5, 1.9, 1.6), "Cyclist": (1.8, 0.7, 1.7), "Pedestrian": (0.6, 0.6, 1.75)}
 
 
 def scenes(

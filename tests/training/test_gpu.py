@@ -162,10 +162,7 @@ def unsuppressed(device):
 def convolved(device):
     """Two convolutions, and gradients of their input and weights."""
     torch.manual_seed(0)
-    layers = (
-        SubmanifoldConv3d(8, 16),
-        SparseConv3d(16, 16, *GEOMETRY),
-    )
+    layers = (SubmanifoldConv3d(8, 16), SparseConv3d(16, 16, *GEOMETRY))
     same, down = (layer.to(device) for layer in layers)
     voxels = some_voxels(device)
     features = voxels.features.requires_grad_()

@@ -11,18 +11,8 @@ from torch.nn import functional
 
 from training.detectors.detector import Selection
 from training.detectors.heads.proposals import Proposals, Suppression, propose
-from training.detectors.heads.roi_box_coder import (
-    decode_in_rois,
-    encode_in_rois,
-    roi_grid,
-    turned,
-)
-from training.detectors.heads.roi_head import (
-    RoiHead,
-    RoiOutput,
-    RoiSettings,
-    corner_loss,
-)
+from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, roi_grid, turned
+from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings, corner_loss
 from training.detectors.heads.roi_targets import RoiSampling, sample_rois, score_targets
 from training.detectors.layers import row_layers
 from training.ops.box_overlap import iou_3d

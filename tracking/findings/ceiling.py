@@ -31,9 +31,7 @@ _OF_DETECTORS = ("agreement_of_detectors", "ceiling_by_detectors")
 
 
 def ceilings(
-    results: pd.DataFrame,
-    left_out: pd.DataFrame | None = None,
-    axes: Sequence[str] = (),
+    results: pd.DataFrame, left_out: pd.DataFrame | None = None, axes: Sequence[str] = ()
 ) -> pd.DataFrame:
     """Spearman's rho that a surrogate without error or noise is expected to reach.
 

@@ -30,12 +30,7 @@ COLOURS = (
 MOST_DRAWN = 12
 """Of what fails."""
 _ENOUGH = 0.5
-_COLOURS = (
-    (0.0, "#7a2b00"),
-    (_ENOUGH, "#f0a070"),
-    (_ENOUGH, "#a8d4f0"),
-    (1.0, "#15619f"),
-)
+_COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, "#15619f"))
 """Orange is too little, the darker the less; blue is enough, the darker the more."""
 
 
@@ -177,11 +172,7 @@ def requirement_map(
     (x0, y0), (x1, y1) = np.nanmin(reach, axis=0) - 0.3, np.nanmax(reach, axis=0) + 0.3
     plot.update_xaxes(title="x, forward (m)", range=[x0, x1], constrain="domain", showgrid=False)
     plot.update_yaxes(
-        title="y, left (m)",
-        range=[y0, y1],
-        scaleanchor="x",
-        constrain="domain",
-        showgrid=False,
+        title="y, left (m)", range=[y0, y1], scaleanchor="x", constrain="domain", showgrid=False
     )
     return plot
 

@@ -91,11 +91,7 @@ def build_report(run: Path) -> Path:
     recommended = recommendations(found.rankings)
     said = answer(folder, recommended) if recommended else None
     extent = _extent(folder)
-    warnings = [
-        *cautions(folder),
-        *_same_rigs(same),
-        *reduced_batches(folder.tasks),
-    ]
+    warnings = [*cautions(folder), *_same_rigs(same), *reduced_batches(folder.tasks)]
     facts = folder.sweep.model_dump(
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )

@@ -37,10 +37,7 @@ class Grounds(ArrayFile):
 
     @classmethod
     def of(
-        cls,
-        body: NDArray[np.float64],
-        names: Sequence[str],
-        by_rig: Mapping[str, Sequence[Ground]],
+        cls, body: NDArray[np.float64], names: Sequence[str], by_rig: Mapping[str, Sequence[Ground]]
     ) -> Grounds:
         """Those of each rig, in the order of the requirements' `names`."""
         found = cls(body, np.array(names), {}, {}, {})

@@ -112,11 +112,7 @@ CURVES = Table(
 PR_CURVES = Table(
     "pr_curves",
     "a point of the curve of which an AP is the mean",
-    (
-        *_OF_TRIAL,
-        Column("recall", "float64", "percent"),
-        Column("precision", "float64", "percent"),
-    ),
+    (*_OF_TRIAL, Column("recall", "float64", "percent"), Column("precision", "float64", "percent")),
     axes=_EVERY_AXIS,
 )
 DISTANCE = Table(

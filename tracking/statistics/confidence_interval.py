@@ -17,10 +17,7 @@ LEAST_PLACEMENTS = 4
 
 
 def intervals(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    coefficient: str,
-    confidence: float = 0.95,
+    x: NDArray[np.float64], y: NDArray[np.float64], coefficient: str, confidence: float = 0.95
 ) -> NDArray[np.float64]:
     """Interval of the correlation of `x` with the expectation of `y` over seeds.
 
@@ -101,10 +98,7 @@ def _lowered_by(y: NDArray[np.float64], confidence: float) -> NDArray[np.float64
 
 
 def _ratio_interval(
-    r: NDArray[np.float64],
-    bounds: NDArray[np.float64],
-    y: NDArray[np.float64],
-    confidence: float,
+    r: NDArray[np.float64], bounds: NDArray[np.float64], y: NDArray[np.float64], confidence: float
 ) -> NDArray[np.float64]:
     """Interval of `r` over the root of the means' reliability, from the interval of each.
 
@@ -161,11 +155,7 @@ def _ratio_interval(
 
 
 def _standard_error(
-    r: NDArray[np.float64],
-    u: NDArray[np.float64],
-    v: NDArray[np.float64],
-    coefficient: str,
-    n: int,
+    r: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64], coefficient: str, n: int
 ) -> NDArray[np.float64]:
     """Standard error of Fisher's z of a coefficient `r`; `u` and `v` are its unit vectors."""
     if coefficient == "spearman":

@@ -122,10 +122,7 @@ def seed_mean(y: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def reliability(
-    means: NDArray[np.float64],
-    variance: ArrayLike,
-    degrees: ArrayLike,
-    confidence: float = 0.95,
+    means: NDArray[np.float64], variance: ArrayLike, degrees: ArrayLike, confidence: float = 0.95
 ) -> NDArray[np.float64]:
     """Share of the variance of means between placements that is not noise, with its interval.
 

@@ -7,10 +7,7 @@ from training.detectors.detector import PointRange
 
 
 def fitted_range(
-    own: PointRange,
-    sensor_height: float,
-    wanted: PointRange | None,
-    cell: Sequence[float] = (),
+    own: PointRange, sensor_height: float, wanted: PointRange | None, cell: Sequence[float] = ()
 ) -> PointRange:
     """The range of a network in its own frame, `sensor_height` above the ground.
 

@@ -96,10 +96,7 @@ class PointPillars(OneStageDetector):
         cell = preset.pillar * backbone.total_stride
         fitted = fitted_range(preset.point_range, preset.sensor_height, point_range, (cell, cell))
         grid = PillarGrid(
-            fitted,
-            (preset.pillar, preset.pillar),
-            preset.max_points,
-            preset.max_pillars,
+            fitted, (preset.pillar, preset.pillar), preset.max_points, preset.max_pillars
         )
         super().__init__(classes, grid.point_range, preset.sensor_height, Selection())
         self.grid = grid

@@ -65,11 +65,7 @@ OPENPCDET = PointRCNNPreset(
         propagation=((128, 128), (256, 256), (512, 512), (512, 512)),
     ),
     hidden=(256, 256),
-    sizes={
-        "Car": (3.9, 1.6, 1.56),
-        "Pedestrian": (0.8, 0.6, 1.73),
-        "Cyclist": (1.76, 0.6, 1.73),
-    },
+    sizes={"Car": (3.9, 1.6, 1.56), "Pedestrian": (0.8, 0.6, 1.73), "Cyclist": (1.76, 0.6, 1.73)},
     either_way=False,
     second_stage=PointRoiSettings(
         rois=RoiSettings(
@@ -113,11 +109,7 @@ TINY = PointRCNNPreset(
             train=Suppression(nms=0.8, pre=1024, post=128),
             test=Suppression(nms=0.7, pre=1024, post=64),
             sampling=RoiSampling(
-                score="cls",
-                cls_foreground=0.55,
-                cls_background=0.3,
-                rois=48,
-                regression=0.35,
+                score="cls", cls_foreground=0.55, cls_background=0.3, rois=48, regression=0.35
             ),
         ),
         points=64,
@@ -144,10 +136,7 @@ class PointRCNN(Detector):
     """
 
     def __init__(
-        self,
-        classes: Sequence[str],
-        preset: PointRCNNPreset,
-        point_range: PointRange | None = None,
+        self, classes: Sequence[str], preset: PointRCNNPreset, point_range: PointRange | None = None
     ) -> None:
         fitted = fitted_range(preset.point_range, preset.sensor_height, point_range)
         super().__init__(classes, fitted, preset.sensor_height, preset.selection)

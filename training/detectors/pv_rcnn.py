@@ -126,10 +126,7 @@ class PvRcnn(TwoStageVoxelDetector):
     """
 
     def __init__(
-        self,
-        classes: Sequence[str],
-        preset: PvRcnnPreset,
-        point_range: PointRange | None = None,
+        self, classes: Sequence[str], preset: PvRcnnPreset, point_range: PointRange | None = None
     ) -> None:
         super().__init__(classes, preset.first_stage, point_range, preset.selection)
         channels = preset.first_stage.channels

@@ -66,10 +66,7 @@ class SecondIou(TwoStageVoxelDetector):
     """
 
     def __init__(
-        self,
-        classes: Sequence[str],
-        preset: SecondIouPreset,
-        point_range: PointRange | None = None,
+        self, classes: Sequence[str], preset: SecondIouPreset, point_range: PointRange | None = None
     ) -> None:
         super().__init__(classes, preset.first_stage, point_range)
         first = preset.first_stage

@@ -58,9 +58,7 @@ It knows cars only; other classes have SECOND's anchors.
 PAPER = replace(
     OPENPCDET,
     first_stage=replace(
-        OPENPCDET.first_stage,
-        point_range=second.PAPER.point_range,
-        anchors=second.PAPER.anchors,
+        OPENPCDET.first_stage, point_range=second.PAPER.point_range, anchors=second.PAPER.anchors
     ),
 )
 """The paper's changes to it."""
@@ -100,10 +98,7 @@ class VoxelRcnn(TwoStageVoxelDetector):
     """
 
     def __init__(
-        self,
-        classes: Sequence[str],
-        preset: VoxelRcnnPreset,
-        point_range: PointRange | None = None,
+        self, classes: Sequence[str], preset: VoxelRcnnPreset, point_range: PointRange | None = None
     ) -> None:
         super().__init__(classes, preset.first_stage, point_range, preset.selection)
         _, two, three, four, _ = preset.first_stage.channels

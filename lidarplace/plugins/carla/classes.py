@@ -30,10 +30,7 @@ CLASS_OF: dict[str, str] = {
 
 
 def object_class(
-    blueprint: str,
-    wheels: int,
-    size: tuple[float, float, float],
-    overrides: Mapping[str, str],
+    blueprint: str, wheels: int, size: tuple[float, float, float], overrides: Mapping[str, str]
 ) -> str:
     """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
 

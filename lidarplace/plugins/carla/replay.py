@@ -36,11 +36,7 @@ ABOVE_M = 300.0
 
 
 def replay(
-    client: carla.Client,
-    scene: CarlaScene,
-    route: Route,
-    traffic: Traffic,
-    placement: Placement,
+    client: carla.Client, scene: CarlaScene, route: Route, traffic: Traffic, placement: Placement
 ) -> PointClouds:
     """The clouds of one placement in all frames of a recorded route.
 

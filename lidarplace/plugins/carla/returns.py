@@ -18,11 +18,7 @@ Points = NDArray[np.float32]
 
 
 def ego_points(
-    returns: Points,
-    mount: Mount,
-    lidar: Lidar,
-    crop: Crop,
-    body: tuple[float, float, float],
+    returns: Points, mount: Mount, lidar: Lidar, crop: Crop, body: tuple[float, float, float]
 ) -> Points:
     """Points in the ego frame, without those out of sight, out of `crop` and on the own body.
 

@@ -81,7 +81,7 @@ NO_ROAD_USERS = _by_class(
         "MOBILE_PEDESTRIAN_CROSSING_SIGN MOBILE_PEDESTRIAN_SIGN Misc SIGN STOP_SIGN TYPE_SIGN "
         "TYPE_UNKNOWN animal movable_object.barrier movable_object.debris "
         "movable_object.pushable_pullable movable_object.trafficcone static_object.bicycle_rack"
-    ),
+    )
 )
 """Categories that are ignored where all others keep their own names."""
 

@@ -24,14 +24,7 @@ from lidarplace.files.columns import (
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.logs.box_log import BoxLog, checked_buildings
-from lidarplace.logs.boxes import (
-    BOX_COLUMNS,
-    FRAME_COLUMNS,
-    GEOMETRY,
-    POSE_COLUMNS,
-    SIZE,
-    SPLITS,
-)
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS, SIZE, SPLITS
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
 
 SUFFIXES = (".parquet", ".csv")

@@ -102,8 +102,7 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def camera_to_ego(
-    calibration: Mapping[str, NDArray[np.float64]] = STANDARD,
-    lidar_height: float = LIDAR_HEIGHT_M,
+    calibration: Mapping[str, NDArray[np.float64]] = STANDARD, lidar_height: float = LIDAR_HEIGHT_M
 ) -> NDArray[np.float64]:
     """From the rectified camera frame, that of the labels, to the ego frame; shape (3, 4).
 

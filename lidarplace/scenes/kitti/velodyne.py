@@ -57,10 +57,7 @@ def read_kitti_clouds(
 
 
 def _read(
-    paths: Iterable[Path],
-    crop: NDArray[np.float64],
-    lidar_height: float,
-    skipped: list[str] | None,
+    paths: Iterable[Path], crop: NDArray[np.float64], lidar_height: float, skipped: list[str] | None
 ) -> Iterator[tuple[NDArray[np.float32], list[int]]]:
     for path in paths:
         points = np.fromfile(regular(path), "<f4").reshape(-1, 4).astype(np.float32, copy=False)

@@ -34,12 +34,7 @@ class RigNodes:
         below: the node of the scene that carries it.
     """
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        colours: Sequence[str],
-        below: str = "",
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, colours: Sequence[str], below: str = "") -> None:
         self._scene, self._colours, self._below = server.scene, colours, below
         self._lidars: list[viser.SceneNodeHandle] = []
         unseen = np.zeros((1, 3))  # a cloud without points cannot be drawn
@@ -48,11 +43,7 @@ class RigNodes:
         )
 
     def lidars(
-        self,
-        rig: Rig,
-        models: tuple[Lidar, ...],
-        chosen: int | None,
-        wrong: Collection[int] | None,
+        self, rig: Rig, models: tuple[Lidar, ...], chosen: int | None, wrong: Collection[int] | None
     ) -> None:
         """Draw all LiDARs in their size, with what they have in view.
 

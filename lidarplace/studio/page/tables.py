@@ -23,10 +23,7 @@ _CELL = "text-align:right; white-space:nowrap; padding-left:0.5em"
 
 
 def numbers_table(
-    now: Numbers,
-    begun: Numbers,
-    h_pog: Mapping[str, float],
-    others: Sequence[Row],
+    now: Numbers, begun: Numbers, h_pog: Mapping[str, float], others: Sequence[Row]
 ) -> str:
     """Values, and the difference to the rig as it began.
 

@@ -15,11 +15,7 @@ from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import (
-    candidates_of,
-    limits_of,
-    number_of_candidates,
-)
+from sweeps.search.greedy.candidates import candidates_of, limits_of, number_of_candidates
 from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.choice import Choice, Choices, ordered

@@ -21,11 +21,7 @@ from sweeps.search.judgement.winners import Judged, ranked
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.one_dead import cases_of, value_of, worst_case
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.aggregate import (
-    Over,
-    left_out_over_tests,
-    metrics_over_tests,
-)
+from sweeps.search.trials.aggregate import Over, left_out_over_tests, metrics_over_tests
 from sweeps.search.trials.by_detectors import weighted_value
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore

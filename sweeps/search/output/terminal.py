@@ -104,11 +104,11 @@ def print_problem(console: Console, problem: Problem) -> None:
         number = f"{low} to {high}" if low < high else str(low)
         console.print(
             f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
-            f"{parameters} parameters; {wanted}",
+            f"{parameters} parameters; {wanted}"
         )
     else:
         console.print(
-            f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}",
+            f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}"
         )
     if over := settings.said_of(problem.traffic.search):
         console.print(f"judged by {over}")
@@ -116,7 +116,7 @@ def print_problem(console: Console, problem: Problem) -> None:
     console.print(f"constraints: {limits}")
     console.print(
         f"{settings.trials} trials by {settings.sampler}, {settings.batch_size} at a time, "
-        f"seed {settings.seed}",
+        f"seed {settings.seed}"
     )
     if none := why_none(problem):
         console.print(f"no bound: {none}")
@@ -208,7 +208,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
             gain = 100 * (best - paper) / abs(paper)
             console.print(
                 f"{objective.name}: {gain:+.1f} % against {found.baseline}, "
-                f"the best of the paper's eight{_breaks(found)}",
+                f"the best of the paper's eight{_breaks(found)}"
             )
     if found.certificate is not None and found.certificate.bound:
         value = found.judged["found_1"].searched[objective.name]
@@ -220,7 +220,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
             f"mounts{rays}"
             if gap >= 0
             else f"{-gap:.1f} % above what any choice of {found.certificate.candidates:,} "
-            "candidate mounts can reach: positions between them are better",
+            "candidate mounts can reach: positions between them are better"
         )
     elif found.no_certificate:
         console.print(f"no bound: {found.no_certificate}")

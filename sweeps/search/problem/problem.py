@@ -86,10 +86,7 @@ class Problem(SearchConfig):
                 mode="json", exclude={"trials", "storage", "vehicle"}
             ),
             "vehicle": self.question.carrier.body,  # a mesh by its triangles, not by its path
-            "file": self.file.model_dump(
-                mode="json",
-                include=_ANSWERING,
-            ),
+            "file": self.file.model_dump(mode="json", include=_ANSWERING),
         }
         return hashlib.sha256(
             json.dumps(content, sort_keys=True, default=plain).encode()

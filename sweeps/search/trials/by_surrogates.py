@@ -9,13 +9,7 @@ from sweeps.execution.backends import Job
 from sweeps.search.problem.assess import Assessment, Question
 from sweeps.search.problem.space import Space
 from sweeps.search.trials.pool import Pool
-from sweeps.search.trials.study import (
-    Candidate,
-    assessment_of,
-    candidate_of,
-    finished_trials,
-    tell,
-)
+from sweeps.search.trials.study import Candidate, assessment_of, candidate_of, finished_trials, tell
 
 
 class SurrogateAnswers:

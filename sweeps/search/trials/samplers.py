@@ -71,11 +71,7 @@ class Repeatable(BaseSampler):
         self._new(trial).before_trial(study, trial)
 
     def after_trial(
-        self,
-        study: Study,
-        trial: FrozenTrial,
-        state: TrialState,
-        values: Sequence[float] | None,
+        self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
     ) -> None:
         self._new(trial).after_trial(study, trial, state, values)
 

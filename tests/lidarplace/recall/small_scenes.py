@@ -67,11 +67,7 @@ def entry(box, origin, direction):
     c, s = math.cos(yaw), math.sin(yaw)
     dx, dy, dz = origin - np.array([x, y, z])
     start = (c * dx + s * dy, c * dy - s * dx, dz)
-    along = (
-        c * direction[0] + s * direction[1],
-        c * direction[1] - s * direction[0],
-        direction[2],
-    )
+    along = (c * direction[0] + s * direction[1], c * direction[1] - s * direction[0], direction[2])
     near, far = -math.inf, math.inf
     for p, d, size in zip(start, along, (length, width, height), strict=True):
         if d == 0:

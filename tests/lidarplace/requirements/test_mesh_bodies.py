@@ -26,9 +26,7 @@ MESH = Vehicle("mesh", np.empty((0, 2, 3)), Mesh(np.where(CORNERS > 0, HIGH, LOW
 
 @settings(max_examples=60)
 @given(
-    seed=st.integers(0, 2**32 - 1),
-    height=st.floats(0.1, 2.0),
-    heading=st.floats(-math.pi, math.pi),
+    seed=st.integers(0, 2**32 - 1), height=st.floats(0.1, 2.0), heading=st.floats(-math.pi, math.pi)
 )
 def test_a_box_of_triangles_is_in_the_way_like_a_box(seed, height, heading):
     rng = np.random.default_rng(seed)

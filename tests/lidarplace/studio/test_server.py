@@ -105,10 +105,7 @@ def test_a_viser_that_cannot_be_checked_does_not_serve(monkeypatch):
     """As if it had got hold of the listening call before."""
     listens = SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace(serve=serve)))
     monkeypatch.setattr(viser.infra._infra, "websockets", listens)
-    with (
-        pytest.raises(ValueError, match=r"viser .*checked.*pip install"),
-        serving(None, "one"),
-    ):
+    with pytest.raises(ValueError, match=r"viser .*checked.*pip install"), serving(None, "one"):
         pass
 
 

@@ -49,11 +49,7 @@ def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
     x, y = in_view(vehicle, roi)[:2]
     plot.update_xaxes(title="x, forward (m)", range=x, constrain="domain", showgrid=False)
     plot.update_yaxes(
-        title="y, left (m)",
-        range=y,
-        scaleanchor="x",
-        constrain="domain",
-        showgrid=False,
+        title="y, left (m)", range=y, scaleanchor="x", constrain="domain", showgrid=False
     )
 
 

@@ -19,11 +19,7 @@ def placement_markers(names: Sequence[str], placements: Sequence[str]) -> dict[s
         placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     rank = [placements.index(name) for name in names]
-    return {
-        "size": 10,
-        "color": [colour(i) for i in rank],
-        "symbol": [symbol(i) for i in rank],
-    }
+    return {"size": 10, "color": [colour(i) for i in rank], "symbol": [symbol(i) for i in rank]}
 
 
 def add_placements(

@@ -51,9 +51,7 @@ class PicturedRig:
 
 
 def rig_picture(
-    rigs: Mapping[str, PicturedRig],
-    vehicle: Vehicle,
-    zones: Sequence[Zone] = (),
+    rigs: Mapping[str, PicturedRig], vehicle: Vehicle, zones: Sequence[Zone] = ()
 ) -> go.Figure:
     """The first of `rigs` at the start; the others by the menu.
 

@@ -193,11 +193,7 @@ def theme(dark: bool) -> dict[str, Any]:
             "yaxis": axis,
             "scene": theme_of_scenes(dark)["layout"]["scene"],
             "legend": {"bgcolor": "rgba(0,0,0,0)"},
-            "updatemenudefaults": {
-                "bgcolor": menu,
-                "bordercolor": OUTLINE,
-                "font": {"color": ink},
-            },
+            "updatemenudefaults": {"bgcolor": menu, "bordercolor": OUTLINE, "font": {"color": ink}},
             "annotationdefaults": {"font": {"color": ink}},
             "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
         }

@@ -94,11 +94,7 @@ def published_scatter(
     changes = [
         (
             data(name) | {"name": names(name)},
-            {
-                "xaxis.title.text": surrogate_label(name),
-                "xaxis.autorange": True,
-                **places(name),
-            },
+            {"xaxis.title.text": surrogate_label(name), "xaxis.autorange": True, **places(name)},
         )
         for name in menu
     ]

@@ -10,11 +10,7 @@ from plotly.subplots import make_subplots
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import figure, lidar_colour, symbol
-from tracking.figures.kit.vehicle_lines import (
-    extent_of,
-    vehicle_from_above,
-    vehicle_from_the_side,
-)
+from tracking.figures.kit.vehicle_lines import extent_of, vehicle_from_above, vehicle_from_the_side
 from tracking.numbers import digits
 
 _VIEW = 120  # pixels of both views
@@ -60,10 +56,7 @@ def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tup
 
 
 def _views(
-    rig: ViewedRig,
-    vehicle: Vehicle | None,
-    reach: Mapping[str, tuple[float, float]],
-    lines: int,
+    rig: ViewedRig, vehicle: Vehicle | None, reach: Mapping[str, tuple[float, float]], lines: int
 ) -> go.Figure:
     below = _LINE * lines
     height = _TITLE + _VIEW + below + 8

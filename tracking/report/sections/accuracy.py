@@ -164,10 +164,7 @@ def _line(
         else None,
         mode="lines+markers+text",
         line={"color": colour(shade), "width": 1.5},
-        marker={
-            "size": 8,
-            "symbol": [f"{shape}-open" if zero else shape for zero in hollow],
-        },
+        marker={"size": 8, "symbol": [f"{shape}-open" if zero else shape for zero in hollow]},
         text=labels,
         textposition="top center" if shape in ("circle", "triangle-up") else "bottom center",
         textfont={"size": 10, "color": colour(shade)},

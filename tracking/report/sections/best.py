@@ -81,9 +81,7 @@ def _notes(sampled: bool) -> list[str]:
     ]
 
 
-def _seed_effects(
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-) -> Iterator[str]:
+def _seed_effects(rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]]) -> Iterator[str]:
     """How much seeds shift all placements alike, one sentence for all that can say so."""
     effects = [
         f"{class_label(name)}{f' · {group.title}' if group.varies else ''} "
@@ -173,10 +171,6 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
         showlegend=False,
     )
     plot.update_xaxes(title=axis)
-    plot.update_yaxes(
-        tickvals=rows,
-        ticktext=[text(name) for name in names],
-        showgrid=False,
-    )
+    plot.update_yaxes(tickvals=rows, ticktext=[text(name) for name in names], showgrid=False)
     add_odds(plot, list(table["sure"]))
     return plot

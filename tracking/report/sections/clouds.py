@@ -102,8 +102,7 @@ def point_clouds(
     add_vehicle(plot, vehicle, roi)
     owner.append("")
     plot.update_layout(
-        margin={"t": 96},
-        legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"},
+        margin={"t": 96}, legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"}
     )
     changes = [
         ({"visible": [who in ("", name) for who in owner]}, {"title.text": text(name)})

@@ -128,9 +128,7 @@ def coverage_maps(
     drawn = int(np.clip(205 * 1.4 * depth / length, 160, 560))  # pixels of both rows
     plot = make_subplots(
         figure=figure(
-            title,
-            height=drawn + _TOP + _BOTTOM,
-            margin={"l": 56, "r": 16, "t": _TOP, "b": _BOTTOM},
+            title, height=drawn + _TOP + _BOTTOM, margin={"l": 56, "r": 16, "t": _TOP, "b": _BOTTOM}
         ),
         rows=2,
         cols=2,

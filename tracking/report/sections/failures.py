@@ -133,11 +133,7 @@ def _table(found: Failures, counts: pd.DataFrame) -> Table:
 
 
 def found_alone(
-    counts: pd.DataFrame,
-    rigs: tuple[str, str],
-    title: str,
-    bins: list[str],
-    classes: Sequence[str],
+    counts: pd.DataFrame, rigs: tuple[str, str], title: str, bins: list[str], classes: Sequence[str]
 ) -> go.Figure:
     """Bars to the right for the first rig, to the left for the second one, a colour a class.
 

@@ -127,8 +127,7 @@ def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) ->
             hovertemplate="%{y}: %{x:,.5g}<extra></extra>",
         )
     plot.update_layout(
-        xaxis_title=surrogate_label(first),
-        legend={"orientation": "h", "y": 1, "yanchor": "bottom"},
+        xaxis_title=surrogate_label(first), legend={"orientation": "h", "y": 1, "yanchor": "bottom"}
     )
     changes = [
         (

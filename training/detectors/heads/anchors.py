@@ -127,10 +127,7 @@ class AnchorTargets:
 
 
 def anchor_grid(
-    classes: Sequence[AnchorClass],
-    point_range: PointRange,
-    shape: tuple[int, int],
-    centred: bool,
+    classes: Sequence[AnchorClass], point_range: PointRange, shape: tuple[int, int], centred: bool
 ) -> Tensor:
     """All anchors, shape (ny, nx, number of classes × rotations, 7), float32.
 
@@ -179,10 +176,7 @@ def _upright(boxes: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
 
 
 def assign_targets(
-    anchors: Tensor,
-    classes: Sequence[AnchorClass],
-    boxes: Tensor,
-    labels: Tensor,
+    anchors: Tensor, classes: Sequence[AnchorClass], boxes: Tensor, labels: Tensor
 ) -> AnchorTargets:
     """Give every anchor an object of its class, background, or neither.
 
