@@ -75,8 +75,7 @@ class TrainingSettings(Settings):
     min_points: Count = Field(5, description="objects with fewer points are left out of training")
 
     checkpoint: FilePath | None = Field(
-        None,
-        description="weights to start from: OpenPCDet's, or a base of sweeps.commands.pretrain",
+        None, description="weights to start from: OpenPCDet's, or a base of lidarplace pretrain"
     )
     new_heads: bool = Field(
         False,

@@ -31,7 +31,7 @@ from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("log", type=Path, help="a box log, as sweeps.commands.record writes it")
+    parser.add_argument("log", type=Path, help="a box log, as lidarplace record writes it")
     parser.add_argument("--resolution", type=float, nargs="+", default=[0.1, 0.2, 0.4])
     parser.add_argument("--azimuth-steps", type=int, nargs="+", default=[900, 1800, 5625])
     parser.add_argument("--q", type=float, nargs="+", default=[0.02, 0.1, 0.3])

@@ -75,7 +75,7 @@ class Asked:
 
     @property
     def cleaned(self) -> str:
-        """What `sweeps.commands.clean` takes: the file, or the store, as it knows no overrides."""
+        """What `lidarplace clean` takes: the file, or the store, as it knows no overrides."""
         if self.path and not self.overrides:
             return str(self.path)
         return self.store or str(self.folder)

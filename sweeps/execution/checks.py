@@ -162,7 +162,7 @@ def disk(folder: Path, cleaned: str) -> Found:
     """Space, inodes and the right to write where results lie.
 
     Args:
-        cleaned: the argument with which `sweeps.commands.clean` makes room.
+        cleaned: the argument with which `lidarplace clean` makes room.
     """
     try:
         existing = check_takes_files(folder)
@@ -264,7 +264,7 @@ def remote_store(url: str) -> Found:
     probe = f"{root}/.doctor-{platform.node()}-{os.getpid()}"
     try:
         filesystem.makedirs(root, exist_ok=True)
-        filesystem.pipe_file(probe, b"written by sweeps.commands.doctor")
+        filesystem.pipe_file(probe, b"written by lidarplace doctor")
         filesystem.rm_file(probe)
     except Exception as error:  # every kind of store has its own errors
         found = hide_secrets(f"cannot be written: {type(error).__name__}: {error}", url)

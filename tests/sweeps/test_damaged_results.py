@@ -13,7 +13,7 @@ from flip_bit import flip_bit
 from small_log import write_small_log
 from typer.testing import CliRunner
 
-from sweeps import clean, record, run, status
+from sweeps.commands import clean, record, run, status
 from sweeps.execution import worker
 from sweeps.store.damage import until_whole
 from sweeps.store.result_folder import DamagedResult, damaged

@@ -28,7 +28,7 @@ def test_this_machine(tmp_path):
     config = tmp_path / "grid.yaml"
     config.write_text("ray: debug\ngrid:\n  placement: [line]\n")
     done = subprocess.run(
-        [sys.executable, "-m", "sweeps.commands.doctor", str(config), "--json"],
+        [sys.executable, "-m", "sweeps.main", "doctor", str(config), "--json"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,

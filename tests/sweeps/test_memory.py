@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from lidarplace import OccupancyGrid, Roi
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
-from sweeps import doctor, run
+from sweeps.commands import doctor, run
 from sweeps.commands.search import app as search_app
 from sweeps.execution import memory
 from sweeps.plan.plan import read_plan

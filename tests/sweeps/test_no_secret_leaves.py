@@ -12,8 +12,7 @@ from fsspec.implementations.memory import MemoryFileSystem
 from small_log import write_small_log
 from typer.testing import CliRunner
 
-from sweeps import clean, doctor, run, status
-from sweeps.search import __main__ as search
+from sweeps.commands import clean, doctor, run, search, status
 from sweeps.search.judgement.verify import read_verification
 from sweeps.search.problem.problem import read_problem
 

@@ -80,7 +80,7 @@ def test_only_what_judges_depends_on_the_overlaps(log, tmp_path):
         (
             {"surrogate": {"names": ["expected_recall"]}},
             r"surrogate.curves: .*no detection curve of Truck .*class_settings.Truck.curve, .*"
-            "sweeps.commands.calibrate",
+            "lidarplace calibrate",
         ),
         (
             {"class_settings": {"Truck": {"curve": "Tram"}}, "surrogate": {}},

@@ -115,7 +115,7 @@ def test_the_run_folder_holds_the_results(folder, first):
     tables = {path.name for path in (run / "tables").iterdir()}
     assert {path.name for path in (artifacts / "tables").iterdir()} == tables != set()
     assert "line" in first.stdout
-    assert "tracking.dashboard" in first.stdout
+    assert "lidarplace dashboard" in first.stdout
 
 
 def test_mlflow_has_a_parent_and_a_run_for_every_trial(folder, first):

@@ -8,7 +8,7 @@ import yaml
 from search_files import write_search
 from typer.testing import CliRunner
 
-from sweeps import clean, doctor, status
+from sweeps.commands import clean, doctor, status
 from sweeps.commands.search import app as search_app
 from sweeps.search.output import state
 from sweeps.search.output.state import search_state

@@ -10,7 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
-from sweeps import requirements as verb
+from sweeps.commands import requirements as verb
 from sweeps.commands import run
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log

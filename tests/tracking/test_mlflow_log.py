@@ -451,7 +451,7 @@ def test_mistakes_have_clear_errors(uri, tmp_path, monkeypatch):
 def test_the_command_opens_the_database(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = shlex.split(ui_command("sqlite:///my runs/mlflow.db", "/#/experiments/1"))
-    assert words == ["python", "-m", "tracking.dashboard", f"{tmp_path}/my runs/mlflow.db"]
+    assert words == ["lidarplace", "dashboard", f"{tmp_path}/my runs/mlflow.db"]
     assert ui_command("http://host:5000/", "/#/experiments/1") == "http://host:5000/#/experiments/1"
 
 

@@ -114,7 +114,7 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
 
 
 def _placement(problem: Problem, found: Found) -> str:
-    """The best rig as a file for `lidarplace.commands.view` and others, metres and radians."""
+    """The best rig as a file for `lidarplace view` and others, metres and radians."""
     rig, file = found.judged["found_1"].rig, problem.file
     settings = as_plain(problem.placement_settings(rig))
     # Read by itself, the file has to say what the key `lidar` says here.
@@ -127,7 +127,7 @@ def _placement(problem: Problem, found: Found) -> str:
 
 
 def _sweep(problem: Problem, found: Found) -> str:
-    """A sweep of the winners and the paper's rigs, which `sweeps.commands.run` takes as it is.
+    """A sweep of the winners and the paper's rigs, which `lidarplace run` takes as it is.
 
     Without those of `_ruled_out`, which a sweep refuses.
     """

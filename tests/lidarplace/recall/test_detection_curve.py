@@ -117,6 +117,6 @@ def test_two_curves_of_one_kind_and_no_json_are_refused(tmp_path):
 def test_the_default_has_all_classes():
     curves = default_curves()
     assert curves.cell == CELL_M
-    assert "sweeps.commands.calibrate" in curves.command
+    assert "lidarplace calibrate" in curves.command
     for name in CLASSES:
         assert 0 < curves.of(name, 0.5).probability(30) < 1

@@ -30,6 +30,10 @@ tables = Path("runs", config.stem, "tables")
 tables.mkdir(parents=True)
 (tables / "best-recall-0.5-all.csv").write_text("placement,mean,low,high\nroof,61.2,55,67\n")
 """
+MAIN = """
+import runpy, sys
+runpy.run_module(f"sweeps.{sys.argv.pop(1)}", run_name="__main__")
+"""
 FAILURES = """
 import sys
 from pathlib import Path
@@ -43,8 +47,9 @@ def page(tmp_path, monkeypatch):
     """In a folder in which `lidarplace run` is a stand-in."""
     (tmp_path / "sweeps").mkdir()
     (tmp_path / "sweeps/__init__.py").touch()
-    (tmp_path / "sweeps/commands/run.py").write_text(RUN)
-    (tmp_path / "sweeps/commands/failures.py").write_text(FAILURES)
+    (tmp_path / "sweeps/main.py").write_text(MAIN)
+    (tmp_path / "sweeps/run.py").write_text(RUN)
+    (tmp_path / "sweeps/failures.py").write_text(FAILURES)
     monkeypatch.chdir(tmp_path)
     studio = Studio(
         read_rigs(written(tmp_path)), log_of([(8.0, 1.0)]), Roi((-16, 16), (-8, 8), (0, 4), 0.4)
