@@ -1,5 +1,7 @@
 """The region of interest and its voxels."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any

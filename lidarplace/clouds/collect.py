@@ -1,5 +1,7 @@
 """Point clouds of a placement: all its LiDARs in every frame of a box log."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The ground truth of a fair experiment: what an ideal sensor sees, whatever the placement."""
 
+from __future__ import annotations
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

@@ -1,5 +1,7 @@
 """A box log as a whole: its tables, and the folder that holds them."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field

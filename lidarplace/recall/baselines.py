@@ -1,5 +1,7 @@
 """Measures of what is seen of objects that take no training: what `expected_recall` has to beat."""
 
+from __future__ import annotations
+
 import numpy as np
 import pandas as pd
 

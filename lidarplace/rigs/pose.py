@@ -1,5 +1,7 @@
 """Rotations between the sensor's and the ego frame, and CARLA's convention."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

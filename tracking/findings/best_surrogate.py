@@ -1,5 +1,7 @@
 """Which surrogate predicts a metric best, and does any?"""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

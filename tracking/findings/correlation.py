@@ -1,5 +1,7 @@
 """How well the surrogates of a sweep's placements predicted AP and recall."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Which correlation can be told from zero with so many placements?"""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import permutations

@@ -1,5 +1,7 @@
 """Placements side by side: a row a placement, a column a surrogate."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 
