@@ -12,7 +12,7 @@ from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
 from tests.tracking.made_up_run import NAMES, write_run
 
-PROGRAM = "from sweeps.command_line import main; main()"
+PROGRAM = "from sweeps.main import main; main()"
 
 
 @pytest.fixture(scope="module")

@@ -102,8 +102,10 @@ def test_what_is_declared_is_imported():
 
 @pytest.mark.parametrize("package", ["lidarplace", "tracking"])
 def test_what_not_everybody_has_is_imported_where_it_is_used(package):
+    # A function imports this module, which is about its package alone.
+    at_work = {"lidarplace/viewing/mcap.py": {"foxglove"}}
     for path, found in imports_of(package, everywhere=False).items():
-        assert not found & set(EXTRAS), path
+        assert not found & set(EXTRAS) - at_work.get(str(path), set()), path
 
 
 def test_the_extra_that_is_named_brings_the_package():

@@ -165,7 +165,7 @@ def test_the_public_names_and_no_others():
             lambda: OccupancyGrid.from_boxes(
                 pd.concat([boxes(), boxes()[["x"]]], axis=1), ROI, "Car", 8
             ),
-            "column x is there twice",
+            "x: duplicate column",
         ),
     ],
 )

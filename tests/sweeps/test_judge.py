@@ -75,7 +75,7 @@ def test_metrics_of_all_portions_are_those_of_the_whole(judged):
     for task in [*every, truth]:
         store.save(task, value_of(task, known), 0.0)
     whole, parts = (
-        judged_metrics(store, own, [truth], ["Car"], {}) for own in (every[:1], every[1:])
+        judged_metrics(store, own, [truth], ["Car"], {}, ()) for own in (every[:1], every[1:])
     )
     pd.testing.assert_frame_equal(whole, parts)
 

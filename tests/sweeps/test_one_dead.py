@@ -123,8 +123,8 @@ def test_a_front_of_price_against_the_worst_case(tmp_path):
 def test_a_generalist_judges_every_rig_without_each_lidar(tmp_path, monkeypatch):
     """A made-up metric: ten times the height of the lowest LiDAR, and one for each LiDAR."""
 
-    def metrics(store, portions, truths, classes, ious):
-        table = real(store, portions, truths, classes, ious)
+    def metrics(store, portions, truths, classes, ious, names):
+        table = real(store, portions, truths, classes, ious, names)
         mounts = portions[0].params.collection.placement.mounts
         return table.assign(value=10 * min(mount.z for mount in mounts) + len(mounts))
 

@@ -7,6 +7,8 @@ import math
 import pandas as pd
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from small_log import write_small_log
 from written_tables import check_columns
 
@@ -260,6 +262,10 @@ def test_without_a_detector_nothing_is_trained(log):
     assert promotion.pruned == {}
 
 
+finite = st.floats(-1e300, 1e300)
+
+
+@given(st.lists(finite | st.just(math.nan), max_size=30), st.integers(1, 12), st.booleans())
 def test_survivors_are_the_best(values, keep, highest):
     named = {str(i): value for i, value in enumerate(values)}
     found = survivors(named, keep, "maximize" if highest else "minimize")

@@ -60,8 +60,8 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
     def height(objective, classes, metrics):  # a tiny training finds nothing
         return float(metrics.attrs["height"])
 
-    def metrics(store, portions, truths, classes, ious):
-        table = real(store, portions, truths, classes, ious)
+    def metrics(store, portions, truths, classes, ious, names):
+        table = real(store, portions, truths, classes, ious, names)
         table.attrs["height"] = 10 * portions[0].params.collection.placement.mounts[0].z
         return table
 
@@ -105,8 +105,8 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
 
 
 def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, tracking, monkeypatch):
-    def metrics(store, portions, truths, classes, ious):
-        table = real(store, portions, truths, classes, ious)
+    def metrics(store, portions, truths, classes, ious, names):
+        table = real(store, portions, truths, classes, ious, names)
         collection = portions[0].params.collection
         assert not collection.errors  # all frames are of one vehicle
         farther = truths[0].inputs[0].params.recording.scene.folder.name == "more"
