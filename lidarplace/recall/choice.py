@@ -40,11 +40,22 @@ class RecallChoice:
         model: the objects and their curves.
         seen: what each candidate hits, from `model.objects.seen_by`.
         weights: weight of each class, not negative; classes without weight do not count.
+
+    Raises:
+        ValueError: a weight is negative or not finite, or of a class that `model` does not have.
     """
 
     model: ExpectedRecall
     seen: Sequence[SurfaceCells]
     weights: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for name, weight in self.weights.items():
+            if name not in self.model.classes:
+                known = ", ".join(self.model.classes)
+                raise ValueError(f"weights has {name!r}, but the classes are {known}")
+            if not 0 <= weight < np.inf:
+                raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
 
     def value(self, chosen: Sequence[int]) -> float:
         """The value of a set of candidates."""
@@ -55,7 +66,12 @@ class RecallChoice:
         return np.asarray(self._cut_of_set(chosen).slopes.sum(axis=0))
 
     def greedy(self, limits: Limits) -> Greedy:
-        """Choose candidates one by one; see `lidarplace.pog.selection.greedy`."""
+        """Choose candidates one by one; `lidarplace.pog.selection.greedy` tells how good that is.
+
+        Raises:
+            ValueError: `limits` are of another number of candidates.
+        """
+        self._check(limits)
 
         def added_to(chosen: Sequence[int]) -> Added:
             hit = self._hit(self._all_of(chosen))
@@ -79,9 +95,19 @@ class RecallChoice:
                 add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular
                 set functions: formulations and analysis of algorithms).
             seconds, relative_gap: as of `lidarplace.pog.selection.upper_bound`.
+
+        Raises:
+            ValueError: `limits` are of another number of candidates.
         """
+        self._check(limits)
         first = (self._cut_of_set(chosen[:size]) for size in range(len(chosen) + 1))
         return bound_by_cuts(first, self._tangent, limits, seconds, relative_gap)
+
+    def _check(self, limits: Limits) -> None:
+        if limits.candidates != len(self.seen):
+            raise ValueError(
+                f"limits are for {limits.candidates} candidates, there are {len(self.seen)}"
+            )
 
     @cached_property
     def _first_cell(self) -> NDArray[np.int64]:

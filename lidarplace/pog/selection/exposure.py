@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.coverage import Method
+from lidarplace.coverage import Method, check_method
 from lidarplace.pog.occupancy.grid import OccupancyGrid
-from lidarplace.pog.selection.tracing import Objective, Tracing
+from lidarplace.pog.selection.tracing import OBJECTIVES, Objective, Tracing
 from lidarplace.pog.selection.voxel_gain import SATURATED, VoxelGain, gain_at
 from lidarplace.rigs.placement import Placement
 
@@ -71,8 +71,17 @@ class Exposure:
             weights: weight of each class, not negative; classes without weight do not count.
 
         Raises:
-            ValueError: grids of different ROIs, or a stride below 1.
+            ValueError: an unknown surrogate or method, a weight that is negative or of an unknown
+                class, grids of different ROIs, q outside (0, 1], or a stride below 1.
         """
+        check_method(method)
+        if surrogate not in OBJECTIVES:
+            raise ValueError(f"surrogate must be {', '.join(OBJECTIVES)}, found {surrogate!r}")
+        if not 0 < detection_probability <= 1:
+            raise ValueError(
+                f"detection_probability must be within (0, 1], found {detection_probability}"
+            )
+        _check_weights(weights, grids)
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
         if not weighted:
             return cls._empty(len(candidates))
@@ -154,6 +163,14 @@ class Exposure:
         least = np.full(len(self.gain.profile), np.inf)
         _least(self.rows, least)
         return least
+
+
+def _check_weights(weights: Mapping[str, float], grids: Mapping[str, OccupancyGrid]) -> None:
+    for name, weight in weights.items():
+        if name not in grids:
+            raise ValueError(f"weights has {name!r}, but the classes are {', '.join(grids)}")
+        if not 0 <= weight < np.inf:
+            raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
 
 
 def _joined(parts: list[NDArray[Any]], kind: np.dtype[Any] | type[Any]) -> NDArray[Any]:

@@ -55,7 +55,14 @@ def greedy(exposure: Exposure, limits: Limits) -> Greedy:
     (Nemhauser, Wolsey and Fisher 1978, An analysis of approximations for maximizing submodular set
     functions I). With prices, sizes that differ or pairs that exclude each other there is no such
     guarantee: `upper_bound` tells how far the best can be.
+
+    Raises:
+        ValueError: `limits` are of another number of candidates.
     """
+    if limits.candidates != exposure.candidates:
+        raise ValueError(
+            f"limits are for {limits.candidates} candidates, exposure has {exposure.candidates}"
+        )
 
     def added_to(chosen: Sequence[int]) -> Added:
         set_so_far = Majorant.of_set(exposure, chosen)

@@ -60,7 +60,14 @@ def upper_bound(
         seconds: no round starts later.
         relative_gap: stop when the bound is this close to the best that cuts can reach.
         blocks: of voxels, as many cuts a round.
+
+    Raises:
+        ValueError: `limits` are of another number of candidates.
     """
+    if limits.candidates != exposure.candidates:
+        raise ValueError(
+            f"limits are for {limits.candidates} candidates, exposure has {exposure.candidates}"
+        )
     edges = np.linspace(0, len(exposure.gain.profile), blocks + 1).astype(np.int64)
 
     def of_prefix(size: int) -> Cut:

@@ -68,6 +68,13 @@ def test_greedy_is_the_plain_one_and_no_set_exceeds_the_bound(data, choice):
     assert found.value >= (1 - 1 / np.e) * pairs - 1e-12
 
 
-def test_no_candidates():
+def test_wrong_weights_and_limits_are_refused():
+    with pytest.raises(ValueError, match="weights has 'Car', but the classes are Tram, Bus"):
+        RecallChoice(MODEL, [], {"Car": 1.0})
+    with pytest.raises(ValueError, match="the weight of Bus must be finite and >= 0, found -1"):
+        RecallChoice(MODEL, [], {"Bus": -1.0})
     choice = RecallChoice(MODEL, [], WEIGHTS)
+    for call in (choice.greedy, choice.upper_bound):
+        with pytest.raises(ValueError, match="limits are for 3 candidates, there are 0"):
+            call(Limits.at_most(1, 3))
     assert choice.greedy(Limits.at_most(1, 0)).value == 0
