@@ -4,8 +4,6 @@ A new case is a line in that file with a line below it. This writes the words of
 `NEW_MESSAGES=1 python -m pytest -n 0 tests/test_mistakes.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -5,8 +5,6 @@ compute_statistics): a first pass collects the scores at which recall grows and 
 a second one counts hits and false alarms at each.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -50,7 +48,7 @@ class FramePairs:
     @classmethod
     def of(
         cls, ground_truth_frame: NDArray[np.int64], detection_frame: NDArray[np.int64], frames: int
-    ) -> FramePairs:
+    ) -> "FramePairs":
         """Pairs of rows whose frame index, 0 <= index < `frames`, is sorted in both arrays."""
         edges = np.arange(frames + 1)
         truths = np.searchsorted(ground_truth_frame, edges)
@@ -198,7 +196,7 @@ class Rising(NamedTuple):
         order: NDArray[np.int64],
         unit: NDArray[np.int64],
         units: int,
-    ) -> Rising:
+    ) -> "Rising":
         """Of scores and their `rising` order; -1 is no unit."""
         values, unit = values[order], unit[order]
         return cls(values, unit, *_by_unit(values, unit, units))

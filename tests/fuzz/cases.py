@@ -1,7 +1,5 @@
 """Cases from a seed: which file of a target is made wrong, and how."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 from collections.abc import Collection, Iterator, Sequence

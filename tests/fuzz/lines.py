@@ -1,7 +1,5 @@
 """Command lines with one wrong value: every verb, every option."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Everything that reads input: verbs with their command lines, and readers that no verb reaches."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """`lidarplace export`, its result read by code that is not the exporter's."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sweeps on clusters: nodes on this machine, which die and come, and which have no code."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

@@ -1,7 +1,5 @@
 """Sweeps that are killed at random moments end as those that were left alone."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """The worst case over dead LiDARs as an objective: against brute force."""
 
-from __future__ import annotations
-
 import itertools
 from functools import reduce
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Point clouds of boxes on a plane, without a ray caster: enough for a detector to learn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

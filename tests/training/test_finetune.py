@@ -1,7 +1,5 @@
 """Training: data, augmentation, schedule, settings, and whether it learns."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

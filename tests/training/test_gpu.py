@@ -3,8 +3,6 @@
 Everything runs on the device that stands for a GPU, and where there is one, on that as well.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from functools import cache

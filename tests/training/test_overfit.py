@@ -1,7 +1,5 @@
 """Every tiny network learns four frames by heart."""
 
-from __future__ import annotations
-
 import pytest
 from synthetic_scenes import scenes
 

@@ -1,7 +1,5 @@
 """PointRCNN and PointRCNN-IoU against OpenPCDet."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

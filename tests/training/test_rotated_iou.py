@@ -5,8 +5,6 @@ commit 8cacccec (Apache-2.0). Its IoU kernel pads boxes by 1e-2 m when it looks 
 inside, so it differs from the exact IoU by up to 3.7e-3.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """SECOND-IoU against OpenPCDet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
