@@ -199,23 +199,9 @@ class Rising(NamedTuple):
     ) -> "Rising":
         """Of scores and their `rising` order; -1 is no unit."""
         values, unit = values[order], unit[order]
-        return cls(values, unit, *_by_unit(values, unit, units))
-
-
-@njit(cache=True)
-def _by_unit(values, unit, units):
-    """Values unit by unit, those of a unit in their order, and where each unit begins."""
-    offsets = np.zeros(units + 1, np.int64)
-    for u in unit:
-        if u >= 0:
-            offsets[u + 1] += 1
-    offsets = np.cumsum(offsets)
-    next_of, sorted_values = offsets[:-1].copy(), np.empty(offsets[-1])
-    for i in range(len(values)):
-        if unit[i] >= 0:
-            sorted_values[next_of[unit[i]]] = values[i]
-            next_of[unit[i]] += 1
-    return sorted_values, offsets
+        members = np.bincount(unit + 1, minlength=units + 1)
+        by_unit = np.argsort(unit, kind="stable")[members[0] :]
+        return cls(values, unit, values[by_unit], np.cumsum(members) - members[0])
 
 
 @njit(cache=True)

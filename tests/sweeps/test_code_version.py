@@ -284,7 +284,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
             "CELL = 1\nfrom training.detectors.detector",
             set(TRAINED),
         ),
-        ("training/detectors/second.py", "import torch\n", "CELL = 1\nimport torch\n", set()),
+        ("training/detectors/second.py", "from torch import", "CELL = 1\nfrom torch import", set()),
         ("training/__init__.py", '    "pv_rcnn",\n', '    "pv_rcnn",\n    "pv_rcnn_2",\n', set()),
         ("lidarplace/scenes/sumo/egos.py", "MEETS_M = 40.0", "MEETS_M = 41.0", {"scene"}),
         ("lidarplace/scenes/kinds.py", '"sumo": Sc', '"toy": None, "sumo": Sc', set()),

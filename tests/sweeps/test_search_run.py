@@ -294,7 +294,9 @@ def test_several_objectives_with_prices(tmp_path, tracking):
     read_sweep(tmp_path / "runs/small/sweep.yaml")
 
 
-@pytest.mark.parametrize("sampler", ["tpe", pytest.param("qmc", marks=pytest.mark.long), "nsga2"])
+@pytest.mark.parametrize(
+    "sampler", ["tpe", *(pytest.param(own, marks=pytest.mark.long) for own in ("qmc", "nsga2"))]
+)
 def test_the_outcome_does_not_depend_on_stops(tmp_path, tracking, monkeypatch, sampler):
     """A search that is killed while it asks, answers or tells ends as one that is not."""
     own = {"sampler": sampler}
