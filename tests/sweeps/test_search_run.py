@@ -148,9 +148,6 @@ def test_a_search_begins_with_the_rig_that_one_has(tmp_path, tracking):
     assert found == {(0.1, 0.2), (-0.3, 0.0)}
     refined = about(tmp_path)["rigs"]["refined"]["values"]["expected_ig"]
     assert refined >= first["value.expected_ig"]
-    result = search(tmp_path, tracking, search=options | {"start": ["line"]})
-    assert result.exit_code == 2
-    assert "search.start: line: has 4 LiDARs" in result.stderr
     own["mine"]["mounts"][0]["x"] = 3.0
     result = search(tmp_path, tracking, placements=own, search=options)
     assert "search.start: mine: no zone" in result.stderr
