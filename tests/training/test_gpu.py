@@ -258,7 +258,9 @@ TOLERANCES = {
 }
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    "dtype", [pytest.param(torch.float32, marks=pytest.mark.long), torch.float64]
+)
 @pytest.mark.parametrize("network", NETWORKS)
 def test_networks_are_those_of_the_cpu(network, dtype, device):
     """One step and the best boxes of a trained network."""
