@@ -20,7 +20,14 @@ RECALL_POINTS = 41
 
 
 class Layout(NamedTuple):
-    """Where the boxes and pairs of each frame are, as compiled code takes it, see `FramePairs`."""
+    """Where the boxes and pairs of each frame are, as compiled code takes it.
+
+    Attributes:
+        truths: ground truths of frame f are rows `truths[f]:truths[f + 1]`.
+        found: the same for detections.
+        pairs: the pairs of frame f start here; (ground truth g, detection d), both counted from
+            the frame's first, is pair `pairs[f] + g * (detections of f) + d`.
+    """
 
     truths: NDArray[np.int64]
     found: NDArray[np.int64]
@@ -32,16 +39,10 @@ class FramePairs:
     """Every pair of a ground truth and a detection of one frame.
 
     Attributes:
-        ground_truth_offsets: ground truths of frame f are rows `offsets[f]:offsets[f + 1]`.
-        detection_offsets: the same for detections.
-        pair_offsets: the pairs of frame f start here; (ground truth g, detection d), both counted
-            from the frame's first, is pair `pair_offsets[f] + g * (detections of f) + d`.
         ground_truth, detection: row of either in each pair, shape (P,), int64.
     """
 
-    ground_truth_offsets: NDArray[np.int64]
-    detection_offsets: NDArray[np.int64]
-    pair_offsets: NDArray[np.int64]
+    layout: Layout
     ground_truth: NDArray[np.int64]
     detection: NDArray[np.int64]
 
@@ -59,12 +60,7 @@ class FramePairs:
         within = np.arange(len(ground_truth)) - starts[ground_truth]
         detection = found[ground_truth_frame[ground_truth]] + within
         pair_offsets = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
-        return cls(truths, found, pair_offsets, ground_truth, detection)
-
-    @property
-    def layout(self) -> Layout:
-        """The offsets."""
-        return Layout(self.ground_truth_offsets, self.detection_offsets, self.pair_offsets)
+        return cls(Layout(truths, found, pair_offsets), ground_truth, detection)
 
 
 @dataclass(frozen=True)
@@ -272,7 +268,8 @@ def precision_curve(
         harmless: detections that are no false alarm even if unmatched, shape (D,); default: none.
         similarity: of every pair, shape (P,); default: 1.
     """
-    truths, found = int(pairs.ground_truth_offsets[-1]), int(pairs.detection_offsets[-1])
+    layout = pairs.layout
+    truths, found = int(layout.truths[-1]), int(layout.found[-1])
     if ground_truth_role is None:
         ground_truth_role = np.full(truths, COUNTS, np.int8)
     if detection_role is None:
@@ -281,7 +278,6 @@ def precision_curve(
         harmless = np.zeros(found, np.bool_)
     if similarity is None:
         similarity = np.ones(len(overlaps))
-    layout = pairs.layout
     hits = _recall_pass(
         layout, overlaps, scores, ground_truth_role, detection_role, minimum_overlap
     )
@@ -311,9 +307,8 @@ def hit_scores(
 
     NaN where it is missed. Arguments as of `precision_curve`.
     """
-    truths, found, _ = layout = pairs.layout
-    truth_role, found_role = (np.full(offsets[-1], COUNTS, np.int8) for offsets in (truths, found))
-    return _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum_overlap)
+    roles = (np.full(offsets[-1], COUNTS, np.int8) for offsets in pairs.layout[:2])
+    return _recall_pass(pairs.layout, overlaps, scores, *roles, minimum_overlap)
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
