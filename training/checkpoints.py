@@ -1,5 +1,7 @@
 """Weights from and to files: our base checkpoints, OpenPCDet's checkpoints, plain state_dicts."""
 
+from __future__ import annotations
+
 import hashlib
 import io
 import pickle

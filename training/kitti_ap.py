@@ -1,5 +1,7 @@
 """AP and recall of detections: for box logs, and by KITTI's official rules for its labels."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
