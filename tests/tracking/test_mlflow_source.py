@@ -1,5 +1,7 @@
 """Tags that fill MLflow's columns Source, User and Version."""
 
+from __future__ import annotations
+
 import subprocess
 from importlib.metadata import version
 
