@@ -307,8 +307,8 @@ def hit_scores(
 
     NaN where it is missed. Arguments as of `precision_curve`.
     """
-    roles = (np.full(offsets[-1], COUNTS, np.int8) for offsets in pairs.layout[:2])
-    return _recall_pass(pairs.layout, overlaps, scores, *roles, minimum_overlap)
+    truths, found = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
+    return _recall_pass(pairs.layout, overlaps, scores, truths, found, minimum_overlap)
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
