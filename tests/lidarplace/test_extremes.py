@@ -500,12 +500,6 @@ def test_a_class_that_never_occurs_is_worth_nothing():
     assert result.covered_voxels == 36
 
 
-@pytest.mark.parametrize("frames", [0, -1, 2**31])
-def test_impossible_numbers_of_frames(frames):
-    with pytest.raises(ValueError, match=rf"frames must be within 1 and .* found {frames}"):
-        OccupancyGrid.from_boxes(boxes_of(), ROI, "Car", frames)
-
-
 def test_an_roi_of_one_voxel():
     box = (0.5, 0.5, 0.5, 0.1, 0.1, 0.1, 0.0)
     grid = OccupancyGrid.from_boxes(boxes_of(box), ONE_VOXEL, "Car", frames=4)

@@ -18,7 +18,7 @@ from lidarplace import (
 from lidarplace.coverage import count_covered
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
-from tests.lidarplace.drawn_grids import drawn_grids
+from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
@@ -27,7 +27,7 @@ NAMES = ("expected_points", "expected_ig")
 
 @pytest.fixture(scope="module")
 def grids():
-    return drawn_grids(ROI)
+    return random_grids(ROI)
 
 
 def numbers(result):

@@ -11,7 +11,7 @@ from lidarplace import Lidar, Mount, Placement, Roi, evaluate, evaluate_classes,
 from lidarplace.base import plotting
 from lidarplace.pog.surrogates import result
 from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES, SURROGATES
-from tests.lidarplace.drawn_grids import drawn_grids
+from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.25)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0])), azimuth_steps=180)
@@ -20,7 +20,7 @@ MOUNTS = [Mount(y=y, z=2.2, roll=roll) for y, roll in ((-0.6, 0.2), (0.6, -0.2),
 
 @pytest.fixture(scope="module")
 def grids():
-    return drawn_grids(ROI)
+    return random_grids(ROI)
 
 
 @pytest.mark.parametrize("occlusion", [False, True])

@@ -1,7 +1,5 @@
 """Roll, pitch, density, sensitivity and the paper's tables."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

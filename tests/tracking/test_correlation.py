@@ -1,7 +1,5 @@
 """The statistics against scipy and against brute force."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

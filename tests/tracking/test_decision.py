@@ -1,7 +1,5 @@
 """The decision page of made-up runs."""
 
-from __future__ import annotations
-
 import html
 import json
 import shutil

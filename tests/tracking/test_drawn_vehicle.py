@@ -1,7 +1,5 @@
 """Pages of a sweep draw the vehicle of its configuration."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

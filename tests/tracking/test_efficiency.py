@@ -1,7 +1,5 @@
 """Parallel efficiency: the clock is shared out exactly, and nothing of it is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """What one rig finds and another one misses: counted by hand, and shown."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from base64 import b64decode

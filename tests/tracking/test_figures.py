@@ -1,7 +1,5 @@
 """What the figures show, in numbers."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a team finds in MLflow beside metrics: tags, data, pictures, samples, models, the page."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What promotion saved and risked, by hand for a made-up run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

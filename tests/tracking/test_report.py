@@ -1,7 +1,5 @@
 """The report of a made-up run."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """Sections of a sweep with several detectors and densities."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Requirements on the pages of a run folder, and in MLflow."""
 
-from __future__ import annotations
-
 import html
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the figures of a search show, in numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go

@@ -1,7 +1,5 @@
 """AP against seconds of training, in numbers, in the figure and in the report."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

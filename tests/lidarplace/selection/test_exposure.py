@@ -11,7 +11,7 @@ from lidarplace import (
     evaluate_classes,
 )
 from lidarplace.pog.selection import Exposure, Limits, greedy, upper_bound
-from tests.lidarplace.drawn_grids import drawn_grids
+from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
@@ -30,7 +30,7 @@ SETS = ([], [0], [2], [0, 1], [0, 1, 2, 3], [3, 4], [4])
 
 @pytest.fixture(scope="module")
 def grids():
-    grids = drawn_grids(ROI)
+    grids = random_grids(ROI)
     for grid in grids.values():
         grid.counts[:, :, 7:] = 0
         grid.counts[5, 5, 3] = 100  # p = 1
@@ -108,6 +108,17 @@ def test_covered_voxels_need_no_amounts(grids):
     assert exposure.voxels.dtype == np.uint32
 
 
-def test_a_stride_below_1_is_rejected(grids):
-    with pytest.raises(ValueError, match="azimuth_stride must be at least 1"):
-        Exposure.of_candidates(grids, WEIGHTS, CANDIDATES, azimuth_stride=0)
+@pytest.mark.parametrize(
+    ("weights", "options", "message"),
+    [
+        ({"Tram": 1.0}, {}, "weights has 'Tram', but the classes are Car, Pedestrian"),
+        ({"Car": -1.0}, {}, "the weight of Car must be finite and >= 0, found -1.0"),
+        (WEIGHTS, {"surrogate": "s_mig"}, "found 's_mig'"),
+        (WEIGHTS, {"detection_probability": 0.0}, "must be within"),
+        (WEIGHTS, {"method": "rays"}, "method must be one of"),
+        (WEIGHTS, {"azimuth_stride": 0}, "azimuth_stride must be at least 1"),
+    ],
+)
+def test_bad_input(grids, weights, options, message):
+    with pytest.raises(ValueError, match=message):
+        Exposure.of_candidates(grids, weights, CANDIDATES, **options)

@@ -1,11 +1,12 @@
-"""Occupancy grids of two classes with counts drawn at random."""
+"""Grids of two classes with counts at random."""
 
 import numpy as np
 
 from lidarplace import OccupancyGrid, Roi
 
 
-def drawn_grids(roi: Roi) -> dict[str, OccupancyGrid]:
+def random_grids(roi: Roi) -> dict[str, OccupancyGrid]:
+    """Of 100 frames; some voxels are never occupied."""
     rng = np.random.default_rng(3)
     grids = {}
     for name, most in (("Car", 60), ("Pedestrian", 9)):
