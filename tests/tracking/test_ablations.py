@@ -12,10 +12,10 @@ from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.rigs.placement import Mount
-from tracking.findings.sensitivity import sensitivity
 from tracking.findings.summary import seed_means
 from tracking.published import TABLES, published_detection, published_surrogates
 from tracking.report.build import build_report
+from tracking.report.sections.detectors import sensitivity
 from tracking.report.sections.published import paper_names
 from tracking.report.sections.tilts import TiltPair, tilt_pairs
 

@@ -4,9 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tracking.findings.sampling_error import paired_differences, separated
 from tracking.findings.surrogate_accuracy import rank_agreement, relative_errors, summarise
-from tracking.report.headline import separation_sentences
+from tracking.report.sections.sampling_error import (
+    paired_differences,
+    separated,
+    separation_sentences,
+)
 from tracking.run_folders.sweep import RunFolder
 
 

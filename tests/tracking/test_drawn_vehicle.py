@@ -12,7 +12,7 @@ import pytest
 from lidarplace import Lidar, Mount
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.kit.vehicle_in_space import vehicle_in_space
+from tracking.figures.kit.vehicle_lines import vehicle_in_space
 from tracking.findings.groups import groups
 from tracking.mlflow.pictures import draw_rig
 from tracking.pages.section import Section

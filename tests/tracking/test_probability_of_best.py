@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.posterior import probability_of_best
 from tracking.statistics.reliability import Noise
 
 

@@ -9,13 +9,18 @@ import pandas as pd
 import pytest
 from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
 
-from tracking.figures.of_sweeps.promotion import error_over_seconds, ranks_by_stage
-from tracking.findings.promotion import FULL_TRAINING, is_full, promoted, stage_ranks
-from tracking.findings.promotion_agreement import agreement
-from tracking.findings.promotion_savings import rung_costs, savings
+from tracking.findings.promotion import (
+    FULL_TRAINING,
+    agreement,
+    is_full,
+    promoted,
+    rung_costs,
+    savings,
+    stage_ranks,
+)
 from tracking.findings.training_cost import summarise_cost, training_cost
 from tracking.report.build import build_report
-from tracking.report.sections.promotion import promotion_section
+from tracking.report.sections.promotion import error_over_seconds, promotion_section, ranks_by_stage
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
 

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from tracking.findings.best_placement import best_placement
-from tracking.findings.regret import AT_RANDOM, regrets
-from tracking.statistics.regret import expected_regret
+from tracking.report.sections.regret import AT_RANDOM, regrets
+from tracking.statistics.posterior import expected_regret
 from tracking.statistics.reliability import Noise
 
 

@@ -20,10 +20,7 @@ from tracking.report.build import build_report
 from tracking.report.sections.density import density_section
 from tracking.report.sections.detectors import detectors_section
 from tracking.report.sections.predictors import MOST_SENTENCES, counted, predictors_section
-from tracking.report.sections.published_surrogates import (
-    add_published_surrogates,
-    published_density_table,
-)
+from tracking.report.sections.published import add_published_surrogates, published_density_table
 from tracking.run_folders.sweep import RunFolder
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tracking.statistics.all_pairs import AllPairs
 from tracking.statistics.jackknife import NOTHING, SampleError, combined, sample_error
-from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.posterior import probability_of_best
 from tracking.statistics.reliability import Noise, seed_mean
 
 
@@ -25,7 +25,7 @@ class BestPlacement:
         others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
             and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
         sure: index placement, best mean first: the probability that its expected metric is the
-            highest (`tracking.statistics.probability_of_best`).
+            highest (`tracking.statistics.posterior`).
         sd: of one seed's value, as far as it changes differences between placements.
         seed_sd: of what a seed adds to all placements alike; NaN where they have different seeds.
         sample: error of a placement against the others by the choice of the test objects; None

@@ -20,7 +20,7 @@ from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.solids import edges, headings
 from lidarplace.viewing.vehicle import vehicle_surface
 from tracking.figures.kit.style import OUTLINE, text
-from tracking.figures.kit.vehicle_in_space import vehicle_in_space
+from tracking.figures.kit.vehicle_lines import vehicle_in_space
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import Group

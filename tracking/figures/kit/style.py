@@ -198,3 +198,20 @@ def theme(dark: bool) -> dict[str, Any]:
             "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
         }
     }
+
+
+def add_odds(plot: go.Figure, odds: Sequence[str]) -> None:
+    """Write them on the right, a row each from 0 at the top on, with a head above."""
+    for row, words in [*enumerate(map(text, odds)), (-0.9, "likely to<br>be the best")]:
+        plot.add_annotation(
+            x=1.01,
+            xref="paper",
+            xanchor="left",
+            y=row,
+            text=words,
+            align="left",
+            showarrow=False,
+            font={"size": 11},
+        )
+    plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
+    plot.update_layout(margin={"r": 84})

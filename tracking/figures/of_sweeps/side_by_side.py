@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.odds import add_odds
 from tracking.figures.kit.style import (
     OUTLINE,
+    add_odds,
     colour,
     error_bars,
     figure,

@@ -9,12 +9,19 @@ import plotly.graph_objects as go
 from plotly.colors import get_colorscale, hex_to_rgb
 
 from tracking.figures.kit.style import SEQUENTIAL, figure, text
-from tracking.figures.of_sweeps.by_bin import Bins
 from tracking.labels import metric_label
 from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.report.decision.recommendation import Recommendation
-from tracking.report.sections.binned import RING, SECTOR, in_rings, in_sectors, means_by_bin, wide
+from tracking.report.sections.binned import (
+    RING,
+    SECTOR,
+    Bins,
+    in_rings,
+    in_sectors,
+    means_by_bin,
+    wide,
+)
 from tracking.run_folders.sweep import RunFolder
 
 _METRICS = ("class_recall_3D", "recall", "AP_R40_3D")

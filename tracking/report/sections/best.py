@@ -7,9 +7,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.odds import add_odds
 from tracking.figures.kit.placement_points import placement_markers
-from tracking.figures.kit.style import OUTLINE, error_bars, figure, text
+from tracking.figures.kit.style import OUTLINE, add_odds, error_bars, figure, text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged

@@ -17,7 +17,7 @@ from tracking.numbers import number, plus_minus, points
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, PERCENT, Table, numbers, slug, with_units, words
 from tracking.report.headline import class_label
-from tracking.report.sections.published_surrogates import published_density_table
+from tracking.report.sections.published import published_density_table
 from tracking.run_folders.sweep import RunFolder
 
 DENSITY = "scene.density"

@@ -21,14 +21,13 @@ from tracking.findings.generalist import (
     training_seconds,
 )
 from tracking.findings.groups import JUDGE, Group
-from tracking.findings.regret import AT_RANDOM
 from tracking.labels import metric_label, setting_label
 from tracking.numbers import digits, interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING
-from tracking.report.sections.regret import regret_table
+from tracking.report.sections.regret import AT_RANDOM, regret_table
 from tracking.run_folders.sweep import RunFolder
 
 _NOTE = (

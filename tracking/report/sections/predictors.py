@@ -9,17 +9,25 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
-from tracking.figures.kit.style import text
+from tracking.figures.kit.style import (
+    OUTLINE,
+    colour,
+    figure,
+    legend_below,
+    symbol,
+    text,
+    two_lines,
+)
 from tracking.figures.of_sweeps.heat_map import heat_map
-from tracking.figures.of_sweeps.left_out import left_out
 from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou, judged_by_all
-from tracking.labels import detector_label, metric_label, setting_label, surrogate_name
+from tracking.labels import detector_label, in_order, metric_label, setting_label, surrogate_name
 from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
@@ -247,3 +255,39 @@ def _with_group(one: Predictors) -> pd.DataFrame:
     """The ranking with the columns of its group."""
     group: dict[str, Any] = one.group
     return one.ranking.rename_axis("surrogate").reset_index().assign(**group)
+
+
+def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
+    """Error of a line through the other placements over that of their mean, a colour a surrogate.
+
+    Args:
+        errors: surrogate, rmse and rmse_of_mean of `tracking.findings.leave_one_out`, and `label`:
+            what the row of the figure is called, once for each surrogate.
+        title: plotly text.
+
+    Returns:
+        None if there is no error at all.
+    """
+    known = errors[errors["rmse"].notna() & (errors["rmse_of_mean"] > 0)]
+    if known.empty:
+        return None
+    labels = [two_lines(text(label)) for label in dict.fromkeys(known["label"])]
+    names = in_order(known["surrogate"])
+    plot = figure(title, height=140 + 34 * len(labels))
+    for i, name in enumerate(names):
+        own = known[known["surrogate"] == name]
+        plot.add_scatter(
+            x=(own["rmse"] / own["rmse_of_mean"]).to_numpy(),
+            y=[two_lines(text(label)) for label in own["label"]],
+            mode="markers",
+            marker={"size": 10, "color": colour(i), "symbol": symbol(i)},
+            name=surrogate_name(name),
+            showlegend=True,
+            customdata=own["rmse"].to_numpy(),
+            hovertemplate="%{y}: %{x:.2f}, %{customdata:.2f} points<extra>%{fullData.name}</extra>",
+        )
+    plot.add_vline(x=1, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
+    plot.update_xaxes(title="error / error of the mean", rangemode="tozero")
+    plot.update_yaxes(categoryorder="array", categoryarray=labels[::-1])
+    legend_below(plot)
+    return plot
