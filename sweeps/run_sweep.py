@@ -38,7 +38,7 @@ from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
 from tracking.report.build import build_report
-from tracking.report.decision.recommendation import headline
+from tracking.report.recommendation import headline
 from tracking.run_folders.sweep import RunFolder
 
 

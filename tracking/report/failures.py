@@ -1,7 +1,7 @@
 """Build the page of what one rig finds and another one misses, with frames to look at."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,17 +21,12 @@ from lidarplace.viewing.solids import edges, headings
 from lidarplace.viewing.vehicle import vehicle_surface
 from tracking.figures.kit.style import OUTLINE, text
 from tracking.figures.kit.vehicle_lines import vehicle_in_space
-from tracking.findings.best_placement import BestPlacement
-from tracking.findings.failures import Failures, failures
-from tracking.findings.groups import Group
+from tracking.findings.failures import Failures
 from tracking.numbers import digits
 from tracking.pages.page import figure_json, write_page
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import recommendations, recommended
-from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_arrays import FailureFrames
 
-FILE = "failures.html"
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
 """Colours of objects, and of the points in them, by what became of them."""
 DETECTION = "#009E73"
@@ -65,27 +60,6 @@ class _Shown:
     view: str
 
 
-def compared_failures(
-    run: RunFolder, rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]]
-) -> Failures | None:
-    """What the recommended rig and the next one behind it found, where both is known.
-
-    Args:
-        run: distinct rigs, trained as long as they get.
-        rankings: groups with their `headline_ranking`.
-    """
-    for group, ranked in rankings:
-        for found in recommendations([(group, ranked)]):
-            return failures(run, group, found.compared) if found.compared else None
-    return None
-
-
-def failures_to_show(folder: Path) -> Failures | None:
-    """The `compared_failures` of a run folder. Raises as `RunFolder.read`."""
-    run, found = recommended(RunFolder.read(folder))
-    return compared_failures(run, ((own.group, own.ranked) for own in found))
-
-
 def write_failures(
     target: Path,
     found: Failures,
@@ -100,7 +74,7 @@ def write_failures(
 
     Args:
         frames: of the same two rigs; None where there are none to show.
-        section: `tracking.report.sections.failures.failures_section`, whose tables are written.
+        section: `tracking.report.sections.failures.counted_failures`, whose tables are written.
         vehicle: carries them; None for a sedan.
         extent: how much was compared, in one line.
         links: to other pages, by address.

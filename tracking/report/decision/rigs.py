@@ -18,7 +18,7 @@ from tracking.figures.kit.vehicle_lines import (
 )
 from tracking.numbers import digits
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import Recommendation
+from tracking.report.recommendation import Recommendation
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import LidarModel
 

@@ -12,7 +12,7 @@ from tracking.figures.kit.style import SEQUENTIAL, figure, text
 from tracking.labels import metric_label
 from tracking.numbers import digits
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import Recommendation
+from tracking.report.recommendation import Recommendation
 from tracking.report.sections.binned import (
     RING,
     SECTOR,

@@ -16,6 +16,7 @@ from tracking.labels import metric_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
 _METRIC = headline_metric("all")
@@ -94,8 +95,9 @@ def binned_table(own: pd.DataFrame, bins: Bins, caption: str, name: str) -> Tabl
     )
 
 
-def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
+def by_sector_section(found: Analysis) -> Section | None:
     """Recall by sector around the vehicle; None where it was not measured."""
+    run = found.run
     if run.sector is None or run.sector.empty:
         return None
     section = Section("Objects by their direction", columns=2)
@@ -104,7 +106,7 @@ def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
         "centre. Recall: means over seeds with 95 % intervals, which do not contain the chance of "
         "which objects are in a sector."
     )
-    for label, rows in means_by_bin(run, found, run.sector, SECTOR, _METRIC):
+    for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         own, sectors = in_sectors(rows)
         metric = f"{metric_label(_METRIC, own['iou'].iloc[0])} (%)"
         drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
@@ -123,8 +125,9 @@ def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
     return named, Bins("direction of the object", tuple(from_the_left))
 
 
-def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
+def by_distance_section(found: Analysis) -> Section | None:
     """Points per object, then AP, by distance; None for a sweep without detectors."""
+    run = found.run
     if not has_detectors(run):
         return None
     section = Section("Objects by their distance", columns=2)
@@ -146,7 +149,7 @@ def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
             heading = f"Points per object · {text(label)}"
             section.figures.append(by_bin(drawn, rings, heading, "points per object", names, True))
             section.tables.append(_points_table(own, rings, label))
-    for label, rows in means_by_bin(run, found, run.distance, RING, HEADLINE_METRIC):
+    for label, rows in means_by_bin(run, found.groups, run.distance, RING, HEADLINE_METRIC):
         own, rings = in_rings(rows)
         metric = f"{metric_label(HEADLINE_METRIC, own['iou'].iloc[0])} (%)"
         drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})

@@ -13,7 +13,7 @@ from tracking.figures.kit.from_above import add_vehicle
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep_arrays import Frame
 
 MOST_CLOUDS = 12
@@ -23,12 +23,13 @@ POINTS = 8000
 _DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 
-def clouds_section(run: RunFolder, ranked: list[str]) -> Section | None:
+def clouds_section(found: Analysis) -> Section | None:
     """Two views of one frame with menus; None for a sweep without detectors: it has no clouds."""
+    run = found.run
     if not has_detectors(run):
         return None
     section = Section("One frame, as each placement sees it", columns=2)
-    shown = [name for name in ranked if run.frame is not None and name in run.frame.points]
+    shown = [name for name in found.order if run.frame is not None and name in run.frame.points]
     shown = shown[:MOST_CLOUDS]
     if run.frame is None or not shown:
         section.notes.append("The run folder has no frame.npz.")

@@ -20,6 +20,7 @@ from tracking.figures.kit.style import SEQUENTIAL, figure, text
 from tracking.figures.kit.vehicle_lines import name_of, vehicle_from_above, vehicle_from_the_side
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_arrays import Maps
 
@@ -31,10 +32,11 @@ _MARK = "#D55E00"
 _TOP, _BOTTOM = 44, 170  # pixels around the maps
 
 
-def rigs_section(run: RunFolder, ranked: list[str]) -> Section:
+def rigs_section(found: Analysis) -> Section:
     """An interactive picture of the rigs, and where the objects are that they should see."""
+    run = found.run
     section = Section("Rigs and traffic", columns=2)
-    shown = [name for name in ranked if name in run.placements][:MOST_MAPS]
+    shown = [name for name in found.order if name in run.placements][:MOST_MAPS]
     section.notes.append(
         f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
         "placement. "
@@ -54,8 +56,9 @@ def rigs_section(run: RunFolder, ranked: list[str]) -> Section:
     return section
 
 
-def coverage_section(run: RunFolder, ranked: list[str]) -> Section:
+def coverage_section(found: Analysis) -> Section:
     """Four maps of every placement, the best first."""
+    run = found.run
     section = Section("Coverage and residual entropy", columns=2)
     if run.maps is None or not run.maps.residual:
         section.notes.append("The run folder has no maps of residual entropy.")
@@ -68,7 +71,7 @@ def coverage_section(run: RunFolder, ranked: list[str]) -> Section:
         "still be hidden behind an object."
     )
     section.notes += _setting(run)
-    shown = [name for name in ranked if name in run.maps.residual][:MOST_MAPS]
+    shown = [name for name in found.order if name in run.maps.residual][:MOST_MAPS]
     most = (
         densest([run.maps.residual[name] for name in shown], run.roi, run.roi.y),
         densest([run.maps.residual_side[name] for name in shown], run.roi, run.roi.z),

@@ -17,6 +17,7 @@ from tracking.labels import detector_label, metric_label, setting_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, PERCENT, Column, Table, numbers, slug, with_units, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -24,8 +25,9 @@ MOST_COLUMNS = 12
 """Placements of a table with a column each; more are in the tables of all placements."""
 
 
-def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+def detectors_section(found: Analysis) -> Section | None:
     """AP and recall with a row a detector and a column a placement; None without results."""
+    run, means = found.run, found.means
     if run.results.empty or run.results["placement"].nunique() < 2:
         return None
     section = Section("Detectors", columns=2)
@@ -42,7 +44,7 @@ def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -
         plot = sensitivity_figure(own, run.axes, class_label(name))
         section.figures += [] if plot is None else [plot]
         if run.results["placement"].nunique() <= MOST_COLUMNS:
-            section.tables += _layout(run, found, means, name)
+            section.tables += _layout(run, found.groups, means, name)
     section.tables.append(_sensitivity_table(spreads, run))
     return section
 

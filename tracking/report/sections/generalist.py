@@ -12,7 +12,6 @@ import plotly.graph_objects as go
 from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.placement_points import add_placements
 from tracking.figures.kit.style import OUTLINE, figure, text
-from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import (
     JUDGEMENTS,
     compare,
@@ -20,11 +19,12 @@ from tracking.findings.generalist import (
     seconds_a_placement,
     training_seconds,
 )
-from tracking.findings.groups import JUDGE, Group
+from tracking.findings.groups import JUDGE
 from tracking.labels import metric_label, setting_label
 from tracking.numbers import digits, interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING
 from tracking.report.sections.regret import AT_RANDOM, regret_table
@@ -43,27 +43,15 @@ MOST_FIGURES = 12
 _REGRETS = ("regret", "regret_low", "regret_high", "regret_at_random")
 
 
-def generalist_section(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    means: pd.DataFrame,
-    correlations: pd.DataFrame,
-    surrogates: pd.DataFrame,
-) -> Section | None:
-    """None unless the same placements were judged by a generalist and by detectors of their own.
-
-    Args:
-        rankings: every group with its `headline_ranking`.
-        means: `seed_means` of the run.
-        correlations: `tracking.findings.ceiling.beside` of the run.
-        surrogates: `tracking.findings.generalist.with_judgements` of the run.
-    """
-    if not surrogates["surrogate"].isin(JUDGEMENTS).any():
+def generalist_section(found: Analysis) -> Section | None:
+    """None unless the same placements were judged by a generalist and by detectors of their own."""
+    run = found.run
+    if not found.surrogates["surrogate"].isin(JUDGEMENTS).any():
         return None
-    rows, pairs = compare(run, means, correlations)
+    rows, pairs = compare(run, found.means, found.correlations)
     if rows.empty:
         return None
-    rows = _with_regret(rows, regret_table(run, rankings, surrogates), run.axes)
+    rows = _with_regret(rows, regret_table(found), run.axes)
     section = Section("Does one detector for all rigs rank them as their own do?", [_NOTE])
     order = list(run.placements)
     for row, pair in zip(rows.to_dict("records"), pairs, strict=True):

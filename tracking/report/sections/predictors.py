@@ -31,6 +31,7 @@ from tracking.labels import detector_label, in_order, metric_label, setting_labe
 from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
 from tracking.run_folders.sweep import RunFolder
@@ -49,25 +50,18 @@ _HOW_TO_READ = (
 )
 
 
-def predictors_section(
-    run: RunFolder, correlations: pd.DataFrame, errors: pd.DataFrame, found: Sequence[Predictors]
-) -> Section | None:
-    """Figures and findings for every class; None for a sweep without detectors.
-
-    Args:
-        correlations: `tracking.findings.ceiling.beside` of the run.
-        errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
-        found: `tracking.findings.best_surrogate.best_surrogates` of the run.
-    """
+def predictors_section(found: Analysis) -> Section | None:
+    """Figures and findings for every class; None for a sweep without detectors."""
+    run, correlations, errors = found.run, found.correlations, found.errors
     if not has_detectors(run):
         return None
     section = Section("Which surrogate predicts best?", columns=2)
-    if not found:
+    if not found.predicted:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
-    own = [one for one in found if _is_headline(run, one)]
+    own = [one for one in found.predicted if _is_headline(run, one)]
     many = len(own) > MOST_SENTENCES
-    section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
+    section.notes += [counted(run, found.predicted, correlations)] if many else _findings(run, own)
     section.notes += [*_power_sentences(correlations), CEILING_IN_A_LINE, _HOW_TO_READ]
     strongest = (str(one.ranking.index[0]) for one in own)  # which the findings name
     shown = {*HEADLINE_SURROGATES, *JUDGEMENTS, *strongest}
@@ -84,7 +78,7 @@ def predictors_section(
             left_out(misses.assign(label=_labels(run, misses)), f"Left-out error · {title}"),
         ]
         section.figures += [plot for plot in plots if plot is not None]
-    section.tables.append(_ranking_table(run, found, errors, correlations))
+    section.tables.append(_ranking_table(found))
     section.tables.append(_power_table(correlations))
     return section
 
@@ -97,11 +91,7 @@ def _is_headline(run: RunFolder, one: Predictors) -> bool:
 
 
 def counted(run: RunFolder, found: Sequence[Predictors], correlations: pd.DataFrame) -> str:
-    """In how many cases which surrogate predicts, and whether any could have been shown to.
-
-    Args:
-        found, correlations: see `predictors_section`.
-    """
+    """In how many cases which surrogate predicts, and whether any could have been shown to."""
     own = [one for one in found if _is_headline(run, one)]
     shown = Counter(surrogate_name(one.predictor) for one in own if one.predictor)
     names = ", ".join(f"{name} {count}" for name, count in shown.most_common())
@@ -208,15 +198,16 @@ def _detectable(key: str, row: Mapping[Any, Any]) -> str:
     return "none" if np.isnan(row[key]) else f"{row[key]:.2f}"
 
 
-def _ranking_table(
-    run: RunFolder, found: Sequence[Predictors], errors: pd.DataFrame, correlations: pd.DataFrame
-) -> Table:
-    keys = [*found[0].group, "surrogate"]
-    ranges = errors[[*keys, "spearman_min", "spearman_max"]]
-    most = correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
-    table = pd.concat([_with_group(one) for one in found])
+def _ranking_table(found: Analysis) -> Table:
+    run, predicted = found.run, found.predicted
+    keys = [*predicted[0].group, "surrogate"]
+    ranges = found.errors[[*keys, "spearman_min", "spearman_max"]]
+    most = found.correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
+    table = pd.concat([_with_group(one) for one in predicted])
     table = table.merge(ranges, how="left", on=keys).merge(most, how="left", on=keys)
-    headline = np.repeat([_is_headline(run, one) for one in found], [len(o.ranking) for o in found])
+    headline = np.repeat(
+        [_is_headline(run, one) for one in predicted], [len(o.ranking) for o in predicted]
+    )
 
     def left_out(row: Mapping[Any, Any]) -> str:
         low, high = row["spearman_min"], row["spearman_max"]

@@ -20,7 +20,7 @@ from tracking.findings.promotion import (
 from tracking.numbers import digits, number, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Column, Table, numbers, slug, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 _HOW_TO_READ = (
     "Cheap stages ranked all placements, and only the best of each rung went on. Agreement is over "
@@ -31,17 +31,20 @@ _HOW_TO_READ = (
 )
 
 
-def promotion_section(run: RunFolder, promotions: pd.DataFrame) -> Section:
+def promotion_section(found: Analysis) -> Section:
     """Figures and tables for every group of `promotions`, and what it saved."""
+    run, promotions = found.whole, found.run.promotions
+    if promotions is None or promotions.empty:
+        return None
     section = Section("Promotion", [_HOW_TO_READ])
     rungs = run.sweep.promote
-    found = list(promoted(promotions, run.trials, run.results, run.axes, rungs))
+    parts = list(promoted(promotions, run.trials, run.results, run.axes, rungs))
     surrogate_axes = [axis for axis in run.axes if axis in run.surrogates.columns]
-    saved = savings(found, surrogate_axes)
-    for group, spent in zip(found, saved.to_dict("records"), strict=False):
+    saved = savings(parts, surrogate_axes)
+    for group, spent in zip(parts, saved.to_dict("records"), strict=False):
         pairs = agreement(group)
         costs = rung_costs(group)
-        label = group.title if len(found) > 1 else ""
+        label = group.title if len(parts) > 1 else ""
         title = f" · {label}" if label else ""
         start = f"{label}: " if label else ""
         section.notes += [

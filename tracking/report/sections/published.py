@@ -20,6 +20,7 @@ from tracking.numbers import digits, number
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Table, numbers, words
 from tracking.published import TABLES, published_detection, published_surrogates
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.correlation import correlation_table
 from tracking.run_folders.sweep import RunFolder
@@ -34,14 +35,12 @@ _PRESETS = ("_paper", "_tiny")
 _DIGITS = 6
 
 
-def published_section(run: RunFolder, means: pd.DataFrame) -> Section | None:
+def published_section(found: Analysis) -> Section | None:
     """Published AP and recall against surrogates, and against own AP and recall.
 
     None if the sweep has fewer than two of the placements that the paper published.
-
-    Args:
-        means: `tracking.findings.summary.seed_means` of the run.
     """
+    run = found.run
     published = _of_run(run)
     if published["placement"].nunique() < 2:
         return None
@@ -75,7 +74,7 @@ def published_section(run: RunFolder, means: pd.DataFrame) -> Section | None:
             ]
             plot = heat_map(of_class, labels, f"ρ of the published · {heading}")
             section.figures += [plot] if plot is not None else []
-    pairs = _beside_own(published, means, run)
+    pairs = _beside_own(published, found.means, run)
     for name in (*run.classes, "all"):
         own = pairs[(pairs["class"] == name) & _is_headline(pairs)]
         if len(own):

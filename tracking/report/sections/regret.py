@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from lidarplace.base.metrics import headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, HEADLINE_SURROGATES, SURROGATES
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import JUDGEMENTS
-from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
@@ -20,7 +19,7 @@ from tracking.labels import some
 from tracking.numbers import digits, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 from tracking.statistics.posterior import expected_regret
 
 MOST_CHOICES = 100
@@ -35,18 +34,9 @@ _NOTE = (
 )
 
 
-def regret_section(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    surrogates: pd.DataFrame,
-) -> Section | None:
-    """A table for all groups and classes; None where there is no choice or no surrogate.
-
-    Args:
-        rankings: every group with its `headline_ranking`.
-        surrogates: `tracking.findings.generalist.with_judgements` of the run.
-    """
-    table = regret_table(run, rankings, surrogates)
+def regret_section(found: Analysis) -> Section | None:
+    """A table for all groups and classes; None where there is no choice or no surrogate."""
+    table = regret_table(found)
     if table.empty:
         return None
 
@@ -75,17 +65,14 @@ def regret_section(
     return Section("What does it cost to follow a surrogate?", [_NOTE], tables=[shown])
 
 
-def regret_table(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    surrogates: pd.DataFrame,
-) -> pd.DataFrame:
+def regret_table(found: Analysis) -> pd.DataFrame:
     """`regrets` of every group and class in rows, with class, group, its place, metric and IoU.
 
     Where no placement is better than another nothing can be lost.
     """
-    summed, parts = with_sums(surrogates, run.axes), []
-    for group, ranked in rankings:
+    run, parts = found.run, []
+    summed = with_sums(found.surrogates, run.axes)
+    for group, ranked in found.rankings:
         for name, best in ranked.items():
             own = surrogates_of(summed, group.place, name)
             # With a first choice of their own, which covered entropy has: the opposite of S-MIG's.
@@ -95,8 +82,8 @@ def regret_table(
                 continue
             place = {"class": name, "group": group.title, **group.place}
             place |= {"metric": headline_metric(name), "iou": headline_iou(run.results, name)}
-            found = regrets(best, own[named])
-            parts.append(pd.DataFrame([place] * len(found)).join(found))
+            lost = regrets(best, own[named])
+            parts.append(pd.DataFrame([place] * len(lost)).join(lost))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 

@@ -16,8 +16,8 @@ from tracking.labels import detector_label, metric_label
 from tracking.numbers import digits, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
-from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.reliability import reliability_of_mean
 
 _NOTE = (
@@ -28,8 +28,9 @@ _NOTE = (
 )
 
 
-def reliability_section(run: RunFolder) -> Section | None:
+def reliability_section(found: Analysis) -> Section | None:
     """A row for every metric of a class; None where no halves of the routes can be compared."""
+    run = found.run
     if run.left_out is None or run.left_out.empty or not has_detectors(run):
         return None
     rated = agreement_of_halves(run.left_out, run.axes)

@@ -14,14 +14,15 @@ from tracking.labels import in_order, surrogate_label, surrogate_name, surrogate
 from tracking.numbers import number
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, numbers, slug, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 MOST_INTERVALS = 20
 """Placements whose sampling errors are shown: every pair of them is compared."""
 
 
-def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
+def sampling_error_section(found: Analysis) -> Section:
     """How much the surrogates would change with other frames."""
+    run = found.run
     section = Section("Surrogates: sampling error of the POG", columns=2)
     tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
     missing = [name for name, table in tables.items() if table is None or table.empty]
@@ -38,7 +39,7 @@ def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
     )
     section.notes += studied(run, run.sampling_error)
     known = set(run.sampling_error["placement"])
-    shown = [name for name in ranked if name in known][:MOST_INTERVALS]
+    shown = [name for name in found.order if name in known][:MOST_INTERVALS]
     if len(shown) < len(known):
         section.notes.append(
             f"The best {len(shown)} of {len(known):,} placements; sampling_error.parquet has all."

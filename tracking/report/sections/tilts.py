@@ -22,6 +22,7 @@ from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import points
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -29,10 +30,11 @@ ANGLES = ("roll", "pitch")
 _DIGITS = 6  # a micrometre, a microradian
 
 
-def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+def tilts_section(found: Analysis) -> Section | None:
     """What tilting LiDARs did to AP, recall and the surrogates; None without such a pair."""
+    run = found.run
     pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
-    differences = _differences(run, found, means, pairs)
+    differences = _differences(run, found.groups, found.means, pairs)
     if differences.empty:
         return None
     one = differences["pair"].nunique() == 1
@@ -48,7 +50,7 @@ def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Se
         first = own.iloc[0]
         title, label = text(class_label(first["class"])), metric_label(*first[["metric", "iou"]])
         section.figures.append(differences_figure(own, f"{title} · {label}", f"{label}: points"))
-    section.tables.append(_table(differences, found))
+    section.tables.append(_table(differences))
     return section
 
 
@@ -105,7 +107,7 @@ def _changes(values: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
     return dict(zip(map(str, known.index), known.to_numpy(), strict=True))
 
 
-def _table(differences: pd.DataFrame, found: list[Group]) -> Table:
+def _table(differences: pd.DataFrame) -> Table:
     known = [name for name in HEADLINE_SURROGATES if name in differences]
     columns = [
         words("angle"),

@@ -10,15 +10,16 @@ from tracking.labels import some
 from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, numbers, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 WHOLE_SWEEP = "whole sweep"
 """The last row of `stage_efficiency`."""
 _COLUMNS = ("stage", "tasks", "task_seconds", "wall", "efficiency", "overhead", "peak_memory")
 
 
-def where_time_went(run: RunFolder) -> Section:
+def where_time_went(found: Analysis) -> Section:
     """Task seconds of every stage, and how well the cores were kept at work."""
+    run = found.run
     section = Section("Where the time went", columns=1, folded=True)
     if run.tasks is None or run.tasks.empty:
         section.notes.append("The run folder has no tasks.parquet.")
