@@ -81,7 +81,11 @@ def build_report(run: Path) -> Path:
     recommended = recommendations(found.rankings)
     said = answer(folder, recommended) if recommended else None
     extent = _extent(folder)
-    warnings = [*cautions(folder), *_same_rigs(same), *reduced_batches(folder.tasks)]
+    warnings = cautions(folder)
+    if same:
+        named = some([f"{name} is {first}" for name, first in same.items()])
+        warnings.append(f"The same rig under two names is counted once: {named}.")
+    warnings += reduced_batches(folder.tasks)
     facts = folder.sweep.model_dump(
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )
@@ -214,10 +218,3 @@ def _met(run: RunFolder) -> str:
     counts = count_individuals(run.individuals[run.individuals["split"] == "test"])
     boxes, individuals = counts["boxes"].sum(), counts["individuals"].sum()
     return f" with {boxes:,} boxes of {individuals:,} individuals" if boxes else ""
-
-
-def _same_rigs(copies: dict[str, str]) -> list[str]:
-    if not copies:
-        return []
-    named = some([f"{name} is {first}" for name, first in copies.items()])
-    return [f"The same rig under two names is counted once: {named}."]

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,26 +37,6 @@ _CLOSE = {
     "up": {"x": 0.0, "y": 0.0, "z": 1.0},
 }
 """Plotly's camera behind an object."""
-
-
-@dataclass(frozen=True)
-class _Shown:
-    """A frame to click at.
-
-    Attributes:
-        rig: place of the one that found more in it.
-        what, fate: the object that it is shown for, and what became of it.
-        where: scene, route and frame.
-        figures: under each rig, as JSON.
-        view: plotly's scene around the object, as JSON.
-    """
-
-    rig: int
-    what: str
-    fate: str
-    where: str
-    figures: tuple[str, str]
-    view: str
 
 
 def write_failures(
@@ -96,7 +75,9 @@ def write_failures(
     )
 
 
-def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
+def _shown(found: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
+    """Frames to click at: `rig`, the place of the one that found more in it; `what` it is shown for
+    and its `fate`; `where` it is; `figures` under each rig and plotly's `view`, as JSON."""
     number = {int(own): row for row, own in enumerate(found.objects["object"])}
     shown = []
     for place, own in enumerate(frames.objects.tolist()):
@@ -112,16 +93,17 @@ def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
             )
             for rig in range(2)
         ]
-        box = at[list(GEOMETRY)].to_numpy(np.float64)
+        middle = at[["x", "y", "z"]].to_numpy(np.float64)
+        around = equal_axes(np.stack([middle - NEAR_M, middle + NEAR_M]), longest=1.9)
         shown.append(
-            _Shown(
-                rig=int(found.shares[1, row] > found.shares[0, row]),
-                what=f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
-                fate=_fate(found, row),
-                where=f"{at['scene']}, route {at['route']}, frame {at['frame']}",
-                figures=(figure_json(figures[0]), figure_json(figures[1])),
-                view=json.dumps(view_around(box)),
-            )
+            {
+                "rig": int(found.shares[1, row] > found.shares[0, row]),
+                "what": f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
+                "fate": _fate(found, row),
+                "where": f"{at['scene']}, route {at['route']}, frame {at['frame']}",
+                "figures": [figure_json(figure) for figure in figures],
+                "view": json.dumps(around | {"camera": _CLOSE}),
+            }
         )
     return shown
 
@@ -176,12 +158,6 @@ def frame_in_space(
         showlegend=False,
     )
     return plot
-
-
-def view_around(box: NDArray[np.float64]) -> dict[str, Any]:
-    """Plotly's scene around one of boxes (7,), seen from behind and above."""
-    corners = np.stack([box[:3] - NEAR_M, box[:3] + NEAR_M])
-    return equal_axes(corners, longest=1.9) | {"camera": _CLOSE}
 
 
 def view_of(roi: Roi, vehicle: Vehicle | None) -> dict[str, Any]:

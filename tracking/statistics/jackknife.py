@@ -114,21 +114,17 @@ def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
         return None
     if paired and placements < 2:
         return None
-    covariance = _covariance(values.to_numpy(np.float64), units, paired)
+    matrix = values.to_numpy(np.float64)
+    deviations = matrix - matrix.mean(axis=0)
+    if paired:
+        deviations -= deviations.mean(axis=1, keepdims=True)
+    covariance = (units - 1) / units * (deviations.T @ deviations)
     total = float(np.trace(covariance))
     degrees = effective = max(counts.sum() ** 2 / (counts**2).sum() - 1, 1.0)
     if paired and total > 0:
         degrees *= max(total**2 / float((covariance**2).sum()), 1.0)
     of_placements = pd.DataFrame(covariance, values.columns, values.columns)
     return SampleError(total / (placements - paired), degrees, unit, effective, of_placements)
-
-
-def _covariance(values: NDArray[np.float64], units: int, paired: bool) -> NDArray[np.float64]:
-    """Jackknife covariance of the placements' values, from (left out, placements)."""
-    deviations = values - values.mean(axis=0)
-    if paired:
-        deviations -= deviations.mean(axis=1, keepdims=True)
-    return np.asarray((units - 1) / units * (deviations.T @ deviations))
 
 
 def combined(noise: Noise, error: SampleError | None) -> Noise:

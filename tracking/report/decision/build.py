@@ -24,6 +24,8 @@ from tracking.report.sections.requirements import rigs_requirements_section
 from tracking.run_folders.sweep import RunFolder
 
 FILE = "decision.html"
+_SHOWN = re.compile("best|placements|recall-by-direction|ap-by-distance|failures|requirements")
+"""CSV files that hold what the page tells."""
 
 
 def write_decision(
@@ -48,9 +50,10 @@ def write_decision(
     first, said = groups[0], answer(run, groups)
     recall = recall_and_ap_section(run, first, found.means, said.enough)
     blind = where_blind_section(run, first)
+    short = failures and Section(failures.title, failures.notes[:2], links=failures.links)
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
     required = rigs_requirements_section(run, first.shown, first.group.setting)
-    parts = (recall, rigs_section(run, first), required, blind, _in_short(failures))
+    parts = (recall, rigs_section(run, first), required, blind, short)
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
@@ -60,25 +63,10 @@ def write_decision(
         answer=said,
         required=first.required(run),
         warnings=warnings,
-        tables=_tables(run.path / FOLDER),
+        tables=sorted(f.name for f in (run.path / FOLDER).glob("*.csv") if _SHOWN.match(f.name)),
         dashboard=command("dashboard", str(run.path)),
         studio=command("studio", str(rigs)) if rigs.exists() else None,
     )
-
-
-def _in_short(failures: Section | None) -> Section | None:
-    """What the section comes to, and the link to its frames."""
-    if failures is None:
-        return None
-    return Section(failures.title, notes=failures.notes[:2], links=failures.links)
-
-
-def _tables(folder: Path) -> list[str]:
-    """Names of the CSV files that hold what the page tells."""
-    known = re.compile(
-        r"(best|placements|recall-by-direction|ap-by-distance|failures|requirements)"
-    )
-    return sorted(file.name for file in folder.glob("*.csv") if known.match(file.name))
 
 
 def recall_and_ap_section(

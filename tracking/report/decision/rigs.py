@@ -80,19 +80,15 @@ def viewed_rig(
     words = [model_words(model) for model in models]
     same = len(set(words)) == 1
     said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
-    said += _price(models)
+    prices = [model.price_usd for model in models if model.price_usd is not None]
+    if models and len(prices) == len(models):
+        said += f" · {sum(prices):,.0f} US$"
     mark = " · highest mean" if best else ""
     return ViewedRig(
         tuple(mounts),
         f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>",
         tuple(words) if words and not same else ("",) * len(mounts),
     )
-
-
-def _price(models: Sequence[LidarModel]) -> str:
-    """Of all LiDARs; "" unless that of each is known."""
-    prices = [model.price_usd for model in models if model.price_usd is not None]
-    return f" · {sum(prices):,.0f} US$" if models and len(prices) == len(models) else ""
 
 
 def model_words(model: LidarModel) -> str:

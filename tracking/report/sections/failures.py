@@ -46,12 +46,13 @@ def counted_failures(found: Failures) -> Section:
     The first two notes say what it comes to.
     """
     counts = found.counts()
+    ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
     link = f"The frames that tell most, under {' and '.join(found.rigs)}"
     section = Section(TITLE, columns=2, links={FILE: link})
     section.notes = [
         *sentences(found, counts),
         "Each object of each test frame counts, found at KITTI's strict IoU of its class "
-        f"({_ious(found)}). Numbers are means over the seeds, of which the same one is compared "
+        f"({ious}). Numbers are means over the seeds, of which the same one is compared "
         "under both rigs. Occlusion is KITTI's three levels, by the share of the object that an "
         "ideal sensor on the roof sees; height is that of the object. Intervals are for each row "
         "by itself, over seeds and over which routes and individuals the frames met; the largest "
@@ -104,10 +105,6 @@ def _place(row: Mapping[Any, Any]) -> str:
         f"{row['class']}, {row['bin']}: {points(row['difference'])} points "
         f"(95 %: {span(row['low'], row['high'], '+z.1f')})"
     )
-
-
-def _ious(found: Failures) -> str:
-    return ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
 
 
 def _table(found: Failures, counts: pd.DataFrame) -> Table:

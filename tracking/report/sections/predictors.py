@@ -60,8 +60,9 @@ def predictors_section(found: Analysis) -> Section | None:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
     own = [one for one in found.predicted if _is_headline(run, one)]
+    said = [" · ".join(filter(None, (_group_label(run, one.group), one.sentence))) for one in own]
     many = len(own) > MOST_SENTENCES
-    section.notes += [counted(run, found.predicted, correlations)] if many else _findings(run, own)
+    section.notes += [counted(run, found.predicted, correlations)] if many else said
     section.notes += [*_power_sentences(correlations), CEILING_IN_A_LINE, _HOW_TO_READ]
     strongest = (str(one.ranking.index[0]) for one in own)  # which the findings name
     shown = {*HEADLINE_SURROGATES, *JUDGEMENTS, *strongest}
@@ -120,15 +121,6 @@ def _beyond_proof(own: Sequence[Predictors], correlations: pd.DataFrame) -> str:
     )
 
 
-def _findings(run: RunFolder, own: Sequence[Predictors]) -> list[str]:
-    """A sentence for each."""
-    titles = [_group_label(run, one.group) for one in own]
-    return [
-        f"{title} · {one.sentence}" if title else one.sentence
-        for title, one in zip(titles, own, strict=True)
-    ]
-
-
 def _varying(run: RunFolder) -> list[str]:
     """Detector and further axes, those that the results have several values of."""
     return [
@@ -183,19 +175,19 @@ def _power_table(correlations: pd.DataFrame) -> Table:
     here = known["n"].unique().tolist()
     table = power_table(sorted({*here, 6, 8, 12, 20, 50}), reliability)
     heads = {"pearson": "Pearson |r|", "spearman": "Spearman |ρ|"}
+
+    def least(value: float) -> str:
+        return "none" if np.isnan(value) else f"{value:.2f}"
+
     columns = [
         numbers("placements", "n", ",.0f"),
-        *(Column(head, partial(_detectable, key)) for key, head in heads.items()),
+        *(numbers(head, key, least) for key, head in heads.items()),
     ]
     caption = (
         "Smallest correlation that a test finds with a probability of 80 %, metrics as reliable as "
         f"here ({reliability:.2f})"
     )
     return Table.of(caption, table, columns, name="power")
-
-
-def _detectable(key: str, row: Mapping[Any, Any]) -> str:
-    return "none" if np.isnan(row[key]) else f"{row[key]:.2f}"
 
 
 def _ranking_table(found: Analysis) -> Table:
@@ -208,10 +200,6 @@ def _ranking_table(found: Analysis) -> Table:
     headline = np.repeat(
         [_is_headline(run, one) for one in predicted], [len(o.ranking) for o in predicted]
     )
-
-    def left_out(row: Mapping[Any, Any]) -> str:
-        low, high = row["spearman_min"], row["spearman_max"]
-        return span(low, high, "+z.2f")
 
     def behind(row: Mapping[Any, Any]) -> str:
         low, high = row["behind_low"], row["behind_high"]
@@ -226,7 +214,7 @@ def _ranking_table(found: Analysis) -> Table:
         CEILING,
         numbers("p", "p", ".2g"),
         numbers("p, Holm", "holm", ".2g"),
-        Column("ρ, one left out", left_out),
+        Column("ρ, one left out", lambda r: span(r["spearman_min"], r["spearman_max"], "+z.2f")),
         Column("|ρ| behind the first", behind),
         numbers("left-out error (points)", "rmse", ".2f"),
         numbers("of the mean (points)", "rmse_of_mean", ".2f"),

@@ -31,7 +31,7 @@ _HOW_TO_READ = (
 )
 
 
-def promotion_section(found: Analysis) -> Section:
+def promotion_section(found: Analysis) -> Section | None:
     """Figures and tables for every group of `promotions`, and what it saved."""
     run, promotions = found.whole, found.run.promotions
     if promotions is None or promotions.empty:

@@ -36,9 +36,12 @@ def reliability_section(found: Analysis) -> Section | None:
     rated = agreement_of_halves(run.left_out, run.axes)
     if rated.empty:
         return None
-    rows = [judged_by_all(rated, run.results, name) for name in (*run.classes, "all")]
-    shown = pd.concat([_in_order(own, run.axes) for own in rows])
-
+    # Detector by detector, the metrics of each in the order of display.
+    place = {name: number for number, name in enumerate(METRICS)}
+    ordered = rated.sort_values("metric", key=lambda of: of.map(place), kind="stable")
+    ordered = ordered.sort_values(["detector", *run.axes], kind="stable")
+    names = (*run.classes, "all")
+    shown = pd.concat([judged_by_all(ordered, run.results, name) for name in names])
     columns = [
         words("class"),
         Column("detector", partial(detector_label, run.axes), words=True),
@@ -53,13 +56,6 @@ def reliability_section(found: Analysis) -> Section | None:
     )
     notes = [_NOTE, *_most_reliable(shown)]
     return Section("Which metric tells placements apart?", notes, tables=[table])
-
-
-def _in_order(rows: pd.DataFrame, axes: tuple[str, ...]) -> pd.DataFrame:
-    """Rows of a class, detector by detector, the metrics of each in the order of display."""
-    place = {name: number for number, name in enumerate(METRICS)}
-    ordered = rows.sort_values("metric", key=lambda of: of.map(place), kind="stable")
-    return ordered.sort_values(["detector", *axes], kind="stable")
 
 
 def _most_reliable(shown: pd.DataFrame) -> Iterator[str]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -140,15 +141,9 @@ def _with_interval(value: float, low: float, high: float) -> str:
     return points(value) if np.isnan(low) else f"{points(value)} [{points(low)}, {points(high)}]"
 
 
-@dataclass(frozen=True)
-class TiltPair:
-    """Two placements, equal but for one angle of some LiDARs.
-
-    Attributes:
-        angle: "roll" or "pitch".
-        upright: the name of the placement that is tilted less, summed over LiDARs.
-        tilted: the other's.
-    """
+class TiltPair(NamedTuple):
+    """Two placements, equal but for one angle of some LiDARs; `upright` is tilted less, summed over
+    LiDARs."""
 
     angle: str
     upright: str
@@ -164,7 +159,10 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
     found = []
     for angle in ANGLES:
         bases = {name: _without(mounts, angle) for name, mounts in placements.items()}
-        tilts = {name: _tilt(mounts, angle) for name, mounts in placements.items()}
+        tilts = {
+            name: round(sum(abs(getattr(mount, angle)) for mount in mounts), _DIGITS)
+            for name, mounts in placements.items()
+        }
         for a, b in combinations(placements, 2):
             if bases[a] == bases[b] and tilts[a] != tilts[b]:
                 upright, tilted = sorted((a, b), key=tilts.__getitem__)
@@ -175,7 +173,3 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
 def _without(mounts: Sequence[Mount], angle: str) -> list[tuple[float, ...]]:
     level = (astuple(replace(mount, **{angle: 0.0})) for mount in mounts)
     return sorted(tuple(round(value, _DIGITS) + 0.0 for value in mount) for mount in level)
-
-
-def _tilt(mounts: Sequence[Mount], angle: str) -> float:
-    return round(sum(abs(float(getattr(mount, angle))) for mount in mounts), _DIGITS)
