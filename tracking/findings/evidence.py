@@ -62,17 +62,13 @@ def weaknesses(run: RunFolder, group: Group) -> list[Weakness]:
         *_learned_little(run, group),
         *_short_training(run, group),
     ]
-    return sorted(found, key=_heaviest)
-
-
-def _heaviest(weakness: Weakness) -> float:
-    return -weakness.shortfall
+    return sorted(found, key=lambda own: -own.shortfall)
 
 
 def grade(found: Iterable[Weakness]) -> str:
     """The two kinds of weaknesses that weigh most, a sentence; "" without any."""
     worst: dict[str, str] = {}
-    for weakness in sorted(found, key=_heaviest):
+    for weakness in sorted(found, key=lambda own: -own.shortfall):
         worst.setdefault(weakness.kind, weakness.clause)
     return f"Not enough evidence: {' and '.join([*worst.values()][:2])}." if worst else ""
 

@@ -163,6 +163,16 @@ def add_menu(
     plot.update_layout(updatemenus=[whole])
 
 
+def name_rows(plot: go.Figure, names: Sequence[object], **axis: Any) -> None:
+    """Name the rows 0, 1, … of a figure from the top; `axis`: further keys of plotly's axis."""
+    plot.update_yaxes(
+        tickvals=list(range(len(names))),
+        ticktext=[text(name) for name in names],
+        range=[len(names) - 0.5, -0.5],
+        **axis,
+    )
+
+
 def error_bars(up: ArrayLike, down: ArrayLike | None = None, **style: Any) -> dict[str, Any]:
     """Error bars, as far down as up unless `down` says else; NaN for none."""
     drawn: dict[str, Any] = {"type": "data", "array": np.asarray(up, np.float64), **style}

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.placement_points import placement_markers
-from tracking.figures.kit.style import OUTLINE, add_odds, error_bars, figure, text
+from tracking.figures.kit.style import OUTLINE, add_odds, error_bars, figure, name_rows, text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged
@@ -162,6 +162,6 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
         showlegend=False,
     )
     plot.update_xaxes(title=axis)
-    plot.update_yaxes(tickvals=rows, ticktext=[text(name) for name in names], showgrid=False)
+    name_rows(plot, names, showgrid=False)
     add_odds(plot, list(table["sure"]))
     return plot

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from tracking.kitti_iou import judged
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import interval, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
+from tracking.pages.tables import METRIC, SURROGATE, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
@@ -91,13 +90,13 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         SURROGATE,
         numbers("n", "n", ""),
         numbers("seeds", "seeds", ""),
-        Column("Pearson r", partial(_with_interval, "pearson")),
+        coefficient("Pearson r", "pearson"),
         numbers("p", "pearson_p", ".2g"),
-        Column("Spearman ρ", partial(_with_interval, "spearman")),
+        coefficient("Spearman ρ", "spearman"),
         *([CEILING] if "ceiling" in correlations.columns else []),
         numbers("p", "spearman_p", ".2g"),
         numbers("p, Holm", "spearman_holm", ".2g"),
-        Column("Kendall τ", partial(_with_interval, "kendall")),
+        coefficient("Kendall τ", "kendall"),
         numbers("p", "kendall_p", ".2g"),
         words("note"),
     ]
@@ -108,11 +107,6 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         wide=True,
         name="coefficients",
     )
-
-
-def _with_interval(kind: str, row: Mapping[Any, Any]) -> str:
-    value, low, high = (row[f"{kind}{suffix}"] for suffix in ("", "_low", "_high"))
-    return "–" if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
 
 
 def scatter(

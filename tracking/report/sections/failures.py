@@ -7,7 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import kitti_iou
-from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below, text
+from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below, name_rows, text
 from tracking.findings.failures import DIMENSIONS, Failures
 from tracking.findings.groups import has_detectors
 from tracking.numbers import points, span
@@ -168,10 +168,6 @@ def found_alone(
         range=[-most, most],
         tickformat=",.0f",
     )
-    plot.update_yaxes(
-        tickvals=list(range(len(bins))),
-        ticktext=[f"{text(name)}, n {total[name]:,}" for name in bins],
-        range=[len(bins) - 0.5, -0.5],
-    )
+    name_rows(plot, [f"{name}, n {total[name]:,}" for name in bins])
     legend_below(plot)
     return plot

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -16,9 +13,8 @@ from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
-from tracking.numbers import digits, span
 from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
+from tracking.pages.tables import METRIC, SURROGATE, Table, in_points, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.statistics.posterior import expected_regret
 
@@ -40,11 +36,6 @@ def regret_section(found: Analysis) -> Section | None:
     if table.empty:
         return None
 
-    def expected(row: Mapping[Any, Any]) -> str:
-        if np.isnan(row["regret"]):
-            return "–"
-        return f"{digits(row['regret'], 'z.1f')} ({span(row['low'], row['high'], 'z.1f')})"
-
     columns = [
         words("class"),
         *([words("detector", "group")] if table["group"].nunique() > 1 else []),
@@ -53,7 +44,7 @@ def regret_section(found: Analysis) -> Section | None:
         words("takes the", "takes"),
         words("choice"),
         numbers("below the highest mean (points)", "behind", "z.1f"),
-        Column("expected regret (points)", expected),
+        in_points("expected regret (points)", ("regret", "low", "high"), "z.1f"),
     ]
     shown = Table.of(
         "What the choice of each surrogate loses",
