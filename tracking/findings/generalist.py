@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from tracking.findings.groups import GENERALIST, JUDGE
+from tracking.findings.groups import GENERALIST, JUDGE, at
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import judged, judged_by_all
 from tracking.labels import metric_name
@@ -99,10 +99,8 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
     Returns:
         Index placement: said and own, percent; said_half and own_half of their 95 % intervals.
     """
-    known = means[means["seeds"] > 0]
-    for key, value in group.items():
-        if key != JUDGE:
-            known = known[known[key].isna() if pd.isna(value) else known[key] == value]
+    place = {key: value for key, value in group.items() if key != JUDGE}
+    known = at(means[means["seeds"] > 0], place)
     parts = {
         name: known[known[JUDGE] == judge].set_index("placement")[["mean", "half"]]
         for name, judge in (("said", GENERALIST), ("own", group[JUDGE]))

@@ -10,6 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from lidarplace.base.metrics import HEADLINE_METRIC
+from tracking.findings.groups import at
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.findings.training_cost import is_longest
 from tracking.kitti_iou import headline_iou
@@ -95,18 +96,16 @@ def promoted(
     full_trials = trials[is_full(trials, axes, rungs) & (trials["detector"] != "")]
     own = [axis for axis in axes if axis in promotions.columns]
     for values, part in promotions.groupby(["detector", *own], dropna=False, sort=False):
-        match = pd.Series(True, index=full_trials.index)
         place = dict(zip(("detector", *own), values, strict=True))
-        for key, value in place.items():
-            match &= full_trials[key] == value
-        finished = full_trials[match & (full_trials["status"] == "finished")]
+        planned = at(full_trials, place)
+        finished = planned[planned["status"] == "finished"]
         part = part.sort_values(["rung", "rank"], kind="stable")
         yield Promoted(
             title=detector_label(own, place),
             stages=(*_stage_names(part, results), FULL_TRAINING),
             rungs=part,
             trials=finished,
-            seeds=full_trials.loc[match, "seed"].nunique(),
+            seeds=planned["seed"].nunique(),
             ap=_headline_ap(
                 results[results["trial"].isin(finished["trial"])], str(part["class"].iloc[-1])
             ),
