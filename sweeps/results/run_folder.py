@@ -42,7 +42,7 @@ from sweeps.store.result_folder import R
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
-from tracking.report.failures import failures_to_show
+from tracking.report.recommendation import failures_to_show
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.drawn_vehicle import Triangles
 from tracking.run_folders.grounds import Grounds

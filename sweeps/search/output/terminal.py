@@ -19,7 +19,7 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import finished_trials
-from tracking.findings.ray_counting import ray_counting_caution
+from tracking.findings.evidence import ray_counting_caution
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
 from tracking.search_report.headline import holds_zero
