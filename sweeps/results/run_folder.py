@@ -48,6 +48,7 @@ from tracking.run_folders.drawn_vehicle import Triangles
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
+from tracking.run_folders.table import Table
 from training.typical_objects import as_plain
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
@@ -86,7 +87,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     tested = with_detector(good)
 
     def gathered(
-        own: contract.Table,
+        own: Table,
         task_of: Callable[[Trial], Task[R] | None],
         table: Callable[[R], pd.DataFrame | None],
     ) -> pd.DataFrame:
@@ -200,7 +201,7 @@ def _curve(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
 
 
 def _once(
-    own: contract.Table,
+    own: Table,
     axes: Sequence[str],
     found: Iterable[tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]],
 ) -> pd.DataFrame:
