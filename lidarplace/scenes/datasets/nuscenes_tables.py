@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.configuration.json_file import read_json
+from lidarplace.files.json_file import read_json
 
 TEXTS = frozenset(
     (
