@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numba
@@ -245,4 +245,4 @@ def _some_frames(log: BoxLog, most: int | None) -> BoxLog:
     """At most so many frames of a log, spread evenly; boxes are numbered from 0."""
     frames = evenly(log.frames.reset_index(drop=True), most)
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-    return BoxLog(boxes.reset_index(drop=True), frames, log.buildings)
+    return replace(log, boxes=boxes.reset_index(drop=True), frames=frames)

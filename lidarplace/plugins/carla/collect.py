@@ -20,8 +20,8 @@ from typing import Any
 
 from lidarplace.clouds.clouds import PointClouds, write_clouds
 from lidarplace.clouds.recorded import rig_record
-from lidarplace.configuration.json_file import read_json
 from lidarplace.files.atomic import replacing
+from lidarplace.files.json_file import read_json
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.plugins.carla.drive import Report, drive
 from lidarplace.plugins.carla.replay import replay
