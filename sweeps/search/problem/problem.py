@@ -454,10 +454,13 @@ def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed
 
 
 def _without_paths(value: Any) -> Any:
-    """Settings without the files of LiDARs."""
+    """Settings without the files of LiDARs; what is called like such a key is no text."""
     if isinstance(value, dict):
-        kept = {key: own for key, own in value.items() if key not in ("pattern", "correction")}
-        return {key: _without_paths(own) for key, own in kept.items()}
+        return {
+            key: _without_paths(own)
+            for key, own in value.items()
+            if key not in ("pattern", "correction") or not isinstance(own, str)
+        }
     return [_without_paths(own) for own in value] if isinstance(value, list) else value
 
 
