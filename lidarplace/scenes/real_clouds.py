@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -170,8 +171,11 @@ def count_real_points(
             shutil.rmtree(keep, ignore_errors=True)
             partial.rename(keep)
     finally:
-        if partial is not None:
+        if keep is not None and partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
+            for folder in keep.parents[:2]:  # a log's that was not written
+                with suppress(OSError):
+                    folder.rmdir()
     if POINTS in boxes:
         counted.pop(POINTS, None)
     return replace(log, boxes=boxes.assign(**counted)), len(paths)
@@ -215,7 +219,7 @@ def _lidars(cloud: pd.DataFrame, rig: RecordedRig | None, path: Path) -> NDArray
         return np.zeros(len(cloud), np.int64)
     values = cloud["lidar"]
     if values.dtype.kind in "iuf":
-        numbers = values.to_numpy(np.int64)
+        numbers = values.fillna(-1).to_numpy(np.int64)
     else:
         numbers = pd.Index(rig.names).get_indexer(pd.Index(values.astype(str)))
     wrong = (numbers < 0) | (numbers >= len(rig.names))
