@@ -95,6 +95,9 @@ def make_world(folder: Path) -> None:
     write_database(folder / "runs/mlflow.db")
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)
+    (folder / "our_car.yaml").write_text(
+        "lidars: {up_lidar: {mask: {azimuth_deg: 360, shares: [1]}}}"
+    )
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
     shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")
     _tables(folder)
@@ -120,6 +123,10 @@ def _tables(folder: Path) -> None:
     boxes = pd.read_parquet(folder / "logs/mine/boxes.parquet")
     boxes.to_csv(folder / "boxes.csv", index=False)
     boxes.to_parquet(folder / "boxes.parquet")
+    (folder / "car.yaml").write_text("mounts: [{name: top, z: 2.0, lidar: vlp16}]\n")
+    (folder / "data/sweeps").mkdir(parents=True)
+    first = boxes[boxes["frame"] == boxes["frame"].iloc[0]]
+    np.save(folder / f"data/sweeps/{first['frame'].iloc[0]}.npy", first[["x", "y", "z"]])
 
 
 def _data_sets(folder: Path) -> None:
@@ -128,7 +135,8 @@ def _data_sets(folder: Path) -> None:
     write_nuscenes(folder / "nuscenes/v1.0-mini", scenes, ["vehicle.car"])
     box = ArgoverseBox(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
     poses = {5: (LEVEL, (0.0, 0.0, 0.0))}
-    logs = [Log(split, f"log-{split}", [box], poses) for split in ("train", "val")]
+    mounts = {"up_lidar": (LEVEL, (1.35, 0.0, 1.64)), "down_lidar": (LEVEL, (1.35, 0.0, 1.53))}
+    logs = [Log(split, f"log-{split}", [box], poses, [5], mounts) for split in ("train", "val")]
     write_argoverse(folder / "av2/sensor", logs)
     car = WaymoBox(5, 1, (9.0, 0.0, 1.0))
     pose = {5: np.eye(4)}

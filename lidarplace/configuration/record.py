@@ -5,8 +5,8 @@ from typing import Annotated, TypeVar
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
-from lidarplace.configuration.json_file import read_json
 from lidarplace.configuration.settings import fault
+from lidarplace.files.json_file import read_json
 
 T = TypeVar("T")
 

@@ -91,12 +91,13 @@ FilePath = Annotated[Path, AfterValidator(_possible)]
 """Where a file or a folder is, within what file systems take."""
 
 
-def _beside_the_file(path: Path, info: ValidationInfo) -> Path:
+def beside_the_file(path: Path, info: ValidationInfo) -> Path:
+    """A path relative to the folder of the configuration where the context names that."""
     folder = (info.context or {}).get("folder")
     return path if folder is None else (folder / path).absolute()
 
 
-FileBeside = Annotated[FilePath, AfterValidator(_beside_the_file)]
+FileBeside = Annotated[FilePath, AfterValidator(beside_the_file)]
 """The same, relative to the folder of the configuration where the context names that."""
 
 
@@ -141,7 +142,9 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
     if bounds.get("ge") == ANGLE.low or bounds.get("le") == ANGLE.high:
         allowed = f"{allowed} radians"
     if mistake["type"] in ("tuple_type", "list_type"):
-        allowed = f"should be a list, such as [{value}]" if isinstance(value, str) else allowed
+        allowed = (
+            f"should be a list, such as [{shortened(value)}]" if isinstance(value, str) else allowed
+        )
     if mistake["type"] == "literal_error" and isinstance(value, str):
         hint = did_you_mean(value, re.findall("'([^']+)'", mistake["ctx"]["expected"]))
     return f"found {found(value)}{hint}; {allowed}"

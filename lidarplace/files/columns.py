@@ -61,6 +61,19 @@ def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.
     return values
 
 
+def counts_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.float64]:
+    """A column of numbers >= 0, NaN where they are missing; (rows,), float64.
+
+    Raises:
+        InputError: a value is something else.
+    """
+    values = numbers_if_known(table, name, source)
+    if (values < 0).any():
+        row = int(np.argmax(values < 0))
+        raise _wrong(table, name, row, "at least 0, or missing", source)
+    return values
+
+
 def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
     """Columns of finite numbers >= 0; (rows, columns), float64.
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pydantic import TypeAdapter, ValidationError
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import replacing
 from lidarplace.files.columns import (
     check_columns,
+    counts_if_known,
     frame_numbers,
     groups,
     numbers,
@@ -21,19 +25,27 @@ from lidarplace.files.columns import (
     sizes,
     texts,
 )
+from lidarplace.files.json_file import read_json
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 from lidarplace.logs.boxes import (
     BOX_COLUMNS,
     BUILDING_COLUMNS,
     FRAME_COLUMNS,
+    FULL_POSE_COLUMNS,
     GEOMETRY,
     POSE_COLUMNS,
     SIZE,
     SPLITS,
     check_boxes,
     check_classes,
+    count_columns,
+    points_of,
 )
+from lidarplace.rigs.recorded import RecordedRig
+
+RIG_FILE = "rig.json"
+_RIGS = TypeAdapter(dict[str, RecordedRig])
 
 
 def _no_buildings() -> pd.DataFrame:
@@ -46,16 +58,26 @@ class BoxLog:
     """What was around the vehicle in every frame.
 
     Attributes:
-        boxes: one row a box, columns `BOX_COLUMNS`, ego frame.
+        boxes: one row a box, columns `BOX_COLUMNS`, ego frame. A source that counts the real
+            points in a box adds `POINTS`, and `points/NAME` for each LiDAR.
         frames: one row a frame, columns `FRAME_COLUMNS`; frames without boxes too. A source that
-            knows where the vehicle was adds `POSE_COLUMNS`.
+            knows where the vehicle was adds `POSE_COLUMNS`, and maybe `FULL_POSE_COLUMNS`.
         buildings: what stands still and is no object: columns `BUILDING_COLUMNS`, in the world
             frame of its scene, in which `POSE_COLUMNS` place the vehicle. Mostly empty.
+        rigs: the rig that recorded each scene, by the scene's name, where known; plain data of
+            it, as JSON holds it, is taken too.
+
+    Raises:
+        ValueError: a rig is invalid.
     """
 
     boxes: pd.DataFrame
     frames: pd.DataFrame
     buildings: pd.DataFrame = field(default_factory=_no_buildings)
+    rigs: Mapping[str, RecordedRig] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rigs", _RIGS.validate_python(self.rigs))
 
     def __repr__(self) -> str:
         splits = self.frames["split"].value_counts()
@@ -65,6 +87,8 @@ class BoxLog:
         text = f"{len(self.frames):,} frames ({of}), {len(self.boxes):,} boxes ({boxes})"
         if len(self.buildings):
             text += f", {len(self.buildings):,} buildings"
+        if self.rigs:
+            text += f", rigs of {len(self.rigs):,} scenes"
         return f"BoxLog({text.replace(' ()', '')})"
 
 
@@ -72,18 +96,21 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     """One log of several, in their order; their frame numbers must differ.
 
     Raises:
-        ValueError: there is no log, or a frame number occurs in two of them.
+        ValueError: there is no log, a frame number occurs in two of them, or a scene has two rigs.
     """
     if not logs:
         raise ValueError("no box log to join")
     if len(logs) == 1:
         return logs[0]
-    joined = BoxLog(
-        *(
-            pd.concat([getattr(log, name) for log in logs], ignore_index=True)
-            for name in ("boxes", "frames", "buildings")
-        )
+    rigs: dict[str, RecordedRig] = {}
+    for scene, rig in (item for log in logs for item in log.rigs.items()):
+        if rigs.setdefault(scene, rig) != rig:
+            raise ValueError(f"scene {scene}: two of the logs have different rigs for it")
+    boxes, frames, buildings = (
+        pd.concat([getattr(log, name) for log in logs], ignore_index=True)
+        for name in ("boxes", "frames", "buildings")
     )
+    joined = BoxLog(boxes, frames, buildings, rigs)
     twice = joined.frames["frame"].duplicated()
     if twice.any():
         frame = joined.frames.loc[twice, "frame"].iloc[0]
@@ -92,21 +119,27 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
 
 
 def write_box_log(folder: Path, log: BoxLog) -> None:
-    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`.
+    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`, and rigs as `rig.json`.
 
     They are renamed into place when all of them are written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    poses = [name for name in POSE_COLUMNS if name in log.frames.columns]
+    poses = [name for name in (*POSE_COLUMNS, *FULL_POSE_COLUMNS) if name in log.frames.columns]
+    if not log.rigs:
+        (folder / RIG_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
         for name, table, columns in (
             ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
             ("buildings", log.buildings, BUILDING_COLUMNS),
-            ("boxes", log.boxes, BOX_COLUMNS),
+            ("boxes", log.boxes, (*BOX_COLUMNS, *count_columns(log.boxes))),
         ):
             partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
             with partial.open("wb") as file:  # pandas would take http:/… for an address
                 table[list(columns)].to_parquet(file, index=False)
+        if log.rigs:
+            partial = stack.enter_context(replacing(folder / RIG_FILE))
+            rigs = {scene: asdict(rig) for scene, rig in log.rigs.items()}
+            partial.write_text(json.dumps(rigs) + "\n", encoding="utf-8")
 
 
 def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
@@ -117,7 +150,7 @@ def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
 
 
 def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
-    """Read what `write_box_log` wrote; `buildings.parquet` may be missing.
+    """Read what `write_box_log` wrote; `buildings.parquet` and `rig.json` may be missing.
 
     Args:
         most_frames: read at most so many frames, spread evenly over the log; the boxes of others
@@ -125,8 +158,8 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 
     Raises:
         ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
-            (a class no name, a split none of `SPLITS`), or a box is in no frame of
-            `frames`; names file and row.
+            (a class no name, a split none of `SPLITS`), a box is in no frame of `frames`, or a
+            LiDAR has counts but is none of its scene's rig; names file and row.
     """
     if most_frames is None:
         boxes, frames = _boxes(folder / "boxes.parquet"), read_frames(folder)
@@ -140,16 +173,43 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
             f"{folder / 'boxes.parquet'}: row {row}: frame {boxes['frame'].iloc[row]} is not in "
             "frames.parquet, which lists every frame"
         )
+    rigs = read_rigs(folder / RIG_FILE, boxes)
     path = folder / "buildings.parquet"
     if not is_there(path):
-        return BoxLog(boxes, frames)
+        return BoxLog(boxes, frames, rigs=rigs)
     buildings = checked_buildings(read_parquet(path), str(path))
     if len(buildings) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         raise ValueError(
             f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; "
             "buildings need the pose of the vehicle"
         )
-    return BoxLog(boxes, frames, buildings)
+    return BoxLog(boxes, frames, buildings, rigs)
+
+
+def read_rigs(path: Path, boxes: pd.DataFrame) -> dict[str, RecordedRig]:
+    """The rigs by scene in a `rig.json`, which have every LiDAR with counts; none without a file.
+
+    Raises ValueError as `read_box_log` does.
+    """
+    if not is_there(path):
+        return {}
+    try:
+        rigs = _RIGS.validate_python(read_json(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        raise InputError(first["msg"], place=f"{path}: is no record of rigs", key=key) from None
+    for name, column in points_of(boxes).items():
+        for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
+            if scene in rigs and name not in rigs[scene].names:
+                raise InputError(
+                    f"scene {scene}: rig of other LiDARs than the counts in boxes.parquet",
+                    place=str(path),
+                    expected=name,
+                    found=", ".join(rigs[scene].names),
+                    fix="convert the log again with its own rig",
+                )
+    return rigs
 
 
 def read_frames(folder: Path) -> pd.DataFrame:
@@ -181,6 +241,8 @@ def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
     boxes["frame"] = frame_numbers(boxes, source)
     boxes["timestamp_s"] = numbers_if_known(boxes, "timestamp_s", source)
     boxes[list(GEOMETRY)] = numbers(boxes, GEOMETRY, source)
+    for name in count_columns(boxes):
+        boxes[name] = counts_if_known(boxes, name, source)
     return _with_texts(boxes, ("scene", "object_id"), source)
 
 
@@ -189,7 +251,8 @@ def _frames(path: Path) -> pd.DataFrame:
     one_of(frames, "split", SPLITS, source)
     frames["frame"] = frame_numbers(frames, source)
     frames["route"] = groups(frames, "route", source)
-    for name in ("timestamp_s", *frames.columns.intersection(list(POSE_COLUMNS))):
+    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
+    for name in ("timestamp_s", *poses):
         frames[name] = numbers_if_known(frames, name, source)
     return _with_texts(frames, ("scene",), source)
 

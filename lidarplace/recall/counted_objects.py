@@ -1,7 +1,10 @@
 """The objects of a log that count, and what rigs hit of them.
 
-Rays are cast at them as for point clouds, without drop-off and noise: objects, buildings and the
-vehicle's own body hide what is behind them.
+Rays are cast at them as for point clouds, without noise: objects, buildings and the vehicle's own
+body hide what is behind them. Drop-off and corrections lose the same share of the returns as in
+clouds. The random number of a ray depends on seed, frame and ray alone: placements lose the same
+rays, so their differences vary less, and what a mount hits does not depend on its place in the rig.
+A rig of one LiDAR loses those of its clouds; in clouds, the LiDARs of a rig have different numbers.
 """
 
 from __future__ import annotations
@@ -9,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numba
@@ -19,6 +22,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.hashed import key_of
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.shade import ends_of, in_view
 from lidarplace.clouds.shapes import BUILDING
@@ -28,7 +32,15 @@ from lidarplace.logs.box_log import BoxLog, evenly
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.housing import COLUMNS, housings_in, without
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
+from lidarplace.recall.surface_cells import (
+    NO_LOSS,
+    Frames,
+    Loss,
+    SurfaceCells,
+    slices_of,
+    surface_cells,
+)
+from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -74,6 +86,7 @@ class CountedObjects:
     vehicle: Vehicle | None
     _surroundings: Surroundings
     _crop: Crop
+    _seed: int
 
     @classmethod
     def from_log(
@@ -97,7 +110,7 @@ class CountedObjects:
             cell: edge of a cell, metres.
             frames: at most so many frames, spread evenly over those of the log; None: all.
             azimuth_share: share of the azimuth steps, as of the clouds that a detector gets.
-            seed: of the shapes of the objects.
+            seed: of the shapes of the objects, and of the returns that are lost.
             vehicle: carries the LiDARs; None: a sedan.
 
         Raises:
@@ -117,6 +130,7 @@ class CountedObjects:
             vehicle=vehicle,
             _surroundings=Surroundings(log, seed),
             _crop=(roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1]),
+            _seed=seed,
         )
 
     @property
@@ -156,10 +170,20 @@ class CountedObjects:
 
         def cells(own: InRig) -> SurfaceCells:
             ends = ends_of(own.mount, own.lidar, own.housings, self.vehicle)
-            return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends)
+            loss = self._loss(own.lidar)
+            return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends, loss)
 
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             return list(threads.map(cells, lidars))
+
+    def _loss(self, lidar: Lidar) -> Loss:
+        """What a LiDAR loses of the returns of the objects."""
+        if lidar.correction is None and lidar.drop_off == 0:
+            return NO_LOSS
+        factors = (lidar.correction or Correction()).factors_of(self.table["class"])
+        numbers = np.unique(self.table["frame"]).tolist()
+        keys = [key_of(self._seed, number, 0) for number in numbers]
+        return Loss(lidar.drop_off, factors, np.array(keys, np.uint64).reshape(-1, 3))
 
     @cached_property
     def frames(self) -> Frames:
@@ -222,4 +246,4 @@ def _some_frames(log: BoxLog, most: int | None) -> BoxLog:
     """At most so many frames of a log, spread evenly; boxes are numbered from 0."""
     frames = evenly(log.frames.reset_index(drop=True), most)
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-    return BoxLog(boxes.reset_index(drop=True), frames, log.buildings)
+    return replace(log, boxes=boxes.reset_index(drop=True), frames=frames)

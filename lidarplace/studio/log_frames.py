@@ -1,6 +1,7 @@
 """All frames of a log of which some are in memory: the others are read when they are looked at."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 from cachetools import LRUCache
@@ -59,5 +60,5 @@ class LogFrames:
             if portion not in self._read:
                 frames = self._frames.iloc[portion * PORTION : (portion + 1) * PORTION]
                 boxes = read_boxes(self._folder, frames["frame"].tolist())
-                self._read[portion] = BoxLog(boxes, frames, self._log.buildings)
+                self._read[portion] = replace(self._log, boxes=boxes, frames=frames)
             return self._read[portion]

@@ -1,6 +1,6 @@
 """What there is to see in one frame of a box log."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -79,10 +79,11 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
         what = f"{len(listed)} frames, {listed.min()} to {listed.max()}" if len(listed) else "none"
         raise ValueError(f"no frame {number}; the log has {what}")
     row = rows.iloc[0]
-    own = BoxLog(
-        log.boxes[log.boxes["frame"] == number],
-        rows,
-        log.buildings[log.buildings["scene"] == row["scene"]],
+    own = replace(
+        log,
+        boxes=log.boxes[log.boxes["frame"] == number],
+        frames=rows,
+        buildings=log.buildings[log.buildings["scene"] == row["scene"]],
     )
     geometry = own.boxes[list(GEOMETRY)].to_numpy(np.float64)
     near = _near(geometry, crop)

@@ -1,12 +1,13 @@
 """What the detectors of a sweep found of every object, and what the rigs hit of it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import iou_of
-from lidarplace.logs.box_log import BoxLog, join_logs
+from lidarplace.logs.box_log import join_logs
 from lidarplace.recall.baselines import per_object
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import CELL_M
@@ -66,7 +67,7 @@ def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     point = trial.grid_point.point
     return CountedObjects.from_log(
-        BoxLog(boxes, frames, log.buildings),
+        replace(log, boxes=boxes, frames=frames),
         point.voxel_roi(),
         point.classes,
         CELL_M,

@@ -106,8 +106,6 @@ def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> 
                 np.save(folder / f"{name}_{key}.npy", array, allow_pickle=False)
         else:
             plain[name] = item
-            if is_dataclass(item) and not isinstance(item, type):
-                plain[name] = asdict(item)
     content = {
         "place": place,
         "record": asdict(record),
@@ -118,7 +116,8 @@ def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> 
         },
         "value": plain,
     }
-    content = json.loads(json.dumps(content))  # as it will be read: keys are strings, and the like
+    # As it will be read: keys are strings, dataclasses are mappings, and the like.
+    content = json.loads(json.dumps(content, default=asdict))
     content["digest"] = _digest_of_content(content)
     (folder / RECORD).write_text(json.dumps(content), encoding="utf-8")
     for path in folder.iterdir():

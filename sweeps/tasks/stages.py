@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack, get_type_hints
@@ -408,7 +409,7 @@ def _training_log(logs: Sequence[BoxLog]) -> BoxLog:
     log = join_logs(logs)
     frames = log.frames[log.frames["split"] == "train"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-    return BoxLog(boxes, frames, log.buildings)
+    return replace(log, boxes=boxes, frames=frames)
 
 
 def _frames_of(log: BoxLog, split: str) -> NDArray[np.int64]:

@@ -75,6 +75,12 @@ def _box_log(world: Path) -> object:
     return read_box_log(world / "log")
 
 
+def _recorded_log(world: Path) -> object:
+    from lidarplace.logs.box_log import read_box_log
+
+    return read_box_log(world / "recorded")
+
+
 def _kitti_clouds(world: Path) -> object:
     from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
 
@@ -93,6 +99,22 @@ def _rig(world: Path) -> object:
     from lidarplace.rigs.placement import PAPER_PLACEMENTS
 
     return check_rig(world / "clouds", PAPER_PLACEMENTS["line"])
+
+
+def _correction(world: Path) -> object:
+    from pydantic import ValidationError
+
+    from lidarplace.clouds.raycast import beams_of
+    from lidarplace.configuration.correction import read_correction
+    from lidarplace.configuration.sensor import SensorSettings
+    from lidarplace.configuration.settings import fault
+
+    path = str(world / "correction.yaml")
+    read_correction(path)
+    try:
+        return beams_of(SensorSettings(beams=3, correction=path, unit="up").lidar())
+    except ValidationError as error:
+        raise fault(error) from None
 
 
 def _checkpoint(world: Path) -> object:
@@ -142,6 +164,7 @@ QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
+    Target("recorded log", "recorded/rig.json recorded/boxes.parquet", read=_recorded_log),
     Target("describe", LOG, "describe log", check=SOUND),
     Target("view", LOG, "view log --placement line", check=SOUND),
     Target("export", LOG, "export log out --placement line", check=SOUND),
@@ -179,7 +202,16 @@ DATA: tuple[Target, ...] = (
     Target("convert kitti --skip-bad", KITTI, "convert kitti kitti out --skip-bad", check=WHOLE),
     Target("convert nuscenes", "nuscenes/*.json", "convert nuscenes nuscenes out", check=WHOLE),
     Target(
-        "convert argoverse", "av2/val/log-1/*.feather", "convert argoverse av2 out", check=WHOLE
+        "convert argoverse",
+        "av2/val/log-1/*.feather av2/val/log-1/calibration/*.feather",
+        "convert argoverse av2 out",
+        check=WHOLE,
+    ),
+    Target(
+        "convert argoverse --clouds",
+        "av2/val/log-1/sensors/lidar/*.feather",
+        "convert argoverse av2 out --clouds av2",
+        check=WHOLE,
     ),
     Target("convert waymo", "waymo/training/*/s.parquet", "convert waymo waymo out", check=WHOLE),
     Target(
@@ -235,6 +267,7 @@ SETTINGS: tuple[Target, ...] = (
     Target("view --placement", "rig.yaml", "view log --placement rig.yaml"),
     Target("export --placement", "rig.yaml", "export log out --placement rig.yaml"),
     Target("rig", "rig.yaml", "rig rig.yaml out.urdf --origin 0 0 0"),
+    Target("correction", "correction.yaml", read=_correction),
     Target("convert --class-map", "classes.yaml", "convert table csv out --class-map classes.yaml"),
     Target("mapping", "labels/map.yaml", f"convert table labels/labels.csv {MAPPED}"),
     Target("carla", "carla.yaml", "carla carla.yaml out --host 127.0.0.1 --port 1 --timeout 0.1"),

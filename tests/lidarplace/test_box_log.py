@@ -7,7 +7,11 @@ import pandas as pd
 import pytest
 
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
-from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS, points_of
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.scenes.datasets.tabular import read_tabular
 from tests.refused import refused
 from tests.sweeps.small_log import write_small_log
 
@@ -36,6 +40,64 @@ def test_round_trip(tmp_path, log):
     pd.testing.assert_frame_equal(read.buildings, log.buildings, check_dtype=False)
     names = [f"{name}.parquet" for name in ("boxes", "buildings", "frames")]
     assert sorted(p.name for p in tmp_path.iterdir()) == names
+
+
+RIG = RecordedRig(
+    ("top", "left"),
+    Placement("car", [Mount(z=2.0), Mount(y=0.8, z=1.5, yaw=1.0)], Lidar.named("vlp16")),
+)
+COUNTED = BOXES.assign(points=[7.0, np.nan], **{"points/top": [5.0, np.nan], "points/left": 2.0})
+
+
+def test_counts_rigs_and_full_poses_come_back(tmp_path):
+    frames = POSES.assign(ego_z=0.5, ego_roll=0.01, ego_pitch=-0.02)
+    log = BoxLog(COUNTED, frames, rigs={"town": RIG})
+    write_box_log(tmp_path, log)
+    read = read_box_log(tmp_path)
+    assert read.rigs == {"town": RIG}
+    assert points_of(read.boxes) == {"top": "points/top", "left": "points/left"}
+    pd.testing.assert_frame_equal(read.boxes, log.boxes, check_dtype=False)
+    pd.testing.assert_frame_equal(read.frames, log.frames, check_dtype=False)
+    assert join_logs([read, BoxLog(BOXES.iloc[:0], FRAMES.iloc[:0])]).rigs == {"town": RIG}
+    again = read_tabular(tmp_path)
+    assert again.rigs == {"town": RIG}
+    pd.testing.assert_frame_equal(again.boxes.filter(like="points"), COUNTED.filter(like="points"))
+    write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
+    assert read_box_log(tmp_path).rigs == {}
+
+
+def test_a_rig_of_other_lidars_than_the_counts_is_an_error(tmp_path):
+    write_box_log(tmp_path, BoxLog(COUNTED, FRAMES, rigs={"town": RIG.subset(["top"])}))
+    with refused(r"rig\.json: scene town: rig of other LiDARs than the counts .*expected left"):
+        read_box_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("{", "no JSON"), ('{"town": {"names": ["a"]}}', r"town\.placement: Field required")],
+)
+def test_a_damaged_record_of_rigs_is_an_error(tmp_path, text, message):
+    write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
+    (tmp_path / "rig.json").write_text(text)
+    with refused(rf"rig\.json: .*{message}"):
+        read_box_log(tmp_path)
+
+
+def test_logs_with_two_rigs_of_a_scene_do_not_join():
+    one = BoxLog(BOXES, FRAMES, rigs={"town": RIG})
+    with refused("scene town: two of the logs have different rigs"):
+        join_logs([one, BoxLog(BOXES, FRAMES, rigs={"town": RIG.subset(["top"])})])
+
+
+def test_a_rig_has_a_name_for_each_lidar():
+    with refused("1 names for 2 LiDARs"):
+        RecordedRig(("top",), RIG.placement)
+    with refused("duplicate or empty name"):
+        RecordedRig(("top", "top"), RIG.placement)
+    with refused("unknown LiDAR 'tip' .*did you mean top"):
+        RIG.subset(["tip"])
+    with refused("LiDAR top has a scan pattern"):
+        RecordedRig(("top",), Placement("one", [Mount(z=2.0)], Lidar.named("mid70")))
 
 
 def test_a_log_without_buildings_may_lack_the_file(tmp_path):

@@ -9,7 +9,14 @@ import pytest
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 from lidarplace.logs.box_log import read_box_log, write_box_log
-from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    CLASSES,
+    FRAME_COLUMNS,
+    FULL_POSE_COLUMNS,
+    POSE_COLUMNS,
+    check_boxes,
+)
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
 
@@ -128,8 +135,8 @@ def town(scenes=10):
 
 def test_every_sample_is_a_frame(tmp_path):
     log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
-    assert list(log.boxes.columns) == list(BOX_COLUMNS)
-    assert list(log.frames.columns) == [*FRAME_COLUMNS, *POSE_COLUMNS]
+    assert list(log.boxes.columns) == [*BOX_COLUMNS, "points"]
+    assert {*FRAME_COLUMNS, *POSE_COLUMNS, *FULL_POSE_COLUMNS} < set(log.frames.columns)
     check_boxes(log.boxes)
     assert log.frames["frame"].tolist() == list(range(20))
     assert log.frames["scene"].tolist() == [f"scene-{n // 2:04d}" for n in range(20)]
@@ -314,3 +321,16 @@ def test_brackets_without_end_are_named(tmp_path):
         ValueError, match=r"sample\.json: no JSON that can be read: it is nested too"
     ):
         read_nuscenes(folder)
+
+
+def test_counts_and_the_rig_come_along(tmp_path):
+    log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
+    assert set(log.boxes["points"]) == {5}
+    assert list(log.rigs) == log.frames["scene"].unique().tolist()
+    rig = log.rigs["scene-0003"]
+    assert rig.names == ("LIDAR_TOP",)
+    (mount,) = rig.placement.mounts
+    np.testing.assert_allclose(mount.position, [0.943713 - 1.294, 0, 1.84023], atol=1e-12)
+    # 20 Hz: half the steps of the catalogue's.
+    (lidar,) = rig.placement.lidars
+    assert (lidar.beams, lidar.azimuth_steps) == (32, 1084)

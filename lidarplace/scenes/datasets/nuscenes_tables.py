@@ -13,12 +13,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.configuration.json_file import read_json
+from lidarplace.files.json_file import read_json
 
 TEXTS = frozenset(
     (
         *("token", "name", "log_token", "scene_token", "sample_token", "instance_token"),
-        *("category_token", "sensor_token", "calibrated_sensor_token", "ego_pose_token", "channel"),
+        *(
+            "category_token",
+            "sensor_token",
+            "calibrated_sensor_token",
+            "ego_pose_token",
+            "channel",
+            "filename",
+        ),
     )
 )
 """Columns of text, in whichever table."""

@@ -10,9 +10,9 @@ from typing import Any
 import pandas as pd
 
 from lidarplace import Mount, Placement
-from lidarplace.configuration.json_file import read_json
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
+from lidarplace.files.json_file import read_json
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import candidates_of, limits_of, number_of_candidates
