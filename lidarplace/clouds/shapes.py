@@ -55,7 +55,7 @@ _PROUD = 0.002
 """How far plates and lamps stand out of the body, as a share of the length: a centimetre."""
 
 
-_EAVES = 0.88
+_EAVES = 0.82
 """Height of a car's roof over its windows, as a share of its own."""
 
 
