@@ -78,8 +78,8 @@ def _has_decimal_commas(table: pd.DataFrame) -> bool:
     return any(values.str.fullmatch(r"[-+]?\d+,\d+").any() for values in texts)
 
 
-def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    """These columns of the table in a Feather file.
+def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
+    """These columns of the table in a Feather file, and those of `optional` that it has.
 
     Raises:
         ValueError: the file cannot be read, is no such table, or lacks a column.
@@ -89,6 +89,7 @@ def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
             with regular(path).open("rb") as file:
                 table = feather.read_table(file)
             check_columns(table.column_names, columns, str(path))
-            return pd.DataFrame(table.select(list(columns)).to_pandas(ignore_metadata=True))
+            own = [*columns, *(name for name in optional if name in table.column_names)]
+            return pd.DataFrame(table.select(own).to_pandas(ignore_metadata=True))
         except pa.ArrowException as error:
             raise ValueError(f"{path}: no Feather file: {first_line(error)}") from None

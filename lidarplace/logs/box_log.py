@@ -34,12 +34,12 @@ from lidarplace.logs.boxes import (
     FRAME_COLUMNS,
     FULL_POSE_COLUMNS,
     GEOMETRY,
-    POINTS,
     POSE_COLUMNS,
     SIZE,
     SPLITS,
     check_boxes,
     check_classes,
+    count_columns,
     points_of,
 )
 from lidarplace.rigs.recorded import RecordedRig
@@ -133,7 +133,7 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
         for name, table, columns in (
             ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
             ("buildings", log.buildings, BUILDING_COLUMNS),
-            ("boxes", log.boxes, (*BOX_COLUMNS, *_counts(log.boxes))),
+            ("boxes", log.boxes, (*BOX_COLUMNS, *count_columns(log.boxes))),
         ):
             partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
             with partial.open("wb") as file:  # pandas would take http:/… for an address
@@ -142,11 +142,6 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
             partial = stack.enter_context(replacing(folder / RIG_FILE))
             rigs = {scene: asdict(rig) for scene, rig in log.rigs.items()}
             partial.write_text(json.dumps(rigs) + "\n", encoding="utf-8")
-
-
-def _counts(boxes: pd.DataFrame) -> list[str]:
-    """The columns of real points that are there."""
-    return [name for name in (POINTS, *points_of(boxes).values()) if name in boxes.columns]
 
 
 def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
@@ -245,7 +240,7 @@ def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
     boxes["frame"] = frame_numbers(boxes, source)
     boxes["timestamp_s"] = numbers_if_known(boxes, "timestamp_s", source)
     boxes[list(GEOMETRY)] = numbers(boxes, GEOMETRY, source)
-    for name in _counts(boxes):
+    for name in count_columns(boxes):
         boxes[name] = counts_if_known(boxes, name, source)
     return _with_texts(boxes, ("scene", "object_id"), source)
 

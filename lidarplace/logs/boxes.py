@@ -29,6 +29,9 @@ POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
 """Where the vehicle was in the world frame of its scene; a log may lack them."""
 FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 """The rest of its pose, for logs that know all of it: metres, and radians about our axes."""
+CLOUD = "cloud"
+"""Column of frames that a reader adds: the file of the frame's real cloud, relative to the folder
+of a data set's clouds. No log on disk has it."""
 BUILDING_COLUMNS = ("scene", *GEOMETRY)
 """A building: a box in the world frame of its scene."""
 POINTS = "points"
@@ -68,6 +71,11 @@ def points_of(boxes: pd.DataFrame) -> dict[str, str]:
     """The column of real points of each LiDAR, by its name; empty where no LiDAR is known."""
     head = f"{POINTS}/"
     return {name.removeprefix(head): name for name in boxes.columns if name.startswith(head)}
+
+
+def count_columns(boxes: pd.DataFrame) -> list[str]:
+    """The columns of real points that are there, `POINTS` first."""
+    return [name for name in (POINTS, *points_of(boxes).values()) if name in boxes.columns]
 
 
 def frame_ids(table: pd.DataFrame) -> np.ndarray:

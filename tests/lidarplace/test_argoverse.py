@@ -9,7 +9,14 @@ import pytest
 from argoverse_layout import LEVEL, Box, Log, write_argoverse
 from scipy.spatial.transform import Rotation
 
-from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    CLASSES,
+    FRAME_COLUMNS,
+    FULL_POSE_COLUMNS,
+    POSE_COLUMNS,
+    check_boxes,
+)
 from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, IGNORE
 from tests.refused import refused
@@ -86,8 +93,8 @@ def test_logs_splits_and_empty_sweeps(tmp_path):
     ]
     folder = write_argoverse(tmp_path / "sensor", logs)
     log = read_argoverse(folder)
-    assert list(log.boxes.columns) == list(BOX_COLUMNS)
-    assert list(log.frames.columns) == [*FRAME_COLUMNS, *POSE_COLUMNS]
+    assert list(log.boxes.columns) == [*BOX_COLUMNS, "points"]
+    assert {*FRAME_COLUMNS, *POSE_COLUMNS, *FULL_POSE_COLUMNS} < set(log.frames.columns)
     check_boxes(log.boxes)
     frames = log.frames
     assert frames["frame"].tolist() == list(range(7))

@@ -9,7 +9,14 @@ import pytest
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 from lidarplace.logs.box_log import read_box_log, write_box_log
-from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    CLASSES,
+    FRAME_COLUMNS,
+    FULL_POSE_COLUMNS,
+    POSE_COLUMNS,
+    check_boxes,
+)
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
 
@@ -128,8 +135,8 @@ def town(scenes=10):
 
 def test_every_sample_is_a_frame(tmp_path):
     log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
-    assert list(log.boxes.columns) == list(BOX_COLUMNS)
-    assert list(log.frames.columns) == [*FRAME_COLUMNS, *POSE_COLUMNS]
+    assert list(log.boxes.columns) == [*BOX_COLUMNS, "points"]
+    assert {*FRAME_COLUMNS, *POSE_COLUMNS, *FULL_POSE_COLUMNS} < set(log.frames.columns)
     check_boxes(log.boxes)
     assert log.frames["frame"].tolist() == list(range(20))
     assert log.frames["scene"].tolist() == [f"scene-{n // 2:04d}" for n in range(20)]

@@ -11,11 +11,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.class_names import IGNORE
-from lidarplace.files.columns import integers, numbers, sizes, texts
+from lidarplace.files.columns import counts_if_known, integers, numbers, sizes, texts
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_feather
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS, count_columns
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, ClassMap, classify, merged
+from lidarplace.scenes.datasets.recorded_rig import argoverse_lidar, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.850 / 2, 0.0, -0.33)
@@ -32,6 +36,9 @@ SPLITS = {"train": "train", "val": "test", "test": "test"}
 QUATERNION = ("qw", "qx", "qy", "qz")
 TRANSLATION = ("tx_m", "ty_m", "tz_m")
 SIZE = ("length_m", "width_m", "height_m")
+COUNT = "num_interior_pts"
+LIDARS = ("up_lidar", "down_lidar")
+"""In the order in which lasers count through them."""
 
 
 def read_argoverse(
@@ -40,6 +47,7 @@ def read_argoverse(
     splits: Sequence[str] = (),
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
+    lidar: Lidar | None = None,
 ) -> BoxLog:
     """The logs under `folder/<split>/<log>` as one box log.
 
@@ -47,7 +55,8 @@ def read_argoverse(
     `sensors/lidar/<timestamp_ns>.feather`, of which only the name is read. A sweep without a box is
     missing unless its file is there. Frames count through the logs, split by split, in the order of
     their names; `route` numbers the logs. All boxes are kept, however far away; their pitch and
-    roll are lost.
+    roll are lost. Boxes have their number of interior points as `POINTS`, and a log with
+    `calibration/egovehicle_SE3_sensor.feather` has its rig.
 
     Args:
         folder: the data set.
@@ -55,6 +64,7 @@ def read_argoverse(
             public `test` are secret.
         class_map: entries that differ from `class_maps.ARGOVERSE`.
         ignored: gets the number of boxes left out by category.
+        lidar: model of both LiDARs; None: VLP-32C.
 
     Raises:
         ValueError: a file is missing or wrong, a time has no pose, or a category is unknown.
@@ -73,6 +83,7 @@ def read_argoverse(
         raise ValueError(f"{folder}: must hold a folder train or val")
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
+    rigs: dict[str, RecordedRig] = {}
     first = 0
     counter: Counter[str] = Counter() if ignored is None else ignored
     for route, (path, split) in enumerate(logs):
@@ -80,10 +91,28 @@ def read_argoverse(
         boxes.append(own_boxes)
         frames.append(own_frames.assign(route=route, split=split))
         first += len(own_frames)
+        calibration = path / "calibration" / "egovehicle_SE3_sensor.feather"
+        if is_there(calibration):
+            rigs[path.name] = _rig(calibration, lidar or argoverse_lidar())
+    table = pd.concat(boxes, ignore_index=True)
     return BoxLog(
-        pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
-        pd.concat(frames, ignore_index=True)[[*FRAME_COLUMNS, *POSE_COLUMNS]],
+        table[[*BOX_COLUMNS, *count_columns(table)]],
+        pd.concat(frames, ignore_index=True),
+        rigs=rigs,
     )
+
+
+def _rig(path: Path, lidar: Lidar) -> RecordedRig:
+    """Where the two LiDARs are on the vehicle, both of one model."""
+    table = read_feather(path, ("sensor_name", *QUATERNION, *TRANSLATION))
+    names = texts(table, "sensor_name", str(path)).tolist()
+    for name in LIDARS:
+        if names.count(name) != 1:
+            raise ValueError(f"{path}: expected one sensor {name}, found {names.count(name)}")
+    table = table.iloc[[names.index(name) for name in LIDARS]]
+    position, quaternion = (numbers(table, own, str(path)) for own in (TRANSLATION, QUATERNION))
+    sensors = poses(position - ORIGIN, quaternion, lambda row: f"{path}: {LIDARS[row]}")
+    return recorded_rig("argoverse", LIDARS, sensors, [lidar] * len(LIDARS))
 
 
 def _log(
@@ -92,7 +121,9 @@ def _log(
     """Boxes and frames of one log; its frames have numbers from `first_frame`."""
     source = path / "annotations.feather"
     table = read_feather(
-        source, ("timestamp_ns", "track_uuid", "category", *SIZE, *QUATERNION, *TRANSLATION)
+        source,
+        ("timestamp_ns", "track_uuid", "category", *SIZE, *QUATERNION, *TRANSLATION),
+        (COUNT,),
     )
 
     def row(index: int) -> str:
@@ -119,15 +150,18 @@ def _log(
             "yaw": pose.yaw,
         }
     )
+    if COUNT in table:
+        boxes[POINTS] = counts_if_known(table, COUNT, str(source))
     ego = _vehicle(path / "city_SE3_egovehicle.feather", frame_ns).moved(ORIGIN)
     frames = pd.DataFrame(
         {
             "scene": path.name,
             "frame": first_frame + np.arange(len(frame_ns)),
             "timestamp_s": seconds,
-            "ego_x": ego.position[:, 0],
-            "ego_y": ego.position[:, 1],
-            "ego_yaw": ego.yaw,
+            **ego.ego_columns(),
+            CLOUD: [
+                f"{path.parent.name}/{path.name}/sensors/lidar/{ns}.feather" for ns in frame_ns
+            ],
         }
     )
     return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable"), frames

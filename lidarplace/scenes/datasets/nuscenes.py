@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classify, merged
 from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
+from lidarplace.scenes.datasets.recorded_rig import nuscenes_lidar, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.588 / 2, 0.0, 0.0)
@@ -37,12 +39,14 @@ def read_nuscenes(
     class_map: ClassMap | None = None,
     test_scenes: Sequence[str] | float = 0.2,
     ignored: Counter[str] | None = None,
+    lidar: Lidar | None = None,
 ) -> BoxLog:
     """The annotated samples (key frames) of nuScenes as a box log.
 
     Frames count through the log, scene by scene in the order of their names; `route` numbers the
     scenes. All boxes are kept, however far away. Their pitch and roll, and those of the road
-    against the vehicle, are lost: a box has only a yaw.
+    against the vehicle, are lost: a box has only a yaw. Boxes have `num_lidar_pts` as `POINTS`, and
+    a scene has the rig of its first sample: `LIDAR`, as calibrated.
 
     Args:
         folder: where the tables are (`v1.0-mini`, …), or the folder above.
@@ -51,6 +55,7 @@ def read_nuscenes(
         test_scenes: names of the scenes whose frames are test, or the share of recordings (rows of
             log.json) that are. A recording is not divided, as its scenes lead through one place.
         ignored: gets the number of boxes left out by category.
+        lidar: model of the LiDAR; None: HDL-32E at 20 Hz.
 
     Raises:
         ValueError: a table is missing or wrong, a token leads nowhere, or a category is unknown.
@@ -59,11 +64,12 @@ def read_nuscenes(
     class_map = merged(NUSCENES, class_map)
     scene = read_table(folder / "scene.json", ("name", "log_token"))
     sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
-    frames, frame_of, ego = _frames(folder, scene, sample, test_scenes)
+    sweep = _sweeps(folder, sample)
+    frames, frame_of, ego = _frames(folder, scene, sample, sweep, test_scenes)
 
     box = read_table(
         folder / "sample_annotation.json",
-        ("sample_token", "instance_token", "translation", "size", "rotation"),
+        (*("sample_token", "instance_token", "translation", "size", "rotation"), "num_lidar_pts"),
     )
     if not len(box):
         raise ValueError(f"{box.path}: has no boxes; those of the public test set are secret")
@@ -84,10 +90,22 @@ def read_nuscenes(
             **dict(zip("xyz", pose.position.T, strict=True)),
             **dict(zip(("width", "length", "height"), size.T, strict=True)),
             "yaw": pose.yaw,
+            POINTS: box.numbers("num_lidar_pts"),
         }
     )
+    if (boxes[POINTS] < 0).any():
+        row = int(np.argmax(boxes[POINTS] < 0))
+        raise ValueError(f"{box.row(row)}: num_lidar_pts must be at least 0")
+    rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated().to_numpy())]
+    sensors = _calibrated(folder, sweep.take(rows))
+    rigs = {
+        name: recorded_rig(
+            "nuscenes", (LIDAR,), sensors[np.array([n])], [lidar or nuscenes_lidar()]
+        )
+        for n, name in enumerate(frames["scene"].unique())
+    }
     boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
-    return BoxLog(boxes[list(BOX_COLUMNS)], frames)
+    return BoxLog(boxes[[*BOX_COLUMNS, POINTS]], frames, rigs=rigs)
 
 
 def _tables(folder: Path, version: str | None) -> Path:
@@ -107,7 +125,7 @@ def _tables(folder: Path, version: str | None) -> Path:
 
 
 def _frames(
-    folder: Path, scene: Table, sample: Table, test_scenes: Sequence[str] | float
+    folder: Path, scene: Table, sample: Table, sweep: Table, test_scenes: Sequence[str] | float
 ) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
     """The table of frames, the frame of every sample, and our ego pose by frame."""
     names = np.array(scene.columns["name"], dtype=object)
@@ -124,7 +142,8 @@ def _frames(
     test = _test(scene, order, test_scenes)[order]
     time_us = timestamp[in_order]
     start_us = pd.Series(time_us).groupby(route).transform("first").to_numpy()
-    ego = _vehicle(folder, sample)[in_order].moved(ORIGIN)
+    ego = _vehicle(folder, sweep)[in_order].moved(ORIGIN)
+    files = np.array(sweep.columns["filename"], dtype=object)
     frames = pd.DataFrame(
         {
             "scene": names[order][route],
@@ -132,9 +151,8 @@ def _frames(
             "timestamp_s": (time_us - start_us) / 1e6,
             "route": route,
             "split": np.where(test, "test", "train")[route],
-            "ego_x": ego.position[:, 0],
-            "ego_y": ego.position[:, 1],
-            "ego_yaw": ego.yaw,
+            **ego.ego_columns(),
+            CLOUD: files[in_order],
         }
     )
     return frames, frame_of, ego
@@ -161,13 +179,16 @@ def _test(
     return np.array([log in test for log in logs], dtype=bool)
 
 
-def _vehicle(folder: Path, sample: Table) -> Poses:
-    """Pose of the vehicle in the world, in nuScenes' own ego frame, by row of `sample`."""
+def _sweeps(folder: Path, sample: Table) -> Table:
+    """The rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
     sensor = read_table(folder / "sensor.json", ("channel",))
     calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
     sweep = read_table(
         folder / "sample_data.json",
-        ("sample_token", "ego_pose_token", "calibrated_sensor_token", "is_key_frame"),
+        (
+            *("sample_token", "ego_pose_token", "calibrated_sensor_token", "is_key_frame"),
+            "filename",
+        ),
     )
     lidar = np.array(sensor.columns["channel"], dtype=object) == LIDAR
     by_lidar = lidar[calibrated.rows_in(sensor, "sensor_token")]
@@ -182,9 +203,22 @@ def _vehicle(folder: Path, sample: Table) -> Poses:
             f"{sample.row(row)}: must have one key frame of {LIDAR} in {sweep.path.name}, "
             f"found {number[row]}"
         )
+    return sweep.take(np.argsort(in_sample))
+
+
+def _vehicle(folder: Path, sweep: Table) -> Poses:
+    """Pose of the vehicle in the world, in nuScenes' own ego frame, by row of `sweep`."""
     pose = read_table(folder / "ego_pose.json", ("translation", "rotation"))
-    pose = pose.take(sweep.rows_in(pose, "ego_pose_token")[np.argsort(in_sample)])
+    pose = pose.take(sweep.rows_in(pose, "ego_pose_token"))
     return poses(pose.numbers("translation", 3), pose.numbers("rotation", 4), pose.row)
+
+
+def _calibrated(folder: Path, sweep: Table) -> Poses:
+    """Pose of the LiDAR in our ego frame, by row of `sweep`."""
+    pose = read_table(folder / "calibrated_sensor.json", ("translation", "rotation"))
+    pose = pose.take(sweep.rows_in(pose, "calibrated_sensor_token"))
+    position = pose.numbers("translation", 3) - ORIGIN
+    return poses(position, pose.numbers("rotation", 4), pose.row)
 
 
 def _classes(

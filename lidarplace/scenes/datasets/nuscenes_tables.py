@@ -18,7 +18,14 @@ from lidarplace.files.json_file import read_json
 TEXTS = frozenset(
     (
         *("token", "name", "log_token", "scene_token", "sample_token", "instance_token"),
-        *("category_token", "sensor_token", "calibrated_sensor_token", "ego_pose_token", "channel"),
+        *(
+            "category_token",
+            "sensor_token",
+            "calibrated_sensor_token",
+            "ego_pose_token",
+            "channel",
+            "filename",
+        ),
     )
 )
 """Columns of text, in whichever table."""

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS
+
 
 @dataclass(frozen=True)
 class Poses:
@@ -34,6 +36,19 @@ class Poses:
         """Pose n in the frame that `frames` poses n-th in the same outer frame."""
         back = frames.rotation.inv()
         return Poses(back.apply(self.position - frames.position), back * self.rotation)
+
+    def ego_columns(self) -> dict[str, NDArray[np.float64]]:
+        """`POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each.
+
+        Its rotation is `Rz(yaw) Ry(pitch) Rx(roll)`.
+        """
+        matrix = self.rotation.as_matrix().reshape(-1, 3, 3)
+        x, y, z = self.position.T
+        level = np.hypot(matrix[:, 0, 0], matrix[:, 1, 0])
+        roll = np.arctan2(matrix[:, 2, 1], matrix[:, 2, 2])
+        pitch = np.arctan2(-matrix[:, 2, 0], level)
+        columns = (*POSE_COLUMNS, *FULL_POSE_COLUMNS)
+        return dict(zip(columns, (x, y, self.yaw, z, roll, pitch), strict=True))
 
     @property
     def yaw(self) -> NDArray[np.float64]:

@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.base.class_names import IGNORE
-from lidarplace.files.columns import check_columns, integers, numbers, sizes, texts
+from lidarplace.files.columns import check_columns, counts_if_known, integers, numbers, sizes, texts
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, POINTS, count_columns
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
+from lidarplace.scenes.datasets.recorded_rig import recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses
 
 ORIGIN = (3.0 / 2, 0.0, 0.0)
@@ -42,6 +46,22 @@ TYPE, HEADING = f"{_BOX}.type", f"{_BOX}.box.heading"
 CENTRE = tuple(f"{_BOX}.box.center.{axis}" for axis in "xyz")
 SIZE = tuple(f"{_BOX}.box.size.{axis}" for axis in "xyz")
 POSE = "[VehiclePoseComponent].world_from_vehicle.transform"
+COUNTS = {
+    f"{_BOX}.num_lidar_points_in_box": POINTS,
+    f"{_BOX}.num_top_lidar_points_in_box": f"{POINTS}/TOP",
+}
+"""Column of real points -> that of the box log. Versions before 2.0.1 have none of the second."""
+
+LIDARS = ("TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR")
+"""In the order of their numbers, from 1."""
+IMAGE = {"TOP": (64, 2650, 75.0)}
+"""Of a range image: beams, azimuth steps of a turn, and metres that it was cut to
+(https://waymo.com/open/data/perception)."""
+SHORT_RANGE_IMAGE = (200, 600, 20.0)
+"""Of the others."""
+_CALIBRATION = "[LiDARCalibrationComponent]"
+LASER, EXTRINSIC = "key.laser_name", f"{_CALIBRATION}.extrinsic.transform"
+INCLINATIONS = tuple(f"{_CALIBRATION}.beam_inclination.{name}" for name in ("min", "max", "values"))
 
 
 def read_waymo(
@@ -50,12 +70,14 @@ def read_waymo(
     splits: Sequence[str] = (),
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
+    lidar: Lidar | None = None,
 ) -> BoxLog:
     """The segments in `folder/<split>/lidar_box` and `vehicle_pose` as one box log.
 
     A frame is a row of `vehicle_pose`, so those without a box count. Frames count through the
     segments, split by split, in the order of their names; `route` numbers the segments. All boxes
-    are kept, however far away.
+    are kept, however far away, with their numbers of points; a segment with a file in
+    `lidar_calibration` has its rig.
 
     Args:
         folder: the data set.
@@ -63,6 +85,7 @@ def read_waymo(
             boxes of the public `testing` are secret.
         class_map: entries that differ from `class_maps.WAYMO`.
         ignored: gets the number of boxes left out by type.
+        lidar: model of all LiDARs; None: by the inclinations of the calibration.
 
     Raises:
         ValueError: a file is missing or wrong, a box is in no frame, or a type is unknown.
@@ -82,16 +105,59 @@ def read_waymo(
         raise ValueError(f"{folder}: must hold a folder training or validation")
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
+    rigs: dict[str, RecordedRig] = {}
     first, counter = 0, Counter[str]() if ignored is None else ignored
     for route, (path, split) in enumerate(segments):
         own_frames, time = _frames(path.parents[1] / "vehicle_pose" / path.name, first)
         boxes.append(_boxes(path, time, own_frames, class_map, counter))
         frames.append(own_frames.assign(route=route, split=split))
         first += len(own_frames)
+        calibration = path.parents[1] / "lidar_calibration" / path.name
+        if is_there(calibration) and len(own_frames):
+            rigs[own_frames["scene"].iloc[0]] = _rig(calibration, lidar)
+    every = pd.concat(boxes, ignore_index=True)
     return BoxLog(
-        pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
-        pd.concat(frames, ignore_index=True)[[*FRAME_COLUMNS, *POSE_COLUMNS]],
+        every[[*BOX_COLUMNS, *count_columns(every)]],
+        pd.concat(frames, ignore_index=True),
+        rigs=rigs,
     )
+
+
+def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
+    """The LiDARs of a segment."""
+    table, source = _table(path, (LASER, EXTRINSIC, *INCLINATIONS)), str(path)
+    numbered = integers(table, LASER, source)
+    if not len(table) or ((numbered < 1) | (numbered > len(LIDARS))).any():
+        raise ValueError(f"{source}: {LASER} must be 1 to {len(LIDARS)}, found {numbered.tolist()}")
+    names = [LIDARS[number - 1] for number in numbered]
+    matrix = np.stack(
+        [_matrix(each, EXTRINSIC, f"{source}: row {n}") for n, each in enumerate(table[EXTRINSIC])]
+    )
+    sensors = _poses(matrix, f"{source}: {EXTRINSIC}")
+    sensors = Poses(sensors.position - ORIGIN, sensors.rotation)
+    lidars = [
+        lidar or _lidar(name, row, source) for name, row in zip(names, _rows(table), strict=True)
+    ]
+    return recorded_rig("waymo", names, sensors, lidars)
+
+
+def _lidar(name: str, inclinations: Sequence[object], source: str) -> Lidar:
+    """The model that wrote the range image of a LiDAR."""
+    low, high, each = inclinations
+    beams, steps, reach = IMAGE.get(name, SHORT_RANGE_IMAGE)
+    try:
+        values = np.asarray([] if each is None else each, np.float64)
+        if not values.size:
+            edges = np.linspace(float(low), float(high), beams + 1)  # type: ignore[arg-type]
+            values = (edges[1:] + edges[:-1]) / 2
+        return Lidar(tuple(np.sort(values).tolist()), steps, reach)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{source}: beam inclinations of {name}: {error}") from None
+
+
+def _rows(table: pd.DataFrame) -> list[tuple[object, ...]]:
+    """The inclinations of every LiDAR: least, greatest, and each where they are known."""
+    return list(table[list(INCLINATIONS)].itertuples(index=False, name=None))
 
 
 def _frames(path: Path, first: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
@@ -102,32 +168,37 @@ def _frames(path: Path, first: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     if len(unique) < len(time):
         twice = int(np.setdiff1d(np.arange(len(time)), rows)[0])
         raise ValueError(f"{source}: row {twice}: frame {time[twice]} is there twice")
-    matrix = np.stack([_matrix(table[POSE].iloc[row], f"{source}: row {row}") for row in rows])
-    try:
-        ego = Poses(matrix[:, :3, 3], Rotation.from_matrix(matrix[:, :3, :3])).moved(ORIGIN)
-    except ValueError as error:  # a matrix that is no rotation
-        raise ValueError(f"{source}: {POSE}: {error}") from None
+    matrix = np.stack(
+        [_matrix(table[POSE].iloc[row], POSE, f"{source}: row {row}") for row in rows]
+    )
+    ego = _poses(matrix, f"{source}: {POSE}").moved(ORIGIN)
     frames = pd.DataFrame(
         {
             "scene": texts(table, SEGMENT, source)[rows],
             "frame": first + np.arange(len(unique)),
             "timestamp_s": (unique - unique[:1]) / 1e6,
-            "ego_x": ego.position[:, 0],
-            "ego_y": ego.position[:, 1],
-            "ego_yaw": ego.yaw,
+            **ego.ego_columns(),
         }
     )
     return frames, unique
 
 
-def _matrix(value: object, where: str) -> NDArray[np.float64]:
+def _poses(matrix: NDArray[np.float64], where: str) -> Poses:
+    """Poses of transforms, (N, 4, 4)."""
+    try:
+        return Poses(matrix[:, :3, 3], Rotation.from_matrix(matrix[:, :3, :3]))
+    except ValueError as error:  # a matrix that is no rotation
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _matrix(value: object, column: str, where: str) -> NDArray[np.float64]:
     """A transform of 16 numbers, row by row; (4, 4)."""
     try:
         matrix = np.asarray(value, np.float64)
     except (TypeError, ValueError):
         matrix = np.empty(0)
     if matrix.shape != (16,) or not np.isfinite(matrix).all():
-        raise ValueError(f"{where}: {POSE} must be 16 finite numbers")
+        raise ValueError(f"{where}: {column} must be 16 finite numbers")
     return matrix.reshape(4, 4)
 
 
@@ -157,6 +228,9 @@ def _boxes(
             "yaw": numbers(table, [HEADING], source)[:, 0],
         }
     )
+    for name, own in COUNTS.items():
+        if name in table:
+            boxes[own] = counts_if_known(table, name, source)
     return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable")
 
 

@@ -16,8 +16,12 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.files.regular import is_there, regular
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import ClassMap, merged
+from lidarplace.scenes.datasets.recorded_rig import kitti_lidar
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
     STANDARD,
@@ -55,6 +59,7 @@ def read_kitti(
     lidar_height: float = LIDAR_HEIGHT_M,
     ignored: Counter[str] | None = None,
     skipped: list[str] | None = None,
+    lidar: Lidar | None = None,
 ) -> BoxLog:
     """The frames of a KITTI-format folder as a box log.
 
@@ -62,7 +67,8 @@ def read_kitti(
     frames are those of `ImageSets/train.txt` and `val.txt`, the latter in the split test;
     without these lists every file of `label_2` is a frame of the split train. A frame keeps its
     number. KITTI knows no times, tracks or drives: `timestamp_s` is NaN, every box an object of its
-    own, and a split one route. The centre of the vehicle is taken to be under the LiDAR.
+    own, and a split one route. The centre of the vehicle is taken to be under the LiDAR, which is
+    the log's rig.
 
     Args:
         folder: a KITTI-format folder.
@@ -72,6 +78,7 @@ def read_kitti(
         lidar_height: of the LiDAR above the ground, metres.
         ignored: gets the number of boxes left out by type.
         skipped: gets what is wrong with lines and frames, which are then left out.
+        lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
 
     Raises:
         OSError: `folder` has no labels.
@@ -112,7 +119,12 @@ def read_kitti(
         np.array(numbers).reshape(-1, _NUMBERS)[:, -7:], np.array(to_ego).reshape(-1, 3, 4)
     )
     boxes = boxes.assign(scene=folder.resolve().name, timestamp_s=np.nan, **geometry)
-    return BoxLog(boxes[list(BOX_COLUMNS)], frames[list(FRAME_COLUMNS)])
+    frames[CLOUD] = [f"velodyne/{frame_name(frame)}.bin" for frame in frames["frame"]]
+    mount = Mount(z=lidar_height)
+    rig = RecordedRig(("velodyne",), Placement("kitti", [mount], lidar or kitti_lidar()))
+    return BoxLog(
+        boxes[list(BOX_COLUMNS)], frames[[*FRAME_COLUMNS, CLOUD]], rigs={folder.resolve().name: rig}
+    )
 
 
 def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:

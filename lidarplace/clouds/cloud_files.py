@@ -1,0 +1,190 @@
+"""Point clouds as drivers and data sets write them: a file a sweep, of whatever format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import BinaryIO
+
+import numpy as np
+import pandas as pd
+from pyarrow import feather
+
+from lidarplace.base.errors import InputError
+from lidarplace.files.atomic import first_line, reading
+from lidarplace.files.columns import check_columns, numbers_if_known
+from lidarplace.files.regular import regular
+
+COLUMNS = ("x", "y", "z", "intensity", "ring", "lidar", "time")
+"""Of a cloud: metres, intensity in [0, 1], number of the laser from 0, LiDAR by number or name, and
+seconds within the sweep. The first three are in every cloud."""
+
+NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        **{name: name for name in COLUMNS},
+        **dict.fromkeys(("i", "reflectivity", "reflectance", "remission"), "intensity"),
+        **dict.fromkeys(("channel", "laser", "laser_id", "beam", "row"), "ring"),
+        **dict.fromkeys(("lidar_id", "sensor", "sensor_id", "lidar_name"), "lidar"),
+        **dict.fromkeys(("t", "timestamp", "time_s", "offset_time"), "time"),
+    }
+)
+"""What the columns are called in files, in lower case; others are left out."""
+
+ARGOVERSE_BEAMS = 32
+"""Of each of Argoverse's two LiDARs, whose `laser_number` counts through both."""
+
+_NUMPY = {("F", 4): "<f4", ("F", 8): "<f8"} | {
+    (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
+}
+
+
+def read_cloud(path: Path) -> pd.DataFrame:
+    """The points of a file, in its order and in its own frame.
+
+    `.bin` is KITTI's (x, y, z, intensity; float32), `.pcd.bin` nuScenes' (and ring), `.pcd` that of
+    the Point Cloud Library (ascii or binary); `.feather`, `.parquet` and structured `.npy` have
+    named columns, see `NAMES`; an `.npy` without names has those of `COLUMNS` in their order.
+
+    Returns:
+        x, y, z (float32 or float64) and, where the file has them, the others of `COLUMNS`. What a
+        LiDAR did not see may be NaN.
+
+    Raises:
+        ValueError: the file cannot be read, is none of these, or a value is wrong; names it.
+    """
+    with reading(path):
+        for suffix, read in _READERS.items():
+            if path.name.lower().endswith(suffix):
+                return _in_order(read(path), str(path))
+    raise InputError(
+        "unknown format of a point cloud", place=str(path), expected=", ".join(_READERS)
+    )
+
+
+def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
+    """The columns that are known, with their units."""
+    table = table.rename(columns=lambda name: NAMES.get(str(name).lower(), str(name).lower()))
+    if "laser_number" in table:  # of Argoverse 2, as are the nanoseconds
+        ring = table["laser_number"].to_numpy(np.int64)
+        table = table.assign(ring=ring % ARGOVERSE_BEAMS, lidar=ring // ARGOVERSE_BEAMS)
+    if "offset_ns" in table:
+        table = table.assign(time=table["offset_ns"] / 1e9)
+    check_columns(list(table.columns), COLUMNS[:3], source)
+    cloud = table[[name for name in COLUMNS if name in table.columns]]
+    for name in cloud.columns.difference(["lidar"]):
+        if cloud[name].dtype.kind not in "iuf":
+            cloud = cloud.assign(**{name: numbers_if_known(cloud, name, source)})
+    cloud = cloud.astype({n: np.float32 for n in "xyz" if cloud[n].dtype != np.float64})
+    if "intensity" in cloud:
+        light = cloud["intensity"].to_numpy(np.float32)
+        byte = cloud["intensity"].dtype.kind in "iu" or (len(light) and np.nanmax(light) > 1)
+        cloud = cloud.assign(intensity=np.clip(light / 255 if byte else light, 0, 1))
+    return cloud
+
+
+def _floats(columns: int) -> Callable[[Path], pd.DataFrame]:
+    def read(path: Path) -> pd.DataFrame:
+        size = regular(path).stat().st_size
+        if size % (4 * columns):
+            raise InputError(
+                "no whole points",
+                place=str(path),
+                expected=f"{columns} float32 a point ({', '.join(COLUMNS[:columns])})",
+                found=f"{size} bytes",
+            )
+        values = np.fromfile(path, "<f4").reshape(-1, columns)
+        return pd.DataFrame(values, columns=list(COLUMNS[:columns]))
+
+    return read
+
+
+def _npy(path: Path) -> pd.DataFrame:
+    try:
+        array = np.load(regular(path), allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise InputError(f"no array of NumPy: {first_line(error)}", place=str(path)) from None
+    if array.dtype.names:
+        return pd.DataFrame({name: array[name].ravel() for name in array.dtype.names})
+    if array.ndim != 2 or array.dtype.kind not in "iuf" or not 3 <= array.shape[1] <= len(COLUMNS):
+        raise InputError(
+            "no points",
+            place=str(path),
+            expected=f"numbers of shape (points, 3 to {len(COLUMNS)}): {', '.join(COLUMNS)}",
+            found=f"{array.dtype}, shape {array.shape}",
+        )
+    return pd.DataFrame(array, columns=list(COLUMNS[: array.shape[1]]))
+
+
+def _arrow(path: Path) -> pd.DataFrame:
+    try:
+        with regular(path).open("rb") as file:
+            if path.suffix.lower() == ".parquet":
+                return pd.read_parquet(file)
+            return pd.DataFrame(feather.read_table(file).to_pandas(ignore_metadata=True))
+    except (ValueError, KeyError) as error:  # Arrow's own are of the first
+        raise InputError(f"no table: {first_line(error)}", place=str(path)) from None
+
+
+def _pcd(path: Path) -> pd.DataFrame:
+    with regular(path).open("rb") as file:
+        try:
+            return _pcd_points(file, _pcd_header(file))
+        except (ValueError, KeyError, IndexError) as error:
+            reason = f"is missing: {error}" if isinstance(error, KeyError) else first_line(error)
+            raise InputError(f"no PCD file: {reason}", place=str(path)) from None
+
+
+def _pcd_header(file: BinaryIO) -> dict[str, list[str]]:
+    """The lines of the header by their first word, up to DATA."""
+    header: dict[str, list[str]] = {}
+    while "DATA" not in header:
+        line = file.readline(10_000)
+        if not line:
+            raise ValueError("no line DATA")
+        if line.strip() and not line.startswith(b"#"):
+            name, *values = line.decode("ascii").split()
+            header[name] = values
+    return header
+
+
+def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame:
+    """The points behind a header; of fields with several values the first is taken."""
+    names, kinds = header["FIELDS"], header["TYPE"]
+    sizes = list(map(int, header["SIZE"]))
+    counts = list(map(int, header.get("COUNT", ["1"] * len(names))))
+    points = int(header["POINTS"][0])
+    # Padding is called _, several times.
+    own = [
+        (f"{name}{n}" if name == "_" else name, _NUMPY[kind, size], (count,))
+        for n, (name, kind, size, count) in enumerate(zip(names, kinds, sizes, counts, strict=True))
+    ]
+    (coding,) = header["DATA"]
+    if coding == "ascii":
+        first = np.cumsum([0, *counts[:-1]])
+        rows = np.loadtxt(file, np.float64, ndmin=2, usecols=first.tolist())
+        rows = rows.reshape(-1, len(names))
+        table = pd.DataFrame(rows, columns=[name for name, _, _ in own])
+    elif coding == "binary":
+        records = np.frombuffer(file.read(), np.dtype(own), points)
+        table = pd.DataFrame({name: records[name][:, 0] for name, _, _ in own})
+    else:
+        raise ValueError(f"DATA is {coding}; allowed are ascii and binary, which PCL converts to")
+    if len(table) != points:
+        raise ValueError(f"POINTS is {points}, found {len(table)}")
+    return table
+
+
+_READERS: Mapping[str, Callable[[Path], pd.DataFrame]] = MappingProxyType(
+    {
+        ".pcd.bin": _floats(5),
+        ".bin": _floats(4),
+        ".pcd": _pcd,
+        ".feather": _arrow,
+        ".parquet": _arrow,
+        ".npy": _npy,
+    }
+)
+"""By the end of a file's name; the first that fits."""
+
+CLOUD_SUFFIXES = tuple(_READERS)

@@ -1,0 +1,269 @@
+"""Real clouds of a log: points counted in its boxes, and kept in the ego frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.errors import InputError
+from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
+from lidarplace.clouds.clouds import Crop, PointClouds, write_clouds
+from lidarplace.clouds.points_in_boxes import count_points
+from lidarplace.files.regular import is_there
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import CLOUD, GEOMETRY, POINTS
+from lidarplace.rigs.recorded import RecordedRig
+
+KEPT: Crop = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
+"""Real points are kept within these bounds, on a grid of 4.6 mm; all of them are counted."""
+
+NEAR_M = 40.0
+"""Boxes so near show whether clouds are in their frame."""
+AROUND_M = 1.0
+FLOOR_M = 0.3
+"""Points so far around a box, and so high above its underside: few of a right frame are outside."""
+LEAST_POINTS = 10
+LEAST_BOXES = 5
+MOST_OUTSIDE = 0.5
+
+
+@dataclass(frozen=True)
+class RealClouds:
+    """Where the clouds of a log are.
+
+    Attributes:
+        folder: holds the file of each frame by the path in column `CLOUD` of the frames, or by the
+            last part of it; without that column `SCENE/FRAME.*` or `FRAME.*` by the frame's number.
+        origin: where the frame of the points starts in our ego frame, metres, its axes being ours;
+            None: it is the frame of the rig's only LiDAR.
+    """
+
+    folder: Path
+    origin: Sequence[float] | None = None
+
+    def paths(self, frames: pd.DataFrame) -> dict[int, Path]:
+        """The file of each frame that has one, by the frame's number."""
+        names = frames[CLOUD] if CLOUD in frames else frames["frame"].map(str)
+        found = {}
+        for frame, scene, name in zip(frames["frame"], frames["scene"], names, strict=True):
+            path = self._path(str(scene), str(name), named=CLOUD in frames)
+            if path is not None:
+                found[int(frame)] = path
+        return found
+
+    def _path(self, scene: str, name: str, named: bool) -> Path | None:
+        if not named:
+            return self._numbered.get((scene, int(name))) or self._numbered.get(("", int(name)))
+        places = (self.folder / name, self.folder / "training" / name)
+        places += (self.folder / Path(name).name,)
+        return next((path for path in places if is_there(path)), None)
+
+    @cached_property
+    def _numbered(self) -> dict[tuple[str, int], Path]:
+        """Files by scene ("" for those in the folder itself) and number."""
+        found = {}
+        for path in sorted([*self.folder.glob("*"), *self.folder.glob("*/*")]):
+            stem = path.name.partition(".")[0]
+            if path.name.lower().endswith(CLOUD_SUFFIXES) and stem.isdecimal():
+                scene = "" if path.parent == self.folder else path.parent.name
+                found[scene, int(stem)] = path
+        return found
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The points of a frame.
+
+    Attributes:
+        points: x, y, z in the ego frame, metres, and intensity in [0, 1]; (n, 4), float32; those of
+            a LiDAR follow each other, in the order of the file.
+        counts: of each LiDAR of the rig, in its order; of all together where no LiDAR is known.
+    """
+
+    points: NDArray[np.float32]
+    counts: NDArray[np.int64]
+
+
+def count_real_points(
+    log: BoxLog, clouds: RealClouds, keep: Path | None = None
+) -> tuple[BoxLog, int]:
+    """The log with the points of its clouds in its boxes, and how many frames have a cloud.
+
+    `points/NAME` is counted for each LiDAR of a rig, and `POINTS` where the log has no counts.
+    Boxes of frames without a cloud have NaN.
+
+    Args:
+        keep: folder to which the clouds are written, a folder each scene, cut to `KEPT`.
+
+    Raises:
+        ValueError: no frame has a cloud, a file is wrong, or clouds do not fit rig or boxes.
+    """
+    paths = clouds.paths(log.frames)
+    if not paths:
+        raise InputError(
+            "no cloud of any frame",
+            place=str(clouds.folder),
+            expected=str(log.frames[CLOUD].iloc[0])
+            if CLOUD in log.frames
+            else f"files named by frame numbers, such as SCENE/{log.frames['frame'].iloc[0]}.pcd",
+        )
+    boxes = log.boxes.reset_index(drop=True)
+    rows_of = boxes.groupby("frame").indices
+    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+    counted: dict[str, NDArray[np.float64]] = {}
+    inside, around = (np.full(len(boxes), np.nan) for _ in range(2))
+
+    def sweeps(own: Sequence[int], rig: RecordedRig | None) -> Iterator[Sweep]:
+        for frame in own:
+            sweep = read_sweep(paths[frame], rig, clouds.origin)
+            rows = rows_of.get(frame, np.empty(0, np.int64))
+            ends = np.cumsum([0, *sweep.counts])
+            by_lidar = np.array(
+                [
+                    count_points(sweep.points[low:high], geometry[rows])
+                    for low, high in pairwise(ends)
+                ]
+            )
+            columns = {POINTS: by_lidar.sum(axis=0)}
+            if rig is not None and len(rig.names) == len(by_lidar):
+                columns |= {f"{POINTS}/{n}": c for n, c in zip(rig.names, by_lidar, strict=True)}
+            for name, counts in columns.items():
+                counted.setdefault(name, np.full(len(boxes), np.nan))[rows] = counts
+            inside[rows], around[rows] = _near_points(sweep.points, geometry[rows])
+            yield sweep
+
+    scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
+    for number, (scene, frames) in enumerate(scenes):
+        own = frames.tolist()
+        found = sweeps(own, log.rigs.get(str(scene)))
+        if keep is None:
+            for _ in found:
+                pass
+        else:
+            packed = PointClouds.from_frames(own, map(_kept, found), KEPT)
+            write_clouds(keep / f"{number:04d}", packed)
+    _check_frame(geometry, inside, around, clouds.folder)
+    if POINTS in boxes:
+        counted.pop(POINTS, None)
+    return replace(log, boxes=boxes.assign(**counted)), len(paths)
+
+
+def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
+    """The points of a file, in the ego frame and by LiDAR; see `RealClouds.origin`.
+
+    Points without a place are left out. Raises ValueError as `read_cloud`, and if LiDARs or rings
+    are none of the rig's, or nothing places the sensor.
+    """
+    cloud = read_cloud(path)
+    cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
+    lidar = _lidars(cloud, rig, path)
+    names = ("",) if rig is None or lidar is None else rig.names
+    if lidar is None:
+        lidar = np.zeros(len(cloud), np.int64)
+    elif rig is not None:
+        _check_rings(cloud, lidar, rig, path)
+    points = np.zeros((len(cloud), 4), np.float32)
+    place = cloud[list("xyz")].to_numpy(np.float64)
+    if origin is not None:
+        place += np.asarray(origin)
+    elif rig is not None and len(rig.names) == 1:
+        (mount,) = rig.placement.mounts
+        place = place @ mount.rotation.T + mount.position
+    else:
+        raise InputError("clouds in the frame of a LiDAR need a rig of one LiDAR", place=str(path))
+    points[:, :3] = place
+    if "intensity" in cloud:
+        points[:, 3] = np.nan_to_num(cloud["intensity"].to_numpy(np.float32))
+    order = np.argsort(lidar, kind="stable")
+    return Sweep(points[order], np.bincount(lidar, minlength=len(names)))
+
+
+def _lidars(cloud: pd.DataFrame, rig: RecordedRig | None, path: Path) -> NDArray[np.int64] | None:
+    """The LiDAR of the rig that each point is of; None where nothing tells."""
+    if rig is None or (len(rig.names) > 1 and "lidar" not in cloud):
+        return None
+    if len(rig.names) == 1:
+        return np.zeros(len(cloud), np.int64)
+    values = cloud["lidar"]
+    if values.dtype.kind in "iuf":
+        numbers = values.to_numpy(np.int64)
+    else:
+        numbers = pd.Index(rig.names).get_indexer(pd.Index(values.astype(str)))
+    wrong = (numbers < 0) | (numbers >= len(rig.names))
+    if wrong.any():
+        raise InputError(
+            "point of a LiDAR that is not in the rig",
+            place=str(path),
+            key="lidar",
+            expected=f"{', '.join(rig.names)}, or their numbers from 0",
+            found=str(values.iloc[int(np.argmax(wrong))]),
+        )
+    return np.asarray(numbers, np.int64)
+
+
+def _check_rings(
+    cloud: pd.DataFrame, lidar: NDArray[np.int64], rig: RecordedRig, path: Path
+) -> None:
+    """Raise InputError if a LiDAR has rings beyond the beams of its model."""
+    if "ring" not in cloud:
+        return
+    ring = cloud["ring"].to_numpy(np.float64)
+    for number, (name, model) in enumerate(zip(rig.names, rig.placement.lidars, strict=True)):
+        most = np.max(ring[lidar == number], initial=-1, where=~np.isnan(ring[lidar == number]))
+        if most >= model.beams:
+            raise InputError(
+                f"rings of {name} beyond the beams of its model",
+                place=str(path),
+                expected=f"0 to {model.beams - 1}",
+                found=f"{most:g}",
+                fix="--lidar names another model",
+            )
+
+
+def _near_points(
+    points: NDArray[np.float32], boxes: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Points in each box above its floor, and in the same box grown to its sides; (m,) each."""
+    own = boxes.copy()
+    own[:, 5] = np.maximum(own[:, 5] - FLOOR_M, 0)
+    own[:, 2] += FLOOR_M / 2
+    grown = own.copy()
+    grown[:, 3:5] += 2 * AROUND_M
+    return count_points(points, own), count_points(points, grown)
+
+
+def _check_frame(
+    boxes: NDArray[np.float64],
+    inside: NDArray[np.float64],
+    around: NDArray[np.float64],
+    folder: Path,
+) -> None:
+    """Raise InputError if most points around near boxes are outside of them."""
+    judged = (np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M) & (around >= LEAST_POINTS)
+    if judged.sum() < LEAST_BOXES:
+        return
+    outside = float(np.median(1 - inside[judged] / around[judged]))
+    if outside > MOST_OUTSIDE:
+        raise InputError(
+            f"{outside:.0%} of the points around a box are outside of it, in the median of "
+            f"{judged.sum():,} boxes within {NEAR_M:g} m",
+            place=str(folder),
+            expected=f"at most {MOST_OUTSIDE:.0%}",
+            fix="are the clouds in another frame, or of other frames?",
+        )
+
+
+def _kept(sweep: Sweep) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """The points within `KEPT`, and how many there are of each LiDAR."""
+    low, high = np.array(KEPT[:3]), np.array(KEPT[3:])
+    inside = ((sweep.points[:, :3] >= low) & (sweep.points[:, :3] <= high)).all(axis=1)
+    lidar = np.repeat(np.arange(len(sweep.counts)), sweep.counts)
+    counts = np.bincount(lidar[inside], minlength=len(sweep.counts))
+    return sweep.points[inside], counts

@@ -1,0 +1,123 @@
+"""Point clouds of every format that drivers and data sets write."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
+from tests.refused import refused
+
+CLOUD = pd.DataFrame(
+    {
+        "x": np.array([1.5, -2.25, 40.0], np.float32),
+        "y": np.array([0.5, 3.0, -1.0], np.float32),
+        "z": np.array([0.0, 1.75, 2.0], np.float32),
+        "intensity": np.array([0.25, 1.0, 0.0], np.float32),
+        "ring": np.array([0, 31, 7]),
+    }
+)
+
+
+def pcd(cloud, coding):
+    """As the Point Cloud Library writes it, padding and all."""
+    kind = np.dtype(
+        [(name, "<f4") for name in ("x", "y", "z")]
+        + [("_", "V4"), ("intensity", "<f4"), ("ring", "<u2")]
+    )
+    head = (
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n"
+        "FIELDS x y z _ intensity ring\nSIZE 4 4 4 1 4 2\nTYPE F F F U F U\nCOUNT 1 1 1 4 1 1\n"
+        f"WIDTH {len(cloud)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(cloud)}\n"
+        f"DATA {coding}\n"
+    ).encode()
+    if coding == "ascii":
+        lines = (f"{x} {y} {z} 0 0 0 0 {i} {int(r)}\n" for x, y, z, i, r in cloud.to_numpy())
+        return head + "".join(lines).encode()
+    records = np.zeros(len(cloud), kind)
+    for name in cloud.columns:
+        records[name] = cloud[name]
+    return head + records.tobytes()
+
+
+def write(folder, suffix, cloud=CLOUD):
+    path = folder / f"sweep{suffix}"
+    values = cloud.to_numpy(np.float32)
+    if suffix == ".bin":
+        values[:, :4].tofile(path)
+    elif suffix == ".pcd.bin":
+        values.tofile(path)
+    elif suffix == ".npy":
+        np.save(path, values)
+    elif suffix == ".feather":
+        cloud.to_feather(path)
+    elif suffix == ".parquet":
+        cloud.to_parquet(path)
+    else:
+        path.write_bytes(pcd(cloud, "binary"))
+    return path
+
+
+@pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
+def test_every_format_holds_the_same_points(tmp_path, suffix):
+    read = read_cloud(write(tmp_path, suffix))
+    expected = CLOUD if suffix != ".bin" else CLOUD.drop(columns="ring")
+    pd.testing.assert_frame_equal(read, expected, check_dtype=False)
+
+
+def test_pcd_in_ascii(tmp_path):
+    (path := tmp_path / "a.pcd").write_bytes(pcd(CLOUD, "ascii"))
+    pd.testing.assert_frame_equal(read_cloud(path), CLOUD, check_dtype=False)
+
+
+def test_argoverse_numbers_its_lasers_through_two_lidars(tmp_path):
+    sweep = pd.DataFrame({"x": np.float16([1, 2]), "y": np.float16(0), "z": np.float16(0)})
+    sweep = sweep.assign(
+        intensity=np.uint8([51, 255]), laser_number=np.uint8([5, 37]), offset_ns=[0, 10**8]
+    )
+    sweep.to_feather(path := tmp_path / "315.feather")
+    read = read_cloud(path)
+    assert read[["ring", "lidar"]].to_numpy().tolist() == [[5, 0], [5, 1]]
+    np.testing.assert_allclose(read["intensity"], [0.2, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(read["time"], [0.0, 0.1])
+    assert read["x"].dtype == np.float32
+
+
+@given(data=st.binary(max_size=200), suffix=st.sampled_from(CLOUD_SUFFIXES))
+def test_what_is_no_cloud_is_an_error_of_one_line(tmp_path_factory, data, suffix):
+    path = tmp_path_factory.mktemp("c") / f"a{suffix}"
+    path.write_bytes(data)
+    said = str(path)
+    try:
+        assert {"x", "y", "z"} <= set(read_cloud(path).columns)
+    except ValueError as error:
+        said = str(error)
+    assert str(path) in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.las", b"", "unknown format of a point cloud; expected .pcd.bin, .bin"),
+        ("a.bin", b"12345", "no whole points; expected 4 float32 a point"),
+        ("a.pcd", pcd(CLOUD, "binary_compressed"), "DATA is binary_compressed; allowed are ascii"),
+        ("a.pcd", pcd(CLOUD, "binary")[:-1], "no PCD file"),
+        ("a.pcd", b"VERSION 0.7\n", "no line DATA"),
+        ("a.npy", b"12", "no array of NumPy"),
+        ("a.feather", b"12", "no table"),
+    ],
+)
+def test_a_wrong_file_says_what_is_wrong(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with refused(message, name):
+        read_cloud(tmp_path / name)
+
+
+def test_a_file_that_is_not_there_or_lacks_a_column_is_named(tmp_path):
+    with refused("no such file", "a.bin"):
+        read_cloud(tmp_path / "a.bin")
+    with refused(("b.parquet", "z", "")):
+        CLOUD.drop(columns="z").to_parquet(tmp_path / "b.parquet")
+        read_cloud(tmp_path / "b.parquet")
