@@ -28,7 +28,9 @@ def log_ratio(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> NDAr
 
 
 def scores(
-    simulated: NDArray[np.float64], real: NDArray[np.float64], chance: dict[int, NDArray[np.float64]]
+    simulated: NDArray[np.float64],
+    real: NDArray[np.float64],
+    chance: dict[int, NDArray[np.float64]],
 ) -> dict[str, float]:
     """How far simulated points are from real ones.
 
@@ -64,7 +66,9 @@ def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(pd.Series(a).rank().corr(pd.Series(b).rank()))
 
 
-def chances(rays: NDArray[np.float64], expected: NDArray[np.float64]) -> dict[int, NDArray[np.float64]]:
+def chances(
+    rays: NDArray[np.float64], expected: NDArray[np.float64]
+) -> dict[int, NDArray[np.float64]]:
     """Probability of at least so many points, by `LEAST`, if each of `rays` returns by itself.
 
     Args:

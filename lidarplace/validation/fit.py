@@ -25,7 +25,21 @@ FEWEST_TRACKS = 40
 FEWEST_OF_CLASS = 10
 """Tracks of a class with a factor of its own."""
 
-DISTANCES_M = (math.inf, 400.0, 250.0, 180.0, 140.0, 115.0, 100.0, 85.0, 75.0, 65.0, 55.0, 45.0, 35.0)
+DISTANCES_M = (
+    math.inf,
+    400.0,
+    250.0,
+    180.0,
+    140.0,
+    115.0,
+    100.0,
+    85.0,
+    75.0,
+    65.0,
+    55.0,
+    45.0,
+    35.0,
+)
 """Among which the fit chooses."""
 
 MOST_FACTOR = 2.0
@@ -80,9 +94,7 @@ class Problem:
     simulated: NDArray[np.float64]
 
     @classmethod
-    def of(
-        cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]
-    ) -> Problem:
+    def of(cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]) -> Problem:
         """From objects, whose index is the row of the box, and what is simulated of them."""
         near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
         size = int(max(objects.index.max(), returns.box.max(initial=0))) + 1

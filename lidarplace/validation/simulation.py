@@ -28,7 +28,7 @@ from lidarplace.rigs.placement import Placement
 SECTORS = 72
 """Of the azimuth of a LiDAR in its own frame, from -180 degrees on."""
 
-_DEPTH_M = 1000.0
+DEPTH_M = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def simulate(
             zip(placement.mounts, placement.lidars, strict=True)
         ):
             counts, ranges = _counts(
-                mount.position - [0.0, 0.0, _DEPTH_M],
+                mount.position - [0.0, 0.0, DEPTH_M],
                 mount.rotation,
                 beams_of(lidar.in_frame(frame)),
                 around.geometry,
@@ -105,7 +105,7 @@ def simulate(
 def lowered(parts: Parts) -> Parts:
     """The same parts far below the ground, which therefore hides none of them."""
     geometry = parts.geometry.copy()
-    geometry[:, 2] -= _DEPTH_M
+    geometry[:, 2] -= DEPTH_M
     return Parts(geometry, parts.owner, parts.reflectivity)
 
 
