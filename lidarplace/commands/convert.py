@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable
 from itertools import chain
@@ -10,25 +9,34 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 from typer.core import TyperGroup
 
-from lidarplace.base.class_names import counts_of
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
-from lidarplace.command_line.terminal import output, say
-from lidarplace.command_line.terminal import table as shown_table
+from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within, wrong
+from lidarplace.commands.convert_output import (
+    KEEP,
+    CloudsOption,
+    GroundOption,
+    LidarOption,
+    Real,
+    RigOption,
+    clouds_in,
+    convert_log,
+    model,
+    read_rig,
+)
 from lidarplace.files.atomic import read_text
-from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.logs.boxes import CLASSES
-from lidarplace.scenes.datasets.argoverse import read_argoverse
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.scenes.datasets.argoverse import CLOUDS_ORIGIN, read_argoverse
 from lidarplace.scenes.datasets.class_maps import PAPER, named_class_map
 from lidarplace.scenes.datasets.nuscenes import read_nuscenes
 from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
+from lidarplace.scenes.kitti.folder import part
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
@@ -61,7 +69,7 @@ class _Readers(TyperGroup):
             wrong(error)
 
         def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
-            _convert(lambda ignored: read(source, ignored), out)
+            convert_log(lambda ignored: read(source, ignored), out)
 
         convert.__doc__ = read.__doc__
         own = new_app()
@@ -100,6 +108,9 @@ def nuscenes(
         Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
     ] = None,
     class_map: ClassMapOption = PAPER,
+    lidar: LidarOption = None,
+    clouds: CloudsOption = None,
+    ground: GroundOption = KEEP,
 ) -> None:
     """nuScenes v1.0, its annotated key frames."""
 
@@ -110,9 +121,10 @@ def nuscenes(
             class_map=named_class_map(class_map),
             test_scenes=read_text(test_scenes).split() if test_scenes else test_share,
             ignored=ignored,
+            lidar=model(lidar),
         )
 
-    _convert(read, out)
+    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds)))
 
 
 @verb(app, "data/av2/sensor logs/av2 --split val")
@@ -123,15 +135,22 @@ def argoverse(
         list[str] | None, typer.Option(help="train, val or test; by default train and val")
     ] = None,
     class_map: ClassMapOption = PAPER,
+    lidar: LidarOption = None,
+    clouds: CloudsOption = None,
+    ground: GroundOption = KEEP,
 ) -> None:
     """Argoverse 2 sensor data set; train stays train, val becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_argoverse(
-            source, splits=split or (), class_map=named_class_map(class_map), ignored=ignored
+            source,
+            splits=split or (),
+            class_map=named_class_map(class_map),
+            ignored=ignored,
+            lidar=model(lidar),
         )
 
-    _convert(read, out)
+    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds, CLOUDS_ORIGIN)))
 
 
 @verb(app, "data/waymo logs/waymo")
@@ -143,15 +162,21 @@ def waymo(
         typer.Option(help="training, validation or testing; by default the first two"),
     ] = None,
     class_map: ClassMapOption = PAPER,
+    lidar: LidarOption = None,
+    ground: GroundOption = KEEP,
 ) -> None:
     """Waymo perception data set v2, tables of Parquet; validation becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_waymo(
-            source, splits=split or (), class_map=named_class_map(class_map), ignored=ignored
+            source,
+            splits=split or (),
+            class_map=named_class_map(class_map),
+            ignored=ignored,
+            lidar=model(lidar),
         )
 
-    _convert(read, out)
+    convert_log(read, out, real=lambda: Real(ground))
 
 
 @verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
@@ -175,6 +200,10 @@ def openlabel(
         list[str] | None, typer.Option(help="drive whose frames are test; repeatable")
     ] = None,
     class_map: ClassMapOption = PAPER,
+    rig: RigOption = None,
+    lidar: LidarOption = None,
+    clouds: CloudsOption = None,
+    ground: GroundOption = KEEP,
 ) -> None:
     """ASAM OpenLABEL 1.0, the cuboids in it."""
 
@@ -191,7 +220,10 @@ def openlabel(
             ignored=ignored,
         )
 
-    _convert(read, out)
+    def real() -> Real:
+        return Real(ground, clouds_in(clouds, origin), rig=read_rig(rig, lidar))
+
+    convert_log(read, out, real=real)
 
 
 @verb(
@@ -224,10 +256,14 @@ def table(
         Path | None,
         typer.Option(help="page of the first frames from above, drawn before anything is written"),
     ] = None,
+    rig: RigOption = None,
+    lidar: LidarOption = None,
+    clouds: CloudsOption = None,
+    ground: GroundOption = KEEP,
 ) -> None:
     """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
     if propose is not None:
-        if any(given is not None for given in (out, frames, mapping, preview)) or (
+        if any(given is not None for given in (out, frames, mapping, preview, rig, clouds)) or (
             class_map != PAPER
         ):
             wrong("--propose writes a mapping and nothing else: leave out OUT and other options")
@@ -259,7 +295,11 @@ def table(
             say(preview)
         _refuse(log, source, meaning)
 
-    _convert(read, out, check)
+    def real() -> Real:
+        at = (0.0, 0.0, 0.0) if meaning is None else (*(getattr(meaning.origin, a) for a in "xyz"),)
+        return Real(ground, clouds_in(clouds, at), rig=read_rig(rig, lidar))
+
+    convert_log(read, out, check, real)
 
 
 @verb(app, "data/kitti logs/kitti --skip-bad")
@@ -279,6 +319,9 @@ def kitti(
         bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")
     ] = False,
     class_map: ClassMapOption = PAPER,
+    lidar: LidarOption = None,
+    clouds: CloudsOption = None,
+    ground: GroundOption = KEEP,
 ) -> None:
     """KITTI's object layout, as `export` writes it; labels are enough."""
     skipped: list[str] = []
@@ -291,36 +334,16 @@ def kitti(
             lidar_height=lidar_height,
             ignored=ignored,
             skipped=skipped if skip_bad else None,
+            lidar=model(lidar),
         )
 
-    _convert(read, out)
+    def real() -> Real:
+        own = source if part(source, "velodyne").is_dir() else None
+        return Real(ground, clouds_in(clouds or own), kept=clouds is not None)
+
+    convert_log(read, out, real=real)
     if skipped:
         say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
-
-
-def _convert(
-    read: Callable[[Counter[str]], BoxLog],
-    out: Path | None,
-    check: Callable[[BoxLog], None] | None = None,
-) -> None:
-    """Read a log, write it to `out` and say what is in it; a mistake ends with code 2.
-
-    Values that can hardly be meant are warned of, unless `check` looks at the log instead, which
-    raises ValueError. Without `out` nothing is written.
-    """
-    ignored: Counter[str] = Counter()
-    with checked_input():
-        log = read(ignored)
-        if check is not None:
-            check(log)
-        else:
-            for doubt in doubts_of_units(log):
-                say(f"warning: {doubt.why}: {doubt.where(log.boxes)}", sys.stderr)
-        if out is not None:
-            write_box_log(out, log)
-    output().print(_frames_table(log), _boxes_table(log, ignored), sep="\n", soft_wrap=True)
-    if out is not None:
-        say(out)
 
 
 def _propose(source: Path, path: Path) -> None:
@@ -359,22 +382,3 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
             f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; mend "
             f"{doubt.remedy} of {accept.format(check=doubt.check)}"
         )
-
-
-def _frames_table(log: BoxLog) -> Table:
-    shown = shown_table("Frames", ("split", "scenes", "frames", "empty frames", "boxes"))
-    filled = log.frames["frame"].isin(log.boxes["frame"])
-    split_of_box = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
-    boxes = split_of_box.value_counts()
-    for split, own in log.frames.groupby("split"):
-        empty = (~filled[own.index]).sum()
-        numbers = (own["scene"].nunique(), len(own), empty, boxes.get(split, 0))
-        shown.add_row(str(split), *(f"{number:,}" for number in numbers))
-    return shown
-
-
-def _boxes_table(log: BoxLog, ignored: Counter[str]) -> Table:
-    counts = dict.fromkeys(CLASSES, 0) | counts_of(log.boxes["class"])
-    counts |= {f"ignored: {name}": count for name, count in ignored.most_common()}
-    rows = ((name, f"{count:,}") for name, count in counts.items())
-    return shown_table("Boxes", ("class", "boxes"), rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
 from lidarplace.clouds.clouds import Crop, PointClouds, write_clouds
 from lidarplace.clouds.points_in_boxes import count_points
+from lidarplace.files.atomic import temporary
 from lidarplace.files.regular import is_there
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLOUD, GEOMETRY, POINTS
@@ -28,7 +30,8 @@ NEAR_M = 40.0
 """Boxes so near show whether clouds are in their frame."""
 AROUND_M = 1.0
 FLOOR_M = 0.3
-"""Points so far around a box, and so high above its underside: few of a right frame are outside."""
+"""Points so far around and above a box, and so high above its underside: in the right frame most
+are inside."""
 LEAST_POINTS = 10
 LEAST_BOXES = 5
 MOST_OUTSIDE = 0.5
@@ -139,17 +142,25 @@ def count_real_points(
             inside[rows], around[rows] = _near_points(sweep.points, geometry[rows])
             yield sweep
 
+    partial = None if keep is None else temporary(keep)
     scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
-    for number, (scene, frames) in enumerate(scenes):
-        own = frames.tolist()
-        found = sweeps(own, log.rigs.get(str(scene)))
-        if keep is None:
-            for _ in found:
-                pass
-        else:
-            packed = PointClouds.from_frames(own, map(_kept, found), KEPT)
-            write_clouds(keep / f"{number:04d}", packed)
-    _check_frame(geometry, inside, around, clouds.folder)
+    try:
+        for number, (scene, frames) in enumerate(scenes):
+            own = frames.tolist()
+            found = sweeps(own, log.rigs.get(str(scene)))
+            if partial is None:
+                for _ in found:
+                    pass
+            else:
+                packed = PointClouds.from_frames(own, map(_kept, found), KEPT)
+                write_clouds(partial / f"{number:04d}", packed)
+        _check_frame(geometry, inside, around, clouds.folder)
+        if keep is not None and partial is not None:
+            shutil.rmtree(keep, ignore_errors=True)
+            partial.rename(keep)
+    finally:
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
     if POINTS in boxes:
         counted.pop(POINTS, None)
     return replace(log, boxes=boxes.assign(**counted)), len(paths)
@@ -236,6 +247,8 @@ def _near_points(
     own[:, 2] += FLOOR_M / 2
     grown = own.copy()
     grown[:, 3:5] += 2 * AROUND_M
+    grown[:, 5] += AROUND_M
+    grown[:, 2] += AROUND_M / 2
     return count_points(points, own), count_points(points, grown)
 
 

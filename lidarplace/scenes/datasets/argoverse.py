@@ -30,6 +30,9 @@ Theirs is the centre of the rear axle, about 33 cm above the ground
 ahead. The vehicles are Ford Fusion Hybrids, whose wheelbase is 2.850 m.
 """
 
+CLOUDS_ORIGIN = (-ORIGIN[0], 0.0, -ORIGIN[2])
+"""The ego frame of Argoverse, in which its sweeps are, starts here in ours, metres."""
+
 SPLITS = {"train": "train", "val": "test", "test": "test"}
 """Folder of the data set -> split of the box log."""
 
