@@ -13,7 +13,6 @@ from lidarplace.clouds.clouds import PointClouds, read_clouds
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.surroundings import Surroundings
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.validation.shadow import sectors
 from lidarplace.validation.simulation import DEPTH_M, lowered
@@ -85,7 +84,6 @@ def seen_in(
     factor: NDArray[np.float64],
     loss: float,
     cell: float,
-    vehicle: Vehicle | None = None,
 ) -> Seen:
     """Compare a real cloud with its simulation.
 
@@ -98,11 +96,10 @@ def seen_in(
         factor: of every box of the log.
         loss: 1 / distance of the correction, 1/m.
         cell: edge of a cell, metres.
-        vehicle: carries the LiDARs; None: a sedan.
     """
     rows = surroundings.rows(cloud.frame)
     boxes = geometry[rows]
-    parts = lowered(body_parts(vehicle).and_(surroundings.parts(cloud.frame, 300.0)))
+    parts = lowered(body_parts(None).and_(surroundings.parts(cloud.frame, 300.0)))
     random = np.random.default_rng(cloud.frame)
     found = Seen(rows, [], [], [], np.zeros((len(rows), len(FATES)), np.int64))
     for number, (mount, lidar) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):

@@ -22,7 +22,6 @@ from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import Parts
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 
 SECTORS = 72
@@ -50,14 +49,7 @@ class Returns:
     distance: NDArray[np.float64]
 
 
-def simulate(
-    log: BoxLog,
-    placement: Placement,
-    frames: Sequence[int],
-    *,
-    seed: int = 0,
-    vehicle: Vehicle | None = None,
-) -> Returns:
+def simulate(log: BoxLog, placement: Placement, frames: Sequence[int], *, seed: int = 0) -> Returns:
     """Cast every LiDAR of a rig in these frames; frames are shared among numba's threads.
 
     Args:
@@ -65,13 +57,12 @@ def simulate(
         placement: as recorded.
         frames: numbers of frames of the log.
         seed: of the shapes of the objects.
-        vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
         ValueError: a box is bad or a frame is not in the log.
     """
-    surroundings, body = Surroundings(log, seed), body_parts(vehicle)
-    ends = ends_in_rig(placement, vehicle)
+    surroundings, body = Surroundings(log, seed), body_parts(None)
+    ends = ends_in_rig(placement)
 
     def of_frame(frame: int) -> list[NDArray[np.float64]]:
         rows, found = surroundings.rows(frame), []

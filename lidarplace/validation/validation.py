@@ -16,7 +16,6 @@ from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.configuration.correction import CorrectionFile
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLASSES, GEOMETRY, POINTS, points_of
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.correction import OTHER
 from lidarplace.rigs.recorded import RecordedRig
@@ -75,12 +74,7 @@ class Validation:
 
 
 def validate(
-    log: BoxLog,
-    folder: Path,
-    correction: CorrectionFile | None = None,
-    *,
-    seed: int = 0,
-    vehicle: Vehicle | None = None,
+    log: BoxLog, folder: Path, correction: CorrectionFile | None = None, *, seed: int = 0
 ) -> Validation:
     """Compare the simulation of a log with what its own LiDARs returned.
 
@@ -90,7 +84,6 @@ def validate(
         correction: to be judged; None: one is fitted, and judged on routes that it was not fitted
             to.
         seed: of the shapes of objects.
-        vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
         InputError: there are no counts, no rig, rigs of different scenes differ in their LiDARs, or
@@ -100,10 +93,10 @@ def validate(
     names, objects = rig.names, _objects(log)
     frames = log.frames["frame"].tolist()
     model = _geometry(rig, correction)
-    returns = simulate(log, rig.placement, frames, seed=seed, vehicle=vehicle)
+    returns = simulate(log, rig.placement, frames, seed=seed)
     own = returns
     if model != rig.placement:
-        own = simulate(log, model, frames, seed=seed, vehicle=vehicle)
+        own = simulate(log, model, frames, seed=seed)
     route_of = log.frames.set_index("frame")["route"]
     clouds = list(real_clouds(folder, len(names)))
     clouds = [clouds[n] for n in _evenly(len(clouds), MOST_CLOUDS)]
@@ -159,7 +152,6 @@ def validate(
         seen.append(
             seen_in(
                 cloud, surroundings, geometry, rig.placement, own_mask, factor, loss, curves.cell,
-                vehicle,
             )
         )  # fmt: skip
     near = np.zeros(size, np.bool_)
@@ -329,13 +321,11 @@ def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> object:
 
 def _file(fit: Fit, done: Validation) -> CorrectionFile:
     """The correction that is written."""
-    lidars = {
-        name: {
-            "mask": {"azimuth_deg": 360.0 / SECTORS, "shares": [round(float(s), 3) for s in row]}
-        }
-        for name, row in zip(done.names, () if done.shadows is None else done.shadows, strict=False)
-        if (row < 1.0).any()
-    }
+    lidars: dict[str, object] = {name: {} for name in done.names}
+    for name, row in zip(done.names, () if done.shadows is None else done.shadows, strict=False):
+        if (row < 1.0).any():
+            shares = [round(float(share), 3) for share in row]
+            lidars[name] = {"mask": {"azimuth_deg": 360.0 / SECTORS, "shares": shares}}
     facts = {"routes": done.routes, "tracks": done.tracks, "boxes": done.boxes, "below_m": BELOW_M}
     if done.tracks < FEWEST_TRACKS:
         facts["too_few_tracks"] = True
