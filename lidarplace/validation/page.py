@@ -80,7 +80,7 @@ def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> 
 _SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "objects": ("objects", lambda value: f"{value:,.0f}"),
     "ratio": ("simulated / real, sums", lambda value: f"{value:.2f}"),
-    "bias": ("median log2 ratio", lambda value: f"{value:+.2f}"),
+    "bias": ("median log2 ratio", lambda value: f"{round(value, 2) + 0.0:+.2f}"),
     "spread": ("median |log2 ratio|", lambda value: f"{value:.2f}"),
     "within_2": ("within a factor 2", lambda value: f"{value:.0%}"),
     "rho": ("rho", lambda value: f"{value:.2f}"),
@@ -143,6 +143,7 @@ def _by_distance(found: Validation) -> Section:
         _figure("Simulated / real points, median"),
         _figure("Share of objects with at least 5 points"),
     )
+    rows = rows.assign(group=rows["group"].str.replace(" to ", "–").str.removesuffix(" m"))
     for number, (model, name) in enumerate(_MODELS.items()):
         own = rows[rows["model"] == model]
         line = {"color": COLOURS[number]}
@@ -162,6 +163,8 @@ def _by_distance(found: Validation) -> Section:
     )
     ratio.add_hline(y=1.0, line={"color": OUTLINE, "dash": "dot"})
     share.update_yaxes(tickformat=".0%")
+    for figure in (ratio, share):
+        figure.update_xaxes(title="metres", type="category")
     return Section(
         "By distance and route",
         (),
@@ -189,7 +192,7 @@ def _correction(found: Validation) -> Section:
                 ("route left out", *names),
                 [
                     [
-                        str(row["route"]),
+                        f"{row['route']:g}",
                         *(
                             _metres(row[n]) if n == "distance" else _cell(row[n], "{:.3f}".format)
                             for n in names
@@ -325,7 +328,7 @@ def _figure(title: str) -> go.Figure:
             "title": {"text": title, "font": {"size": 14}},
             "margin": {"l": 45, "r": 15, "t": 40, "b": 40},
             "height": 320,
-            "legend": {"orientation": "h", "y": -0.18},
+            "legend": {"orientation": "h", "y": -0.25},
         }
     )
 
