@@ -161,8 +161,7 @@ class Problem:
             drawn.append(fitted.factor | {"distance": fitted.distance or math.inf})
         table = pd.DataFrame(drawn)
         return {
-            name: (float(table[name].quantile(0.025)), float(table[name].quantile(0.975)))
-            for name in table
+            name: tuple(table[name].quantile([0.025, 0.975], "nearest").tolist()) for name in table
         }
 
 
