@@ -95,6 +95,15 @@ ClassMapOption = Annotated[
     ),
 ]
 
+KeepIgnoredOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-ignored",
+        help="keep boxes of ignored categories as class Other: they hide what is behind them, and "
+        "count in no other class",
+    ),
+]
+
 
 @verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
 def nuscenes(
@@ -108,6 +117,7 @@ def nuscenes(
         Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
     ] = None,
     class_map: ClassMapOption = PAPER,
+    keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
     ground: GroundOption = KEEP,
@@ -122,6 +132,7 @@ def nuscenes(
             test_scenes=read_text(test_scenes).split() if test_scenes else test_share,
             ignored=ignored,
             lidar=model(lidar),
+            keep_ignored=keep_ignored,
         )
 
     convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds)))
@@ -135,6 +146,7 @@ def argoverse(
         list[str] | None, typer.Option(help="train, val or test; by default train and val")
     ] = None,
     class_map: ClassMapOption = PAPER,
+    keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
     ground: GroundOption = KEEP,
@@ -148,6 +160,7 @@ def argoverse(
             class_map=named_class_map(class_map),
             ignored=ignored,
             lidar=model(lidar),
+            keep_ignored=keep_ignored,
         )
 
     convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds, CLOUDS_ORIGIN)))
@@ -162,6 +175,7 @@ def waymo(
         typer.Option(help="training, validation or testing; by default the first two"),
     ] = None,
     class_map: ClassMapOption = PAPER,
+    keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     ground: GroundOption = KEEP,
 ) -> None:
@@ -174,6 +188,7 @@ def waymo(
             class_map=named_class_map(class_map),
             ignored=ignored,
             lidar=model(lidar),
+            keep_ignored=keep_ignored,
         )
 
     convert_log(read, out, real=lambda: Real(ground))
@@ -319,6 +334,7 @@ def kitti(
         bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")
     ] = False,
     class_map: ClassMapOption = PAPER,
+    keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
     ground: GroundOption = KEEP,
@@ -335,6 +351,7 @@ def kitti(
             ignored=ignored,
             skipped=skipped if skip_bad else None,
             lidar=model(lidar),
+            keep_ignored=keep_ignored,
         )
 
     def real() -> Real:

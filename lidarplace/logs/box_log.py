@@ -106,13 +106,11 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     for scene, rig in (item for log in logs for item in log.rigs.items()):
         if rigs.setdefault(scene, rig) != rig:
             raise ValueError(f"scene {scene}: two of the logs have different rigs for it")
-    joined = BoxLog(
-        *(
-            pd.concat([getattr(log, name) for log in logs], ignore_index=True)
-            for name in ("boxes", "frames", "buildings")
-        ),
-        rigs=rigs,
+    boxes, frames, buildings = (
+        pd.concat([getattr(log, name) for log in logs], ignore_index=True)
+        for name in ("boxes", "frames", "buildings")
     )
+    joined = BoxLog(boxes, frames, buildings, rigs)
     twice = joined.frames["frame"].duplicated()
     if twice.any():
         frame = joined.frames.loc[twice, "frame"].iloc[0]

@@ -28,13 +28,13 @@ KEPT: Crop = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
 
 NEAR_M = 40.0
 """Boxes so near show whether clouds are in their frame."""
-AROUND_M = 1.0
+AROUND_M = 0.5
 FLOOR_M = 0.3
 """Points so far around and above a box, and so high above its underside: in the right frame most
 are inside."""
 LEAST_POINTS = 10
 LEAST_BOXES = 5
-MOST_OUTSIDE = 0.5
+MOST_OUTSIDE = 0.35
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,8 @@ class RealClouds:
     def _path(self, scene: str, name: str, named: bool) -> Path | None:
         if not named:
             return self._numbered.get((scene, int(name))) or self._numbered.get(("", int(name)))
-        places = (self.folder / name, self.folder / "training" / name)
-        places += (self.folder / Path(name).name,)
-        return next((path for path in places if is_there(path)), None)
+        names = (name, Path("training") / name, Path(name).name)
+        return next((self.folder / each for each in names if is_there(self.folder / each)), None)
 
     @cached_property
     def _numbered(self) -> dict[tuple[str, int], Path]:
@@ -258,11 +257,16 @@ def _check_frame(
     around: NDArray[np.float64],
     folder: Path,
 ) -> None:
-    """Raise InputError if most points around near boxes are outside of them."""
-    judged = (np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M) & (around >= LEAST_POINTS)
-    if judged.sum() < LEAST_BOXES:
+    """Raise InputError if most points around near boxes are outside of them, or none is in any."""
+    near = (np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M) & ~np.isnan(around)
+    judged = near & (around >= LEAST_POINTS)
+    if near.sum() < LEAST_BOXES:
         return
-    outside = float(np.median(1 - inside[judged] / around[judged]))
+    if judged.sum() < LEAST_BOXES:
+        if inside[near].any():
+            return
+        judged = near
+    outside = float(np.median(1 - inside[judged] / np.maximum(around[judged], 1)))
     if outside > MOST_OUTSIDE:
         raise InputError(
             f"{outside:.0%} of the points around a box are outside of it, in the median of "

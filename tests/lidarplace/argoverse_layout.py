@@ -27,6 +27,7 @@ class Log:
     boxes: list
     poses: dict  # timestamp_ns -> (quaternion w x y z, translation)
     sweeps: list = field(default_factory=list)  # empty: a log without its sensors
+    mounts: dict = field(default_factory=dict)  # sensor -> (quaternion w x y z, translation)
 
 
 def write_argoverse(folder: Path, logs: list) -> Path:
@@ -47,6 +48,11 @@ def write_argoverse(folder: Path, logs: list) -> Path:
         )
         poses.to_feather(path / "city_SE3_egovehicle.feather")
         (path / "calibration").mkdir()
+        if log.mounts:
+            rows = [(name, *turned, *place) for name, (turned, place) in log.mounts.items()]
+            pd.DataFrame(rows, columns=["sensor_name", *POSE]).to_feather(
+                path / "calibration" / "egovehicle_SE3_sensor.feather"
+            )
         for time in log.sweeps:
             sweep = path / "sensors" / "lidar" / f"{time}.feather"
             sweep.parent.mkdir(parents=True, exist_ok=True)

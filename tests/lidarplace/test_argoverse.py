@@ -191,3 +191,41 @@ def test_wrong_files(tmp_path):
     fails(r"egovehicle\.feather: no such file")
     (tmp_path / "train" / "a" / "annotations.feather").unlink()
     fails(r"train/a/annotations\.feather: no such file")
+
+
+MOUNTS = {
+    "down_lidar": ((0.0, 1.0, 0.0, 0.0), (1.35, 0.0, 1.53)),  # upside down
+    "ring_front_center": (LEVEL, (1.6, 0.0, 1.4)),
+    "up_lidar": (LEVEL, (1.35, 0.0, 1.64)),
+}
+
+
+def test_counts_the_rig_and_full_poses_come_along(tmp_path):
+    poses = {START: (Rotation.from_euler("y", 0.1).as_quat()[[3, 0, 1, 2]], (5.0, 0.0, 12.0))}
+    folder = write_argoverse(tmp_path, [Log("val", "a", [car()], poses, mounts=MOUNTS)])
+    log = read_argoverse(folder)
+    assert log.boxes["points"].tolist() == [10]
+    rig = log.rigs["a"]
+    assert rig.names == ("up_lidar", "down_lidar")
+    up, down = rig.placement.mounts
+    np.testing.assert_allclose(up.position, [1.35 - AHEAD, 0, 1.64 + HEIGHT], atol=1e-12)
+    assert abs(down.roll) == pytest.approx(math.pi)
+    assert [lidar.beams for lidar in rig.placement.lidars] == [32, 32]
+    pose = log.frames[["ego_z", "ego_roll", "ego_pitch"]].iloc[0].to_numpy(float)
+    lower = 12 - AHEAD * math.sin(0.1) - HEIGHT * math.cos(0.1)
+    np.testing.assert_allclose(pose, [lower, 0, 0.1], atol=1e-12)
+
+
+def test_a_rig_without_one_of_its_lidars_is_an_error(tmp_path):
+    log = Log("val", "a", [car()], HERE, mounts={"up_lidar": MOUNTS["up_lidar"]})
+    with refused("expected one sensor down_lidar, found 0", "egovehicle_SE3_sensor.feather"):
+        read_argoverse(write_argoverse(tmp_path, [log]))
+
+
+def test_ignored_categories_may_be_kept_as_obstacles(tmp_path):
+    boxes = [car(), Box(START, "BUS", (9.0, 0.0, 1.0)), Box(START, "EGO_VEHICLE", (0.0, 0.0, 0.0))]
+    folder = write_argoverse(tmp_path, [Log("val", "a", boxes, HERE)])
+    ignored = Counter()
+    log = read_argoverse(folder, keep_ignored=True, ignored=ignored)
+    assert log.boxes["class"].tolist() == ["Car", "Other"]
+    assert ignored == {"EGO_VEHICLE": 1}

@@ -1,11 +1,13 @@
 """The command: box logs on disk, what it prints, and one line for a mistake."""
 
+import numpy as np
 import pytest
 from argoverse_layout import LEVEL, Log, write_argoverse
 from argoverse_layout import Box as ArgoverseBox
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 from typer.testing import CliRunner
 
+from lidarplace.clouds.clouds import read_clouds
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log
 
@@ -180,3 +182,91 @@ def test_kitti(tmp_path):
     log = read_box_log(tmp_path / "log")
     assert log.frames["frame"].tolist() == [3, 4]
     assert log.boxes["x"].tolist() == pytest.approx([20.27, 9.27])
+
+
+def kitti_with_cloud(folder, below=1.73):
+    """A frame with a car 20 m ahead, its points `below` under the ego frame's ground."""
+    (labels := folder / "training" / "label_2").mkdir(parents=True)
+    (clouds := folder / "training" / "velodyne").mkdir()
+    (labels / "000003.txt").write_text(LABEL.format(z="20.00") + "\n")
+    points = [(19.0, -0.2, 0.8 - below, 0.5), (21.0, 0.2, 1.0 - below, 0.5), (9.0, 9.0, 0.0, 0.0)]
+    np.array(points, np.float32).tofile(clouds / "000003.bin")
+    return folder
+
+
+def test_points_of_kitti_are_counted_and_kept_where_named(tmp_path):
+    source = kitti_with_cloud(tmp_path / "kitti")
+    arguments = ("kitti", source, tmp_path / "log", "--standard-calibration")
+    result = convert(*arguments)
+    assert result.exit_code == 0, result.stderr
+    log = read_box_log(tmp_path / "log")
+    assert log.boxes["points"].tolist() == log.boxes["points/velodyne"].tolist() == [2]
+    rig = log.rigs["kitti"].placement
+    assert (rig.mounts[0].z, rig.lidars[0].azimuth_steps) == (1.73, 2007)
+    assert ["velodyne", "1", "2"] in words(result.stdout)
+    assert "real clouds: 1 of 1 frames have one" in result.stdout
+    assert "rig: velodyne (1 of 1 scenes)" in result.stdout
+    assert not (tmp_path / "log" / "clouds").exists()
+    result = convert(*arguments, "--clouds", source, "--lidar", "vlp16")
+    assert read_clouds(tmp_path / "log" / "clouds" / "recorded" / "0000").counts.tolist() == [[3]]
+    assert read_box_log(tmp_path / "log").rigs["kitti"].placement.lidars[0].beams == 16
+    convert(*arguments)
+    assert not (tmp_path / "log" / "clouds" / "recorded").exists(), "of the log of before"
+
+
+def test_labels_are_converted_where_clouds_nobody_named_are_wrong(tmp_path):
+    source = kitti_with_cloud(tmp_path / "kitti")
+    (source / "training" / "velodyne" / "000003.bin").write_bytes(b"12345")
+    arguments = ("kitti", source, tmp_path / "log", "--standard-calibration")
+    result = convert(*arguments)
+    assert result.exit_code == 0
+    assert "warning: no points are counted" in result.stderr
+    result = convert(*arguments, "--clouds", source)
+    assert result.exit_code == 2
+    assert "no whole points" in result.stderr
+
+
+RIG = "mounts: [{name: roof, z: 2.0, lidar: vlp16}, {name: nose, x: 2.0, z: 0.6}]\n"
+
+
+def test_a_table_with_counts_a_rig_and_uneven_ground(tmp_path):
+    path = tmp_path / "boxes.csv"
+    head = "frame,class,x,y,z,length,width,height,yaw,points,points/roof\n"
+    path.write_text(head + "1,Car,9,0,-0.5,4,2,1.5,0,30,20\n2,Car,9,0,0.75,4,2,1.5,0,,\n")
+    (tmp_path / "rig.yaml").write_text(RIG)
+    arguments = ("table", path, tmp_path / "log", "--frames", 2)
+    result = convert(*arguments, "--rig", tmp_path / "rig.yaml")
+    assert result.exit_code == 2
+    assert "nose has no model; --lidar names one" in result.stderr
+    result = convert(*arguments, "--rig", tmp_path / "rig.yaml", "--lidar", "hdl32e")
+    assert result.exit_code == 0, result.stderr
+    log = read_box_log(tmp_path / "log")
+    assert log.rigs["log"].names == ("roof", "nose")
+    assert [lidar.beams for lidar in log.rigs["log"].placement.lidars] == [16, 32]
+    assert log.boxes["points/roof"].tolist()[0] == 20
+    assert ["all", "1", "30"] in words(result.stdout)
+    assert ["train", "2", "1", "1", "0"] in words(result.stdout), "boxes off the ground"
+    result = convert(*arguments, "--ground", "level")
+    assert "underside more than 0.3 m off the ground: 1 boxes before, 0 after" in result.stdout
+    assert "rig: unknown, so these points are compared with no simulation" in result.stdout
+    assert read_box_log(tmp_path / "log").boxes["z"].tolist() == [0.75, 0.75]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--ground", "flat"), "--ground flat: allowed are keep, level"),
+        (("--lidar", "vlp16"), "--lidar: is the model of a rig; --rig names its file"),
+        (("--clouds", "in", "--ground", "level"), "moves boxes away from the real points"),
+        (("--clouds", "in"), "in: no cloud of any frame; expected files named by frame numbers"),
+        (("--rig", "none.yaml"), "none.yaml"),
+    ],
+)
+def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "boxes.csv"
+    path.write_text("frame,class,x,y,z,length,width,height,yaw\n1,Car,9,0,1,4,2,1.5,0\n")
+    result = convert("table", path, "log", "--frames", 1, *options)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1

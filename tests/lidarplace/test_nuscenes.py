@@ -323,3 +323,16 @@ def test_brackets_without_end_are_named(tmp_path):
         ValueError, match=r"sample\.json: no JSON that can be read: it is nested too"
     ):
         read_nuscenes(folder)
+
+
+def test_counts_and_the_rig_come_along(tmp_path):
+    log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
+    assert set(log.boxes["points"]) == {5}
+    assert list(log.rigs) == log.frames["scene"].unique().tolist()
+    rig = log.rigs["scene-0003"]
+    assert rig.names == ("LIDAR_TOP",)
+    (mount,) = rig.placement.mounts
+    np.testing.assert_allclose(mount.position, [0.943713 - 1.294, 0, 1.84023], atol=1e-12)
+    # 20 Hz: half the steps of the catalogue's.
+    (lidar,) = rig.placement.lidars
+    assert (lidar.beams, lidar.azimuth_steps) == (32, 1084)

@@ -84,8 +84,9 @@ def test_usual_names(names):
     elif listed[1].startswith(("frame", "Bild")):
         keys[1] = "frame"
     noise = ["speed", "score", "num_points", "occlusion"]
+    wanted = dict(zip(keys, listed, strict=True)) | {"points": "num_points"}
     for order in (1, -1):
-        assert guess_columns([*noise, *listed][::order]) == dict(zip(keys, listed, strict=True))
+        assert guess_columns([*noise, *listed][::order]) == wanted
 
 
 def test_classes_are_guessed_where_the_name_says_so(tmp_path):

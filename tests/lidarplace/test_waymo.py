@@ -118,3 +118,35 @@ def test_wrong_folders(tmp_path):
         read_waymo(tmp_path)
     with pytest.raises(ValueError, match="split 'dev': allowed are training, validation, testing"):
         read_waymo(tmp_path, splits=["dev"])
+
+
+def test_counts_and_the_rig_come_along(tmp_path):
+    extrinsic = np.eye(4)
+    extrinsic[:3, :3] = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    extrinsic[:3, 3] = 1.43, 0.0, 2.18
+    lidars = {1: (extrinsic, np.linspace(-0.3, 0.04, 64)), 4: (np.eye(4), [-1.5, 0.5])}
+    segments = [
+        Segment("training", name, {START: HERE}, [Box(START, 1, (20.0, 3.0, 0.8))], own)
+        for name, own in (("s1", lidars), ("s2", {}))
+    ]
+    log = read_waymo(write_waymo(tmp_path, segments))
+    assert log.boxes["points"].tolist() == [7, 7]
+    assert log.boxes["points/TOP"].tolist() == [4, 4]
+    assert list(log.rigs) == ["s1"], "the other has no calibration"
+    assert log.rigs["s1"].names == ("TOP", "SIDE_RIGHT")
+    top, _ = log.rigs["s1"].placement.mounts
+    np.testing.assert_allclose(top.position, [1.43 - AHEAD, 0, 2.18], atol=1e-12)
+    assert math.degrees(top.yaw) == pytest.approx(30)
+    models = log.rigs["s1"].placement.lidars
+    assert [(m.beams, m.azimuth_steps) for m in models] == [(64, 2650), (200, 600)]
+    assert models[0].elevations == pytest.approx(np.linspace(-0.3, 0.04, 64))
+    assert (min(models[1].elevations), max(models[1].elevations)) == pytest.approx((-1.495, 0.495))
+
+
+def test_a_wrong_calibration_is_named(tmp_path):
+    lidars = {7: (np.eye(4), [-1.0, 0.5])}
+    write_waymo(tmp_path, [Segment("training", "s", {START: HERE}, [], lidars)])
+    with pytest.raises(
+        ValueError, match=r"s\.parquet: key\.laser_name must be 1 to 5, found \[7\]"
+    ):
+        read_waymo(tmp_path)

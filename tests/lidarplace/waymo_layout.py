@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+CALIBRATION = "[LiDARCalibrationComponent]"
 BOX, POSE = "[LiDARBoxComponent]", "[VehiclePoseComponent]"
 
 
@@ -30,6 +31,7 @@ class Segment:
     name: str
     poses: dict  # time in microseconds -> (4, 4)
     boxes: list = field(default_factory=list)
+    lidars: dict = field(default_factory=dict)  # number -> (extrinsic (4, 4), inclinations)
 
 
 def write_waymo(folder: Path, segments: list) -> Path:
@@ -48,6 +50,7 @@ def write_waymo(folder: Path, segments: list) -> Path:
             f"{BOX}.box.heading": pa.array([b.heading for b in segment.boxes], pa.float64()),
             f"{BOX}.type": pa.array([b.kind for b in segment.boxes], pa.int8()),
             f"{BOX}.num_lidar_points_in_box": pa.array([7] * len(segment.boxes), pa.int64()),
+            f"{BOX}.num_top_lidar_points_in_box": pa.array([4] * len(segment.boxes), pa.int64()),
         }
         _write(folder, segment, "lidar_box", keys | columns)
         matrices = [np.ravel(matrix).tolist() for matrix in segment.poses.values()]
@@ -57,7 +60,24 @@ def write_waymo(folder: Path, segments: list) -> Path:
             f"{POSE}.world_from_vehicle.transform": pa.array(matrices, pa.list_(pa.float64(), 16)),
         }
         _write(folder, segment, "vehicle_pose", poses)
+        if segment.lidars:
+            _write(folder, segment, "lidar_calibration", _calibration(segment))
     return folder
+
+
+def _calibration(segment: Segment) -> dict:
+    """Inclinations are least and greatest, or that of each beam."""
+    extrinsics, inclinations = zip(*segment.lidars.values(), strict=True)
+    beams = [each if len(each) > 2 else None for each in inclinations]
+    matrices = [np.ravel(matrix).tolist() for matrix in extrinsics]
+    return {
+        "key.segment_context_name": pa.array([segment.name] * len(segment.lidars)),
+        "key.laser_name": pa.array(list(segment.lidars), pa.int8()),
+        f"{CALIBRATION}.extrinsic.transform": pa.array(matrices, pa.list_(pa.float64(), 16)),
+        f"{CALIBRATION}.beam_inclination.min": pa.array([float(min(e)) for e in inclinations]),
+        f"{CALIBRATION}.beam_inclination.max": pa.array([float(max(e)) for e in inclinations]),
+        f"{CALIBRATION}.beam_inclination.values": pa.array(beams, pa.list_(pa.float64())),
+    }
 
 
 def _write(folder: Path, segment: Segment, component: str, columns: dict) -> None:

@@ -51,6 +51,7 @@ def read_argoverse(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
     lidar: Lidar | None = None,
+    keep_ignored: bool = False,
 ) -> BoxLog:
     """The logs under `folder/<split>/<log>` as one box log.
 
@@ -68,6 +69,7 @@ def read_argoverse(
         class_map: entries that differ from `class_maps.ARGOVERSE`.
         ignored: gets the number of boxes left out by category.
         lidar: model of both LiDARs; None: VLP-32C.
+        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         ValueError: a file is missing or wrong, a time has no pose, or a category is unknown.
@@ -75,7 +77,7 @@ def read_argoverse(
     for split in splits:
         if split not in SPLITS:
             raise ValueError(f"split {split!r}: allowed are {', '.join(SPLITS)}")
-    class_map = merged(ARGOVERSE, class_map)
+    class_map = merged(ARGOVERSE, class_map, keep_ignored)
     logs: list[tuple[Path, str]] = []
     for split in splits or [name for name in ("train", "val") if (folder / name).is_dir()]:
         paths = sorted((folder / split).glob("*/"))

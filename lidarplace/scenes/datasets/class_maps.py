@@ -6,7 +6,7 @@ and Cyclist*: bicycles, motorcycles, box trucks and what is like them. What its 
 """
 
 import reprlib
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -102,6 +102,13 @@ PAPER, OWN = "paper", "own"
 """Class maps that have a name."""
 
 
+OTHER = "Other"
+"""Class of ignored categories whose boxes are kept: they hide what is behind them, and count in no
+other class."""
+NO_OBSTACLES = ("DontCare", "EGO_VEHICLE")
+"""Ignored categories that hide nothing: parts of an image, and the vehicle with the LiDARs."""
+
+
 class OwnNames(Mapping[str, str]):
     """Every category whose name can be one of a class keeps it; what is no road user is ignored."""
 
@@ -118,17 +125,25 @@ class OwnNames(Mapping[str, str]):
         return 0
 
 
-def merged(known: ClassMap, class_map: ClassMap | None) -> ClassMap:
+def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = False) -> ClassMap:
     """The class map of a data set, `known`, with what `class_map` says in its place.
+
+    Args:
+        keep_ignored: ignored categories are `OTHER`, but for `NO_OBSTACLES`.
 
     Raises:
         ValueError: a category is no text, or a class no name.
     """
     if isinstance(class_map, OwnNames):
-        return class_map
-    result = {**known, **(class_map or {})}
-    check_class_map(result)
-    return result
+        result: ClassMap = class_map
+    else:
+        result = {**known, **(class_map or {})}
+        check_class_map(result)
+    if not keep_ignored:
+        return result
+    names = {*NO_ROAD_USERS, *result}.difference(NO_OBSTACLES)
+    ignored = [name for name in names if name in result and result[name] == IGNORE]
+    return ChainMap(dict.fromkeys(ignored, OTHER), result)  # type: ignore[arg-type]
 
 
 def named_class_map(name: str) -> ClassMap | None:

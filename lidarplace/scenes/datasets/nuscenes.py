@@ -40,6 +40,7 @@ def read_nuscenes(
     test_scenes: Sequence[str] | float = 0.2,
     ignored: Counter[str] | None = None,
     lidar: Lidar | None = None,
+    keep_ignored: bool = False,
 ) -> BoxLog:
     """The annotated samples (key frames) of nuScenes as a box log.
 
@@ -56,12 +57,13 @@ def read_nuscenes(
             log.json) that are. A recording is not divided, as its scenes lead through one place.
         ignored: gets the number of boxes left out by category.
         lidar: model of the LiDAR; None: HDL-32E at 20 Hz.
+        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         ValueError: a table is missing or wrong, a token leads nowhere, or a category is unknown.
     """
     folder = _tables(folder, version)
-    class_map = merged(NUSCENES, class_map)
+    class_map = merged(NUSCENES, class_map, keep_ignored)
     scene = read_table(folder / "scene.json", ("name", "log_token"))
     sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
     sweep = _sweeps(folder, sample)

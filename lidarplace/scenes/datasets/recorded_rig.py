@@ -36,7 +36,7 @@ def recorded_rig(
     """A rig of sensors posed in our ego frame, `names`, `sensors` and `lidars` in one order."""
     matrices = sensors.rotation.as_matrix().reshape(-1, 3, 3)
     mounts = [
-        Mount(*position, *angles(matrix))
-        for position, matrix in zip(sensors.position.tolist(), matrices, strict=True)
+        Mount(x, y, z, *angles(matrix))
+        for (x, y, z), matrix in zip(sensors.position.tolist(), matrices, strict=True)
     ]
     return RecordedRig(tuple(names), Placement(name, mounts, lidars))

@@ -14,6 +14,7 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import (
     check_columns,
+    counts_if_known,
     frame_numbers,
     groups,
     numbers,
@@ -24,11 +25,21 @@ from lidarplace.files.columns import (
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.logs.box_log import BoxLog, checked_buildings
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS, SIZE, SPLITS
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    CLOUD,
+    FRAME_COLUMNS,
+    FULL_POSE_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    SIZE,
+    SPLITS,
+    count_columns,
+)
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
 
 SUFFIXES = (".parquet", ".csv")
-TEXT = ("scene", "object_id", "class", "split")
+TEXT = ("scene", "object_id", "class", "split", CLOUD)
 LOG, NO_BOXES = "log", "no boxes"
 """Scene of a frame where nothing tells it, and of the empty frames of which only the number is
 known."""
@@ -47,12 +58,14 @@ def read_tabular(
     """A table of boxes, and what there is about their frames, as a box log.
 
     Boxes need `frame` (whole numbers), `class` and the columns of `GEOMETRY`; they may have
-    `scene`, `timestamp_s` and `object_id` (else each box is an object of its own).
+    `scene`, `timestamp_s` and `object_id` (else each box is an object of its own), and the real
+    points in a box: `points`, and `points/NAME` for a LiDAR.
 
     A table of frames lists every frame, those without boxes too. It needs `frame`, without
     repetition in the whole log, and may have `scene` (else `log`), `timestamp_s` (else empty),
-    `route` (else the scenes are numbered), `split` (else all are `train`) and `POSE_COLUMNS`. What
-    it says of scene and time holds for the boxes. Without a table the frames of the boxes are
+    `route` (else the scenes are numbered), `split` (else all are `train`), `POSE_COLUMNS`,
+    `FULL_POSE_COLUMNS`, and `cloud`, the file of a frame's real cloud. What it says of scene and
+    time holds for the boxes. Without a table the frames of the boxes are
     filled up with empty ones, of the scene `no boxes`, to the number that is given.
 
     Args:
@@ -94,7 +107,7 @@ def read_tabular(
     counter: Counter[str] = Counter() if ignored is None else ignored
     boxes["class"] = classify(boxes["class"], class_map, row, counter)
     boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
-    log = BoxLog(boxes[list(BOX_COLUMNS)], table)
+    log = BoxLog(boxes[[*BOX_COLUMNS, *count_columns(boxes)]], table)
     return log if buildings is None else replace(log, buildings=buildings)
 
 
@@ -120,6 +133,8 @@ def _boxes(path: Path) -> pd.DataFrame:
     _drop_empty_time(boxes)
     _check(boxes, ("frame", "class", *GEOMETRY), (*GEOMETRY, "timestamp_s"), path)
     sizes(boxes, SIZE, str(path))
+    for name in count_columns(boxes):
+        boxes[name] = counts_if_known(boxes, name, str(path))
     if "object_id" not in boxes:
         boxes["object_id"] = list(map(str, range(len(boxes))))
     return boxes
@@ -148,7 +163,12 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     frames = _read(path)
     _drop_empty_time(frames)
     needed = [name for name in OF_FRAMES if name in boxes]
-    poses = POSE_COLUMNS if set(POSE_COLUMNS) & set(frames.columns) else ()
+    poses = [
+        name
+        for group in (POSE_COLUMNS, FULL_POSE_COLUMNS)
+        if set(group) & set(frames.columns)
+        for name in group
+    ]
     _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
     if (twice := frames["frame"].duplicated().to_numpy()).any():
         row = int(np.argmax(twice))
@@ -185,7 +205,8 @@ def _complete(frames: pd.DataFrame, poses: Sequence[str] = ()) -> pd.DataFrame:
             frames[name] = value
     if "route" not in frames:
         frames["route"] = pd.factorize(frames["scene"], sort=True)[0]
-    return frames.sort_values("frame", ignore_index=True)[[*FRAME_COLUMNS, *poses]]
+    own = [*FRAME_COLUMNS, *poses, *frames.columns.intersection([CLOUD])]
+    return frames.sort_values("frame", ignore_index=True)[own]
 
 
 def _set_scene_and_time(boxes: pd.DataFrame, frames: pd.DataFrame, source: Path) -> None:

@@ -71,6 +71,7 @@ def read_waymo(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
     lidar: Lidar | None = None,
+    keep_ignored: bool = False,
 ) -> BoxLog:
     """The segments in `folder/<split>/lidar_box` and `vehicle_pose` as one box log.
 
@@ -86,6 +87,7 @@ def read_waymo(
         class_map: entries that differ from `class_maps.WAYMO`.
         ignored: gets the number of boxes left out by type.
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
+        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         ValueError: a file is missing or wrong, a box is in no frame, or a type is unknown.
@@ -93,7 +95,7 @@ def read_waymo(
     for split in splits:
         if split not in SPLITS:
             raise ValueError(f"split {split!r}: allowed are {', '.join(SPLITS)}")
-    class_map = merged(WAYMO, class_map)
+    class_map = merged(WAYMO, class_map, keep_ignored)
     present = [name for name in ("training", "validation") if (folder / name).is_dir()]
     segments: list[tuple[Path, str]] = []
     for split in splits or present:

@@ -60,6 +60,7 @@ def read_kitti(
     ignored: Counter[str] | None = None,
     skipped: list[str] | None = None,
     lidar: Lidar | None = None,
+    keep_ignored: bool = False,
 ) -> BoxLog:
     """The frames of a KITTI-format folder as a box log.
 
@@ -79,6 +80,7 @@ def read_kitti(
         ignored: gets the number of boxes left out by type.
         skipped: gets what is wrong with lines and frames, which are then left out.
         lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
+        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         OSError: `folder` has no labels.
@@ -86,7 +88,7 @@ def read_kitti(
             missing; names file and line. Or no frame is left, or `lidar_height` is no height.
     """
     LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
-    types = merged(KITTI, class_map)
+    types = merged(KITTI, class_map, keep_ignored)
     ignored = Counter() if ignored is None else ignored
     frames = _frames(folder, skipped)
     numbers: list[list[float]] = []

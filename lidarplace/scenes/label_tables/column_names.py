@@ -21,6 +21,7 @@ USUAL = {
     "width": "width w wid size_y size_w dim_w dim_y extent_y dy",
     "height": "height h hgt size_z size_h dim_h dim_z extent_z dz",
     "yaw": "yaw heading rotation_z rot_z orientation theta psi yaw_angle angle direction",
+    "points": "points num_points num_lidar_pts num_interior_pts point_count lidar_points n_points",
     "poses.x": "ego_x ego_pos_x ego_position_x vehicle_x host_x ego_east",
     "poses.y": "ego_y ego_pos_y ego_position_y vehicle_y host_y ego_north",
     "poses.z": "ego_z ego_pos_z ego_position_z vehicle_z host_z ego_up",

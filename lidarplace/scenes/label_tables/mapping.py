@@ -32,6 +32,8 @@ class Columns(Settings):
     height: Name = Field(description="along its z axis")
     yaw: Name = Field(description="about z, from the x axis towards y")
 
+    points: Name | None = Field(None, description="of the number of real points in a box")
+
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
         if (self.time is None) == (self.frame is None):

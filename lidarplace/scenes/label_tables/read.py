@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.files.columns import numbers, sizes, texts
+from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, SIZE
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POINTS, SIZE, count_columns
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import TableMapping
 from lidarplace.scenes.label_tables.poses import read_track
@@ -51,11 +51,14 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     boxes["object_id"] = (
         texts(table, columns.object, source) if columns.object else boxes.index.map(str)
     )
+    if columns.points is not None:
+        boxes[POINTS] = counts_if_known(table, columns.points, source)
     left_out = boxes["class"].isna()
     ignored.update(texts(table, columns.category, source)[left_out])
     kept = boxes[~left_out]
     _check_objects(kept, mapping, source)
-    kept = kept.sort_values("frame", kind="stable", ignore_index=True)[list(BOX_COLUMNS)]
+    kept = kept.sort_values("frame", kind="stable", ignore_index=True)
+    kept = kept[[*BOX_COLUMNS, *count_columns(kept)]]
     frames = frames[list(FRAME_COLUMNS)]
     if poses is not None:
         frames = pd.concat([frames, poses.ego(mapping.origin)], axis=1)
