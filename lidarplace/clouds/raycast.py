@@ -228,6 +228,22 @@ def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
     return distance <= beams.sight_10 * (10.0 * reflected) ** beams.falloff
 
 
+def expected_share(
+    lidar: Lidar, object_class: str, rays: NDArray[np.int64], ranges: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Probability that rays return from an object of a class, past drop-off and correction.
+
+    Args:
+        rays: their numbers in the order of `Lidar.directions()`, any shape.
+        ranges: of their hits, metres, the same shape.
+    """
+    beams, correction = beams_of(lidar), lidar.correction or Correction()
+    share = correction.factors_of([object_class])[0] * np.exp(-beams.loss * ranges)
+    if len(beams.mask):
+        share = share * beams.mask[rays]
+    return np.asarray(np.minimum(share, 1.0) * (1.0 - lidar.drop_off))
+
+
 @inner
 def lost_share(ray, distance, factor, drop_off, beams):  # pragma: no cover - compiled
     """Probability that the return of a ray is lost, by drop-off and by `Correction`.
