@@ -381,7 +381,8 @@ OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
 
 def own_body() -> Parts:
     """Parts of the vehicle's own body, a sedan. It returns no light."""
-    solid = [part for part in _sedan(0.5, 0.5, 0.5, 0.5) if part.material not in _LIGHTS]
+    sedan = _car(0.59, tail=0.105, windscreen=0.72, slope=0.165, rear_slope=0.11)
+    solid = [part for part in sedan if part.material not in _LIGHTS]
     shape = Shapes(np.array([solid], np.float64), np.zeros(1, np.int64), np.zeros((1, 3)))
     parts = shape.parts(np.zeros(1, np.int64), np.array([OWN_BODY]))
     return Parts(parts.geometry, np.full(len(parts), BODY, np.int32), np.zeros(len(parts)))

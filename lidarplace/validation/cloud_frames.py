@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.clouds.clouds import PointClouds, read_clouds
+from lidarplace.clouds.clouds import read_clouds
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.surroundings import Surroundings
@@ -43,19 +43,20 @@ class Cloud:
     lidar: NDArray[np.uint8]
 
 
-def real_clouds(folder: Path, lidars: int) -> Iterator[Cloud]:
-    """The clouds that `convert --clouds` kept in a log, whose points are told apart by LiDAR.
+def real_clouds(folder: Path, lidars: int, most: int) -> Iterator[Cloud]:
+    """The clouds that `convert --clouds` kept in a log, spread evenly over those that are there.
 
     Args:
         folder: of the log.
-        lidars: number of LiDARs of the rig; clouds of another number are left out.
+        lidars: number of LiDARs of the rig; clouds whose points are not told apart by as many are
+            left out, and no points are known by LiDAR then.
+        most: clouds.
     """
-    for path in sorted(folder.glob("clouds/recorded/*/data.npy")):
-        clouds: PointClouds = read_clouds(path.parent)
-        if clouds.counts.shape[1] != lidars:
-            continue
-        for index, frame in enumerate(clouds.frames.tolist()):
-            yield Cloud(frame, clouds[index][:, :3], clouds.lidar(index))
+    parts = [read_clouds(path.parent) for path in sorted(folder.glob("clouds/recorded/*/data.npy"))]
+    place = [(own, n) for own in parts if own.counts.shape[1] == lidars for n in range(len(own))]
+    chosen = np.linspace(0, len(place) - 1, min(len(place), most)).round().astype(int)
+    for clouds, index in (place[n] for n in chosen.tolist()):
+        yield Cloud(int(clouds.frames[index]), clouds[index][:, :3], clouds.lidar(index))
 
 
 @dataclass(frozen=True)

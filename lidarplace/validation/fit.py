@@ -107,10 +107,11 @@ class Problem:
         track = near.groupby(["scene", "object_id"]).ngroup().to_numpy(np.int64)
         names = near["class"].to_numpy(str)
         tracks = near.assign(track=track).groupby("class")["track"].nunique()
-        few = [name for name, number in tracks.items() if number < FEWEST_OF_CLASS]
-        names = np.where(np.isin(names, few), OTHER, names)
+        few = [str(name) for name, number in tracks.items() if number < FEWEST_OF_CLASS]
+        names = np.where(np.isin(names, np.array(few, np.str_)), OTHER, names)
         real = near["real"].to_numpy(np.float64)
-        return cls(near.index.to_numpy(np.int64), track, names, real, np.array(simulated))
+        rows = near.index.to_numpy(np.int64)
+        return cls(rows, track, names.astype(np.str_), real, np.array(simulated))
 
     @property
     def tracks(self) -> int:
@@ -160,9 +161,8 @@ class Problem:
             fitted = self.fit(np.concatenate([parts[n] for n in chosen]))
             drawn.append(fitted.factor | {"distance": fitted.distance or math.inf})
         table = pd.DataFrame(drawn)
-        return {
-            name: tuple(table[name].quantile([0.025, 0.975], "nearest").tolist()) for name in table
-        }
+        ends = table.quantile([0.025, 0.975], interpolation="nearest")  # inf has no neighbours
+        return {str(name): (own.iloc[0], own.iloc[1]) for name, own in ends.items()}
 
 
 def _factor(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> float:

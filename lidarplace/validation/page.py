@@ -185,7 +185,7 @@ def _correction(found: Validation) -> Section:
         rows.append([name, value, "" if math.isnan(low) else f"{show(low)} to {show(high)}"])
     tables = [Table("The correction", ("", "value", "95 % interval over objects"), rows)]
     if len(found.fits):
-        names = [name for name in found.fits if name not in ("route", "boxes")]
+        names = [str(name) for name in found.fits if name not in ("route", "boxes")]
         tables.append(
             Table(
                 "Fitted without one route",
@@ -230,7 +230,8 @@ def _subsets(found: Validation) -> Section:
         )
         return Section("Subsets of the LiDARs", (why,))
     tables = []
-    for (measure, name), part in found.subsets.groupby(["measure", "class"], sort=False):
+    for key, part in found.subsets.groupby(["measure", "class"], sort=False):
+        measure, name = map(str, key)
         digits = 3 if measure == "expected_recall" else 1
         ranked = part.sort_values("real", ascending=False)
         rows = [

@@ -54,7 +54,7 @@ def _fired(lidar: Lidar) -> NDArray[np.float64]:
     turns = (lidar.azimuths() + math.pi) / (2 * math.pi) % 1.0
     own = np.minimum((turns.ravel() * SECTORS).astype(np.int64), SECTORS - 1)
     per_step = 1 if lidar.pattern is not None else lidar.beams
-    return np.bincount(own, minlength=SECTORS) * float(per_step)
+    return np.asarray(np.bincount(own, minlength=SECTORS) * per_step, np.float64)
 
 
 def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -66,4 +66,4 @@ def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     best = np.nanmax(np.nan_to_num(np.array(shares), nan=-1.0), axis=0)
     best[best < 0] = np.nan
     relative = best / np.nanquantile(best, _OPEN, axis=1, keepdims=True)
-    return np.where(relative < SHADOW, relative, 1.0)
+    return np.asarray(np.where(relative < SHADOW, relative, 1.0), np.float64)

@@ -90,7 +90,9 @@ def simulate(log: BoxLog, placement: Placement, frames: Sequence[int], *, seed: 
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         every = [own for found in threads.map(of_frame, frames) for own in found]
     box, lidar, sector, points, distance = np.concatenate([np.empty((5, 0)), *every], axis=1)
-    return Returns(*(key.astype(np.int64) for key in (box, lidar, sector)), points, distance)
+    return Returns(
+        box.astype(np.int64), lidar.astype(np.int64), sector.astype(np.int64), points, distance
+    )
 
 
 def lowered(parts: Parts) -> Parts:
@@ -103,7 +105,7 @@ def lowered(parts: Parts) -> Parts:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _counts(
     origin, rotation, beams, parts, owners, reflectivities, crop, ends, boxes
-):  # pragma: no cover - compiled
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # pragma: no cover - compiled
     """Returns and sums of their ranges by box and sector, both shape (boxes, SECTORS)."""
     steps = beams.azimuths.shape[2]
     rays = len(beams.elevations) * steps

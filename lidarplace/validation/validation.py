@@ -18,6 +18,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLASSES, GEOMETRY, POINTS, points_of
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.correction import OTHER
+from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.validation.cloud_frames import FATES, Seen, real_clouds, seen_in
 from lidarplace.validation.comparison import BELOW_M, comparison, floor
@@ -98,8 +99,7 @@ def validate(
     if model != rig.placement:
         own = simulate(log, model, frames, seed=seed)
     route_of = log.frames.set_index("frame")["route"]
-    clouds = list(real_clouds(folder, len(names)))
-    clouds = [clouds[n] for n in _evenly(len(clouds), MOST_CLOUDS)]
+    clouds = list(real_clouds(folder, len(names), MOST_CLOUDS))
     share = {c.frame: returned(c.points, c.lidar, rig.placement) for c in clouds}
 
     def shadow(left_out: object = None) -> NDArray[np.float64]:
@@ -129,8 +129,8 @@ def validate(
     _simulated(objects, "shipped", returns, lossless.points(returns, classes, plain), names, size)
     expected = np.zeros(len(own.box))
     route_of_box = objects["route"].reindex(range(size)).to_numpy()
-    for route, (fitted, mask) in models.items():
-        which = route_of_box[own.box] == route
+    for left_out, (fitted, mask) in models.items():
+        which = route_of_box[own.box] == left_out
         expected[which] = fitted.points(own, classes, mask[own.lidar, own.sector])[which]
     _simulated(objects, "corrected", own, expected, names, size)
     if correction is None:
@@ -151,15 +151,14 @@ def validate(
         loss = 1.0 / (fitted.distance or math.inf)
         seen.append(
             seen_in(
-                cloud, surroundings, geometry, rig.placement, own_mask, factor, loss, curves.cell,
+                cloud, surroundings, geometry, model, own_mask, factor, loss, curves.cell
             )
         )  # fmt: skip
-    near = np.zeros(size, np.bool_)
-    near[objects.index[objects["distance"] < BELOW_M]] = True
-    subsets = pd.concat(
-        [points_by_subset(objects, names), cells_by_subset(seen, classes, near, names, curves)],
-        ignore_index=True,
-    )
+    counts = np.zeros(size, np.bool_)
+    counts[objects.index[(objects["distance"] < BELOW_M) & objects["real"].notna()]] = True
+    by_points = points_by_subset(objects, names)
+    by_cells = cells_by_subset(seen, classes, counts, names, curves)
+    subsets = pd.concat([by_points, by_cells], ignore_index=True)
     counted = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     done = Validation(
         names=names,
@@ -234,7 +233,7 @@ def _objects(log: BoxLog) -> pd.DataFrame:
         own[f"real/{name}"] = boxes[column].astype(np.float64)
     named = own["class"].isin(CLASSES)
     if named.any():
-        own.loc[~named, [name for name in own if name.startswith("real")]] = np.nan
+        own.loc[~named, [str(name) for name in own if str(name).startswith("real")]] = np.nan
     return own
 
 
@@ -283,17 +282,14 @@ def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
         table[fate] = pd.Series(known, dtype=np.float64)
     if seen:
         table = table[table[list(FATES)].notna().all(axis=1)]
-    off = np.log2((table["corrected"] + 2.0) / (table["real"] + 2.0))  # a few points do not matter
+    # A few points do not matter.
+    off = pd.Series(np.log2((table["corrected"] + 2.0) / (table["real"] + 2.0)), table.index)
     table["log2"] = off
     reasons = table[list(FATES[1:])].fillna(0.0)
     reason = reasons.idxmax(axis=1).where(reasons.sum(axis=1) > 0, "")
     fewer = "real points where none is simulated"
     table["reason"] = reason.where(off > 0, fewer) if seen else ""
     return table.loc[off.abs().sort_values(ascending=False).index[:WORST]]
-
-
-def _evenly(number: int, most: int) -> list[int]:
-    return np.unique(np.linspace(0, number - 1, min(number, most)).round().astype(int)).tolist()
 
 
 def _given(file: CorrectionFile) -> Fit:
@@ -308,7 +304,7 @@ def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:
     return np.array([np.ones(SECTORS) if m is None else m.mask.at(middle, level) for m in masks])
 
 
-def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> object:
+def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
     """The rig with the rays of a correction, without what it thins."""
     if file is None:
         return rig.placement
