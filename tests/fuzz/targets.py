@@ -71,6 +71,12 @@ def _box_log(world: Path) -> object:
     return read_box_log(world / "log")
 
 
+def _recorded_log(world: Path) -> object:
+    from lidarplace.logs.box_log import read_box_log
+
+    return read_box_log(world / "recorded")
+
+
 def _kitti_clouds(world: Path) -> object:
     from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
 
@@ -146,6 +152,7 @@ QUICK = (
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
+    Target("recorded log", ("recorded/rig.json", "recorded/boxes.parquet"), read=_recorded_log),
     Target("describe", LOG, "lidarplace.commands.describe", ("log",), check=SOUND),
     Target("view", LOG, "lidarplace.commands.view", ("log", "--placement", "line"), check=SOUND),
     Target(
@@ -239,9 +246,17 @@ DATA: tuple[Target, ...] = (
     ),
     Target(
         "convert argoverse",
-        ("av2/val/log-1/*.feather",),
+        ("av2/val/log-1/*.feather", "av2/val/log-1/calibration/*.feather"),
         CONVERT,
         ("argoverse", "av2", "out"),
+        check=partial(_nonsense, "out"),
+    ),
+    Target(
+        "convert argoverse --clouds",
+        ("av2/val/log-1/sensors/lidar/*.feather",),
+        CONVERT,
+        ("argoverse", "av2", "out", "--clouds", "av2"),
+        needs=("av2",),
         check=partial(_nonsense, "out"),
     ),
     Target(
