@@ -103,9 +103,8 @@ factor: {Car: 0.62, Pedestrian: 0.7, other: 0.6}   # share of the rays on an obj
 distance: 75                                       # metres after which 1/e of them do
 lidars:                                            # by the name of the LiDAR in the recorded rig
   up_lidar:
-    azimuth_steps: 1808                            # these two win over the LiDAR's own
-    elevations_deg: [-25, …]
-    mask: {azimuth_deg: 5, shares: [0.1, 0.4, …]}  # from -180 degrees on, to the left
+    azimuth_steps: 1808                            # wins over that of `lidar`, as elevations_deg
+    mask: {azimuth_deg: 90, shares: [0.1, 1, 1, 0.4]}   # from -180 degrees on, to the left
 fitted: {routes: 4, tracks: 257}                   # free facts
 ```
 

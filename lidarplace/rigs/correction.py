@@ -15,6 +15,9 @@ OTHER = "other"
 MOST_FACTOR = 10.0
 """Beyond, the recording and its simulation are not of one rig."""
 
+LEAST_DISTANCE = 1e-300
+"""Metres; its inverse is a number."""
+
 _HAIR = 1e-9  # of a bin: a ray on an edge belongs to the upper bin, whatever rounding makes of it
 
 
@@ -97,8 +100,10 @@ class Correction:
                 )
         if len(dict(pairs)) < len(pairs):
             raise ValueError("factor: each class once, found one twice")
-        if self.distance is not None and not 0 < self.distance < math.inf:
-            raise ValueError(f"distance must be positive and finite, found {self.distance}")
+        if self.distance is not None and not LEAST_DISTANCE <= self.distance < math.inf:
+            raise ValueError(
+                f"distance must be finite and at least {LEAST_DISTANCE:g} m, found {self.distance}"
+            )
 
     def __repr__(self) -> str:
         parts = [f"{name} {share:.3g}" for name, share in self.factor]

@@ -326,6 +326,7 @@ def test_settings_take_it_beside_their_file(tmp_path):
         ("factr: {}", "c.yaml: factr: unknown key"),
         ("distance: 0", "c.yaml: distance: found 0;"),
         ("distance: .inf", "c.yaml: distance: found inf;"),
+        ("distance: 5e-324", "distance must be finite and at least 1e-300 m"),
         ("[1]", r"c.yaml: found \[1\];"),
         (
             "lidars: {a: {mask: {azimuth_deg: 5, shares: [1]}}}",
