@@ -271,11 +271,12 @@ def _shadow(found: Validation) -> Section:
             showlegend=False,
         )
         figure.update_layout(
+            margin={"t": 75},
             polar={
                 "angularaxis": {"rotation": 90, "direction": "counterclockwise"},
                 "radialaxis": {"range": [0, 1], "tickvals": [0.5, 1]},
                 "bgcolor": "rgba(0,0,0,0)",
-            }
+            },
         )
         figures.append(_json(figure))
     closed = [
@@ -329,7 +330,7 @@ def _figure(title: str) -> go.Figure:
             "title": {"text": title, "font": {"size": 14}},
             "margin": {"l": 45, "r": 15, "t": 40, "b": 40},
             "height": 320,
-            "legend": {"orientation": "h", "y": -0.25},
+            "legend": {"orientation": "h", "y": -0.3},
         }
     )
 

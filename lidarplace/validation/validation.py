@@ -256,7 +256,8 @@ def _simulated(
 
 
 def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
-    """Objects whose points differ most after the correction, with what became of their rays.
+    """Objects whose points differ most after the correction, each in its worst frame, with what
+    became of their rays.
 
     Those in frames with clouds where there are any: for them the reason is known.
     """
@@ -287,9 +288,10 @@ def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
     table["log2"] = off
     reasons = table[list(FATES[1:])].fillna(0.0)
     reason = reasons.idxmax(axis=1).where(reasons.sum(axis=1) > 0, "")
-    fewer = "real points where none is simulated"
-    table["reason"] = reason.where(off > 0, fewer) if seen else ""
-    return table.loc[off.abs().sort_values(ascending=False).index[:WORST]]
+    fewer = np.where(table["shipped"] > 0, "too few simulated", "hidden in the simulation alone")
+    table["reason"] = reason.where(off > 0, pd.Series(fewer, table.index)) if seen else ""
+    worst = table.loc[off.abs().sort_values(ascending=False).index]
+    return worst.drop_duplicates(["scene", "object_id"])[:WORST]
 
 
 def _given(file: CorrectionFile) -> Fit:

@@ -72,7 +72,8 @@ def test_subsets_of_the_lidars_are_a_placement_experiment(found):
 
 def test_the_reason_of_the_worst_is_known_from_clouds(found):
     assert set(found.worst["reason"]) <= {"lost", "passed beyond", "hidden",
-                                          "real points where none is simulated"}  # fmt: skip
+                                          "too few simulated",
+                                          "hidden in the simulation alone"}  # fmt: skip
     rays = found.worst[["in the box", "hidden", "passed beyond", "lost"]].sum(axis=1)
     np.testing.assert_array_equal(rays, found.worst["shipped"])
 
