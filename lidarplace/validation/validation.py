@@ -289,7 +289,7 @@ def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
     reasons = table[list(FATES[1:])].fillna(0.0)
     reason = reasons.idxmax(axis=1).where(reasons.sum(axis=1) > 0, "")
     fewer = np.where(table["shipped"] > 0, "too few simulated", "hidden in the simulation alone")
-    table["reason"] = reason.where(off > 0, pd.Series(fewer, table.index)) if seen else ""
+    table["reason"] = np.where(off > 0, reason, fewer) if seen else ""
     worst = table.loc[off.abs().sort_values(ascending=False).index]
     return worst.drop_duplicates(["scene", "object_id"])[:WORST]
 

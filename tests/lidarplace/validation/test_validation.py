@@ -8,6 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace.base.errors import InputError
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.points_in_boxes import count_points_per_object
 from lidarplace.commands.validate import app
 from lidarplace.configuration.correction import read_correction
 from lidarplace.logs.box_log import read_box_log, write_box_log
@@ -93,6 +95,23 @@ def test_a_given_correction_is_judged_without_a_fit(real, found):
     assert judged.correction == found.correction
     assert len(judged.fits) == 0
     assert verdict(judged).answer == "with a correction"
+
+
+def test_clouds_of_the_corrected_rig_have_the_real_points(real, found):
+    """Above z = 0, where the clouds' ground hides nothing of the boxes."""
+    _, log = real
+    lidars = [
+        lidar.corrected(found.correction, name)
+        for name, lidar in zip(NAMES, RIG.placement.lidars, strict=True)
+    ]
+    high = log.boxes[log.boxes["z"] > log.boxes["height"] / 2]
+    ratio = {}
+    for name, rig in (("shipped", RIG.placement), ("corrected", RIG.placement.with_lidar(lidars))):
+        clouds = collect(log, log.frames["frame"], rig, (-80, -80, -5, 80, 80, 10))
+        points = count_points_per_object(high, clouds)["points"]
+        ratio[name] = points.sum() / high["points"].sum()
+    assert ratio["shipped"] > 1.8
+    assert ratio["corrected"] == pytest.approx(1.0, abs=0.08)
 
 
 def test_few_tracks_give_one_number_and_no_decision(tmp_path):
