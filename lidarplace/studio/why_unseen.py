@@ -86,7 +86,7 @@ def _aimed(
     ids: list[str],
     ends: NDArray[np.float64],
 ) -> AimedRays:
-    mine = parts.owner == own
+    mine = (parts.owner == own) | (parts.owner == PANE - own)
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
     aimed = cast(mount, lidar, alone).target == own
     met = cast(mount, lidar, parts, ends=ends)

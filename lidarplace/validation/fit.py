@@ -104,7 +104,7 @@ class Problem:
             )[near.index]
             for far in DISTANCES_M
         ]
-        track: NDArray[np.int64] = near.groupby(["scene", "object_id"]).ngroup().to_numpy(np.int64)
+        track = np.asarray(near.groupby(["scene", "object_id"]).ngroup(), np.int64)
         names = near["class"].to_numpy(str)
         tracks = near.assign(track=track).groupby("class")["track"].nunique()
         few = [str(name) for name, number in tracks.items() if number < FEWEST_OF_CLASS]

@@ -27,7 +27,7 @@ from lidarplace.validation.shadow import returned, shadows
 from lidarplace.validation.simulation import SECTORS, Returns, simulate
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
 
-MOST_CLOUDS = 200
+MOST_CLOUDS = 60
 """Frames with clouds that are looked at, spread evenly; shadows need no more."""
 
 WORST = 20
