@@ -92,7 +92,7 @@ def _aimed(
     met = cast(mount, lidar, parts, ends=ends)
     names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"}
     names |= dict(enumerate(ids))
-    names |= {PANE - number: f"windows of {object_id}" for number, object_id in enumerate(ids)}
+    names |= {PANE - number: object_id for number, object_id in enumerate(ids)}
     targets = Counter(met.target[aimed].tolist())
     reached = aimed & (met.target == own)
     bright = lidar.sight(met.reflected[reached])
