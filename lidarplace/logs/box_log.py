@@ -173,7 +173,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
             f"{folder / 'boxes.parquet'}: row {row}: frame {boxes['frame'].iloc[row]} is not in "
             "frames.parquet, which lists every frame"
         )
-    rigs = _read_rigs(folder / RIG_FILE, boxes)
+    rigs = read_rigs(folder / RIG_FILE, boxes)
     path = folder / "buildings.parquet"
     if not is_there(path):
         return BoxLog(boxes, frames, rigs=rigs)
@@ -186,8 +186,11 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     return BoxLog(boxes, frames, buildings, rigs)
 
 
-def _read_rigs(path: Path, boxes: pd.DataFrame) -> dict[str, RecordedRig]:
-    """The rigs by scene, which have every LiDAR with counts; none where there is no file."""
+def read_rigs(path: Path, boxes: pd.DataFrame) -> dict[str, RecordedRig]:
+    """The rigs by scene in a `rig.json`, which have every LiDAR with counts; none without a file.
+
+    Raises ValueError as `read_box_log` does.
+    """
     if not is_there(path):
         return {}
     try:
