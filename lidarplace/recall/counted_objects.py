@@ -3,7 +3,8 @@
 Rays are cast at them as for point clouds, without noise: objects, buildings and the vehicle's own
 body hide what is behind them. Of their returns, drop-off and corrections lose the same share as in
 clouds, and for the same reason: the random number of a ray depends on seed, frame and ray alone.
-So placements lose the same rays, and a single LiDAR those of its clouds.
+So placements lose the same rays, so their differences vary less, and a single LiDAR those of
+its clouds. LiDARs of one rig draw equal numbers, too: what a mount hits does not depend on others.
 """
 
 from __future__ import annotations

@@ -79,6 +79,18 @@ FRAMES = np.array([0, 1])
 """Frames of the recorded clouds."""
 
 
+CORRECTION = """
+factor: {Car: 0.62, other: 0.6}
+distance: 75.0
+lidars:
+  up:
+    azimuth_steps: 900
+    elevations_deg: [-10.0, 0.0, 5.0]
+    mask: {azimuth_deg: 120, elevation_deg: [-5.0], shares: [[0.1, 1.0, 0.5], [1.0, 1.0, 0.2]]}
+fitted: {routes: 4}
+"""
+
+
 def write_world(folder: Path) -> None:
     """Write all of it into a new folder."""
     folder.mkdir(parents=True)
@@ -107,6 +119,7 @@ def write_world(folder: Path) -> None:
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
+    (folder / "correction.yaml").write_text(CORRECTION)
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
     _rigs(folder / "rigs")
     _checkpoint(folder / "base.pt")
