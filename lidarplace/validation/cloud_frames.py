@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from lidarplace.clouds.clouds import read_clouds
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import cast
+from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.validation.shadow import sectors
-from lidarplace.validation.simulation import DEPTH_M, lowered
+from lidarplace.validation.simulation import REACH_M, rays_on_objects
 
 FATES = ("in the box", "hidden", "passed beyond", "lost")
 """What a real LiDAR did where a simulated ray meets an object: it met the object, too; something
@@ -100,26 +100,23 @@ def seen_in(
     """
     rows = surroundings.rows(cloud.frame)
     boxes = geometry[rows]
-    parts = lowered(body_parts(None).and_(surroundings.parts(cloud.frame, 300.0)))
+    parts = body_parts(None).and_(surroundings.parts(cloud.frame, REACH_M))
+    ends = ends_in_rig(placement)
     random = np.random.default_rng(cloud.frame)
     found = Seen(rows, [], [], [], np.zeros((len(rows), len(FATES)), np.int64))
     for number, (mount, lidar) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
         points = cloud.points[cloud.lidar == number].astype(np.float64)
         found.real.append(_cells(*_inside(points, boxes), boxes, cell))
-        deep = Mount(mount.x, mount.y, mount.z - DEPTH_M, mount.roll, mount.pitch, mount.yaw)
         own = lidar.in_frame(cloud.frame)
-        hits = cast(deep, own, parts)
-        met = (hits.target >= 0) & (hits.range <= own.sight(hits.reflected))
-        rays = own.directions()[met] @ mount.rotation.T
-        at, target = mount.position + rays * hits.range[met, None], hits.target[met]
+        met = rays_on_objects(mount, own, parts, ends[number])
+        rays, target = own.directions()[met.ray] @ mount.rotation.T, met.target
+        at = mount.position + rays * met.range[:, None]
         found.shipped.append(_cells(at, target, boxes, cell))
-        chance = factor[rows][target] * np.exp(-hits.range[met] * loss)
+        chance = factor[rows][target] * np.exp(-met.range * loss)
         chance *= share[number][sectors(at, mount.position, mount.rotation)]
         kept = random.random(len(at)) < chance
         found.corrected.append(_cells(at[kept], target[kept], boxes, cell))
-        found.fates[:] += _fates(
-            points - mount.position, rays, hits.range[met], target, boxes, mount
-        )
+        found.fates[:] += _fates(points - mount.position, rays, met.range, target, boxes, mount)
     return found
 
 
@@ -162,7 +159,7 @@ def _fates(
     returns: NDArray[np.float64],
     rays: NDArray[np.float64],
     ranges: NDArray[np.float64],
-    target: NDArray[np.int32],
+    target: NDArray[np.int64],
     boxes: NDArray[np.float64],
     mount: Mount,
 ) -> NDArray[np.int64]:

@@ -9,25 +9,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import EVERYWHERE, along, beams_of, cast_compiled, returns_light
+from lidarplace.clouds.raycast import NO_ENDS, cast
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import Parts
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 SECTORS = 72
 """Of the azimuth of a LiDAR in its own frame, from -180 degrees on."""
 
-DEPTH_M = 1000.0
+REACH_M = 300.0
+"""How far off buildings may hide."""
+
+_DEPTH_M = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,64 +68,66 @@ def simulate(log: BoxLog, placement: Placement, frames: Sequence[int], *, seed: 
     surroundings, body = Surroundings(log, seed), body_parts(None)
     ends = ends_in_rig(placement)
 
+    sectors = {lidar: _sectors(lidar) for lidar in placement.lidars if lidar.pattern is None}
+
     def of_frame(frame: int) -> list[NDArray[np.float64]]:
         rows, found = surroundings.rows(frame), []
-        around = lowered(body.and_(surroundings.parts(frame, 300.0)))
-        for number, (mount, lidar) in enumerate(
+        parts = body.and_(surroundings.parts(frame, REACH_M))
+        for number, (mount, model) in enumerate(
             zip(placement.mounts, placement.lidars, strict=True)
         ):
-            counts, ranges = _counts(
-                mount.position - [0.0, 0.0, DEPTH_M],
-                mount.rotation,
-                beams_of(lidar.in_frame(frame)),
-                around.geometry,
-                around.owner,
-                around.reflectivity,
-                np.array(EVERYWHERE),
-                ends[number],
-                len(rows),
-            )
-            box, sector = np.nonzero(counts)
-            hit = counts[box, sector]
-            columns = (rows[box], np.full(len(box), number), sector, hit, ranges[box, sector] / hit)
-            found.append(np.stack(columns))
+            lidar = model.in_frame(frame)
+            met = rays_on_objects(mount, lidar, parts, ends[number])
+            sector = sectors[lidar] if lidar in sectors else _sectors(lidar)
+            cell = met.target * SECTORS + sector[met.ray]
+            points = np.bincount(cell, minlength=len(rows) * SECTORS)
+            (hit,) = np.nonzero(points)
+            mean = np.bincount(cell, met.range, len(points))[hit] / points[hit]
+            lidars = np.full(len(hit), number)
+            found.append(np.stack([rows[hit // SECTORS], lidars, hit % SECTORS, points[hit], mean]))
         return found
 
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         every = [own for found in threads.map(of_frame, frames) for own in found]
-    box, lidar, sector, points, distance = np.concatenate([np.empty((5, 0)), *every], axis=1)
-    return Returns(
-        box.astype(np.int64), lidar.astype(np.int64), sector.astype(np.int64), points, distance
-    )
+    box, number, sector, points, mean = np.concatenate([np.empty((5, 0)), *every], axis=1)
+    keys = (key.astype(np.int64) for key in (box, number, sector))
+    return Returns(*keys, points=points, distance=mean)
 
 
-def lowered(parts: Parts) -> Parts:
-    """The same parts far below the ground, which therefore hides none of them."""
+class Met(NamedTuple):
+    """Rays of a LiDAR that return from objects.
+
+    Attributes:
+        ray: their numbers, int64, shape (n,).
+        target: number of the object of each in its frame, int64, shape (n,).
+        range: metres, float64, shape (n,).
+    """
+
+    ray: NDArray[np.int64]
+    target: NDArray[np.int64]
+    range: NDArray[np.float64]
+
+
+def rays_on_objects(
+    mount: Mount, lidar: Lidar, parts: Parts, ends: NDArray[np.float64] = NO_ENDS
+) -> Met:
+    """Cast a LiDAR deep below the ground, which therefore hides nothing.
+
+    Args:
+        mount, lidar, parts, ends: as of `lidarplace.clouds.raycast.cast`.
+    """
     geometry = parts.geometry.copy()
-    geometry[:, 2] -= DEPTH_M
-    return Parts(geometry, parts.owner, parts.reflectivity)
+    geometry[:, 2] -= _DEPTH_M
+    deep = replace(mount, z=mount.z - _DEPTH_M)
+    hits = cast(deep, lidar, Parts(geometry, parts.owner, parts.reflectivity), ends=ends)
+    (ray,) = np.nonzero(hits.target >= 0)
+    away = hits.range[ray]
+    seen = (away >= lidar.min_range) & (away <= lidar.sight(hits.reflected[ray]))
+    return Met(ray[seen], hits.target[ray[seen]].astype(np.int64), away[seen])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _counts(
-    origin, rotation, beams, parts, owners, reflectivities, crop, ends, boxes
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # pragma: no cover - compiled
-    """Returns and sums of their ranges by box and sector, both shape (boxes, SECTORS)."""
-    steps = beams.azimuths.shape[2]
-    rays = len(beams.elevations) * steps
-    hits = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
-    ranges, targets, reflected = hits
-    cast_compiled(origin, rotation, beams, parts, owners, reflectivities, crop, ends, hits)
-    counts, sums = np.zeros((boxes, SECTORS)), np.zeros((boxes, SECTORS))
-    for beam in range(len(beams.elevations)):
-        cosines, sines = along(beams, beam)
-        for step in range(steps):
-            ray = beam * steps + step
-            b = targets[ray]
-            if b < 0 or not returns_light(ranges[ray], reflected[ray], beams):
-                continue
-            turn = (math.atan2(sines[step], cosines[step]) + math.pi) / (2 * math.pi)
-            sector = min(int(turn * SECTORS), SECTORS - 1)
-            counts[b, sector] += 1.0
-            sums[b, sector] += ranges[ray]
-    return counts, sums
+def _sectors(lidar: Lidar) -> NDArray[np.int64]:
+    """Of every ray, in the order of `Lidar.directions`."""
+    x, y, _ = lidar.directions().T
+    turn = (np.arctan2(y, x) + math.pi) / (2 * math.pi)
+    return np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1)

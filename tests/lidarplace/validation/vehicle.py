@@ -8,7 +8,6 @@ import pandas as pd
 
 from lidarplace.clouds.clouds import PointClouds, as_kept, write_clouds
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS
@@ -16,7 +15,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.validation.shadow import sectors
-from lidarplace.validation.simulation import DEPTH_M, SECTORS, lowered
+from lidarplace.validation.simulation import SECTORS, rays_on_objects
 
 NAMES = ("up", "down")
 RIG = RecordedRig(
@@ -85,20 +84,21 @@ def recorded(
         for frame in own["frame"]:
             random = np.random.default_rng(int(frame))
             rows, points, sizes = surroundings.rows(frame), [], []
-            parts = lowered(body_parts(None).and_(surroundings.parts(frame, 300.0)))
+            parts = body_parts(None).and_(surroundings.parts(frame, 300.0))
             for n, (mount, lidar) in enumerate(
                 zip(RIG.placement.mounts, RIG.placement.lidars, strict=True)
             ):
-                deep = Mount(mount.x, mount.y, mount.z - DEPTH_M, yaw=mount.yaw)
-                hits = cast(deep, lidar, parts)
-                met = hits.target >= 0
-                away = np.where(met, hits.range, 80.0)  # the rest is walls
+                hits = rays_on_objects(mount, lidar, parts)
+                met = np.zeros(lidar.rays, bool)
+                met[hits.ray] = True
+                away, target = np.full(lidar.rays, 80.0), np.zeros(lidar.rays, int)
+                away[hits.ray], target[hits.ray] = hits.range, hits.target  # the rest is walls
                 at = mount.position + lidar.directions() @ mount.rotation.T * away[:, None]
                 share = mask[n][sectors(at, mount.position, mount.rotation)]
-                own_share = factor[rows][np.where(met, hits.target, 0)]
+                own_share = factor[rows][target]
                 share = share * np.where(met, own_share * np.exp(-away / loss.distance), 1.0)
                 kept = random.random(len(at)) < share
-                counts[NAMES[n]][rows] = np.bincount(hits.target[kept & met], minlength=len(rows))
+                counts[NAMES[n]][rows] = np.bincount(target[kept & met], minlength=len(rows))
                 seen = np.c_[at[kept], np.full(kept.sum(), 0.5)].astype(np.float32)
                 points.append(as_kept(seen[np.abs(seen[:, 2]) < 19], KEPT))
                 sizes.append(len(points[-1]))
