@@ -49,6 +49,9 @@ VERBS = {
     "describe": Verb(
         "lidarplace.commands.describe", "Print frames and objects per frame of box logs."
     ),
+    "validate": Verb(
+        "lidarplace.commands.validate", "Compare the simulator with the real points of a log."
+    ),
     "view": Verb("lidarplace.commands.view", "Make a page of one frame of a box log."),
     "studio": Verb(
         "lidarplace.studio.command", "Place LiDARs by hand on a page of the browser.", "studio"

@@ -36,6 +36,7 @@ NOT_RUN = {
     "sbatch ": "needs Slurm",
     "python -m mlflow server ": "needs PostgreSQL",
     "lidarplace dashboard": "a server; tests/tracking/test_dashboard.py starts it",
+    "lidarplace validate ": "needs real points; tests/lidarplace/validation runs it",
     "lidarplace studio": "a server; tests/lidarplace/studio/test_page.py starts it",
     "python -m pytest": "would test within a test",
     "pytest ": "would test within a test",

@@ -29,7 +29,7 @@ from lidarplace.clouds.convex import (
     shorter_turn,
     window,
 )
-from lidarplace.clouds.shapes import BODY, Parts
+from lidarplace.clouds.shapes import BODY, PANE, Parts
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
@@ -423,6 +423,7 @@ def _visible_share(  # pragma: no cover - compiled
             widths = max(below, above) + max(windows[p, 1], windows[p, 2])
             if (
                 owners[p] == o
+                or owners[p] == PANE - o
                 or facing[p] == 0
                 or windows[p, 5] > far
                 or turn > widths + 1e-9

@@ -18,7 +18,7 @@ class Material(IntEnum):
     PAINT = 0
     """Of cars, trucks and two-wheelers."""
     GLASS = 1
-    """The cabin of a car: windows, frames, and what is seen through them."""
+    """The windows of a car: light passes and gets lost behind them."""
     TYRE = 2
     """Tyres, and other black rubber and plastic."""
     RETROREFLECTOR = 3
@@ -40,7 +40,6 @@ class Material(IntEnum):
 
 REFLECTIVITY: dict[Material, tuple[tuple[float, float], ...]] = {
     Material.PAINT: ((0.0, 0.03), (0.19, 0.06), (0.38, 0.2), (0.55, 0.4), (0.65, 0.55), (1.0, 0.8)),
-    Material.GLASS: ((0.0, 0.02), (0.5, 0.1), (1.0, 0.35)),
     Material.TYRE: ((0.0, 0.02), (1.0, 0.1)),
     Material.RETROREFLECTOR: ((0.0, 0.4), (0.1, 2.0), (0.5, 100.0), (1.0, 300.0)),
     Material.LAMP: ((0.0, 0.1), (0.5, 0.6), (0.8, 3.0), (1.0, 30.0)),
@@ -64,7 +63,7 @@ solar reflective car shells: cooler cabins, fuel savings and emission reductions
 2011; at 905 nm: Lim, Bae, Yu, Baek, Cho, *Near-infrared reflective dark-tone bilayer system for
 LiDAR-based autonomous vehicles*, Macromolecular Research, 2022). How many cars are white (35 %),
 black (19 %), grey (19 %), or else: Axalta, *Global automotive color popularity report*, 2021.
-GLASS, TYRE, CLOTHES. Muckenhuber, Holzer, Bockaj, *Automotive lidar modelling approach based
+TYRE, CLOTHES. Muckenhuber, Holzer, Bockaj, *Automotive lidar modelling approach based
 on material properties and lidar capabilities*, Sensors, 2020, and the measurements at 945 nm
 that followed: Ritter and others, *Angle-dependent spectral reflectance material dataset based on
 945 nm time-of-flight camera measurements*, Data in Brief, 2023.

@@ -1,9 +1,9 @@
 """What a LiDAR meets of an object: a few convex parts inside its box.
 
 A part is an upright box whose top may be shorter and narrower than its bottom, so that a cabin has
-a sloped windscreen. The parts of an object together touch all six faces of its box and never leave
-it. Proportions and materials are drawn from a hash of seed and object id: an object looks the same
-in every frame and under every placement.
+a sloped windscreen. The parts of an object never leave its box, which is a label: the surfaces of
+vehicles are `MARGIN_M` inside of it. Proportions and materials are drawn from a hash of seed and
+object id: an object looks the same in every frame and under every placement.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ from lidarplace.logs.boxes import GEOMETRY
 BUILDING, SIGN, BODY = -2, -3, -4
 """Owners of parts that belong to no object: a building, a sign, and the vehicle's own body."""
 
+PANE = -10
+"""Owner of the windows of object 0, less by one for each further one. They hide and return nothing:
+light goes through them and gets lost behind."""
+
 PART_COLUMNS = (*GEOMETRY, "front", "rear", "side")
 """A part: box of its bottom and height, and how far its top stays behind it: at the front, at the
 rear, and on each of the two sides; metres."""
@@ -32,11 +36,27 @@ TRUCK_LENGTH = 4.0
 MOTORCYCLE_LENGTH = 1.95
 """A two-wheeler at least so long, in metres, is a motorcycle, a shorter one a bicycle."""
 
+RIDER_HEIGHT = 1.25
+"""A two-wheeler lower than this, in metres, carries nobody: it is parked, or its rider has a label
+of his own. Argoverse 2 has both: 80 % of its bicycles are 1.12 to 1.24 m high."""
+
+MARGIN_M = (0.07, 0.13, 0.06)
+"""How far the surfaces of cars and trucks are inside of a label: on either end, on either side, at
+the top; metres. With the slant of nose and doors the returns end 0.13 m inside of ends and sides;
+real ones 0.11 and 0.13 m, the top 0.06 m (medians over 43 cars in 3 sweeps of Argoverse 2, 98 %
+quantiles of points in a box). The own body, whose size is known, has no margin."""
+
+_LARGEST_MARGIN = 0.2  # as a share of a side: of boxes that are smaller than any vehicle
+
 _DRAWS = 5  # uniform numbers of an object: the first chooses a variant
 _MOST_PARTS = 8
 
 _PROUD = 0.002
 """How far plates and lamps stand out of the body, as a share of the length: a centimetre."""
+
+
+_EAVES = 0.82
+"""Height of a car's roof over its windows, as a share of its own."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +65,9 @@ class Parts:
 
     Attributes:
         geometry: rows of `PART_COLUMNS`, shape (P, 10), float64, metres and radians.
-        owner: row of the object that a part belongs to, or BUILDING, SIGN or BODY, shape (P,),
-            int32; parts of one object follow each other.
+        owner: row of the object that a part belongs to, or BUILDING, SIGN, BODY or that of a
+            window, see PANE, shape (P,), int32; parts of one object follow each other, windows at
+            the end.
         reflectivity: share of the light that comes back at normal incidence, in terms of a white
             diffuser; of retroreflectors more than 1; shape (P,), float64.
     """
@@ -90,10 +111,12 @@ class Shapes:
             the fields of `Part`, with its reflectivity in the place of the material. NaN where a
             shape has fewer parts.
         of_row: shape of every row of the table, shape (rows,), int64.
+        margin: of every shape, see `MARGIN_M`, shape (S, 3), float64, metres.
     """
 
     unit: NDArray[np.float64]
     of_row: NDArray[np.int64]
+    margin: NDArray[np.float64]
 
     def parts(self, rows: NDArray[np.int64], geometry: NDArray[np.float64]) -> Parts:
         """Parts of the objects in `rows` of the table, whose boxes are `geometry`, shape (B, 7).
@@ -102,7 +125,10 @@ class Shapes:
         """
         unit = self.unit[self.of_row[rows]]
         x0, x1, width, z0, z1, front, rear, side, reflects, left = np.moveaxis(unit, 2, 0)
-        x, y, z, length, breadth, height, yaw = geometry.T[:, :, None]
+        margin = np.minimum(self.margin[self.of_row[rows]], _LARGEST_MARGIN * geometry[:, 3:6])
+        length, breadth, height = (geometry[:, 3:6] - margin * (2.0, 2.0, 1.0)).T[:, :, None]
+        x, y, z, yaw = geometry[:, [0, 1, 2, 6]].T[:, :, None]
+        z = z - 0.5 * margin[:, 2:]
         along, aside = length * (0.5 * (x0 + x1) - 0.5), breadth * left
         columns = (
             x + np.cos(yaw) * along - np.sin(yaw) * aside,
@@ -117,7 +143,8 @@ class Shapes:
             breadth * side,
         )
         there = ~np.isnan(x0)
-        owner = np.broadcast_to(np.arange(len(rows), dtype=np.int32)[:, None], x0.shape)
+        own = np.arange(len(rows), dtype=np.int32)[:, None]
+        owner = np.where(reflects == 0.0, PANE - own, own)
         return Parts(np.stack(columns, axis=2)[there], owner[there], reflects[there])
 
 
@@ -140,9 +167,12 @@ def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
         unit[row, : len(parts)] = parts
     shares = _drawn(ids, seed, _MOST_PARTS, b"reflectivity")[different // len(_KINDS)]
     material = unit[:, :, Part._fields.index("material")]
-    there = ~np.isnan(material)
+    glass = material == Material.GLASS
+    there = ~np.isnan(material) & ~glass
+    material[glass] = 0.0
     material[there] = reflectivity(material[there].astype(int), shares[there])
-    return Shapes(unit, of_row.reshape(len(boxes)))
+    vehicle = np.isin(different % len(_KINDS), [_KINDS.index(kind) for kind in _VEHICLES])
+    return Shapes(unit, of_row.reshape(len(boxes)), vehicle[:, None] * np.array(MARGIN_M))
 
 
 def _drawn(
@@ -155,7 +185,8 @@ def _drawn(
 
 def _kinds(boxes: pd.DataFrame, draw: NDArray[np.float64]) -> NDArray[np.int64]:
     """Index into `_KINDS` of every row."""
-    name, length = boxes["class"].to_numpy(str), boxes["length"].to_numpy(np.float64)
+    name = boxes["class"].to_numpy(str)
+    length, height = (boxes[side].to_numpy(np.float64) for side in ("length", "height"))
     car, cyclist = name == "Car", name == "Cyclist"
     kind = [
         (car & (draw < 0.40), _sedan),
@@ -163,6 +194,7 @@ def _kinds(boxes: pd.DataFrame, draw: NDArray[np.float64]) -> NDArray[np.int64]:
         (car & (draw < 0.93), _suv),
         (car, _pickup),
         (cyclist & (length > TRUCK_LENGTH), _box_truck),
+        (cyclist & (height < RIDER_HEIGHT), _parked),
         (cyclist & (length >= MOTORCYCLE_LENGTH), _motorcycle),
         (cyclist, _bicycle),
         (name == "Pedestrian", _pedestrian),
@@ -190,22 +222,22 @@ class Part(NamedTuple):
 
 def _sedan(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     windscreen, boot = 0.70 + 0.04 * a, 0.08 + 0.05 * b
-    return _car(0.57 + 0.04 * c, boot, windscreen, slope=0.15 + 0.03 * d, rear_slope=0.11)
+    return _car(0.62 + 0.04 * c, boot, windscreen, slope=0.15 + 0.03 * d, rear_slope=0.11)
 
 
 def _hatchback(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     windscreen, tail = 0.74 + 0.04 * a, 0.01 + 0.02 * b
-    return _car(0.56 + 0.04 * c, tail, windscreen, slope=0.16 + 0.03 * d, rear_slope=0.07)
+    return _car(0.61 + 0.04 * c, tail, windscreen, slope=0.16 + 0.03 * d, rear_slope=0.07)
 
 
 def _suv(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     windscreen, tail = 0.73 + 0.05 * a, 0.005 + 0.01 * b
-    return _car(0.58 + 0.04 * c, tail, windscreen, slope=0.11 + 0.03 * d, rear_slope=0.03)
+    return _car(0.63 + 0.04 * c, tail, windscreen, slope=0.11 + 0.03 * d, rear_slope=0.03)
 
 
 def _pickup(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     windscreen, bed = 0.72 + 0.03 * a, 0.34 + 0.06 * b
-    return _car(0.57 + 0.04 * c, bed, windscreen, slope=0.10 + 0.03 * d, rear_slope=0.02)
+    return _car(0.62 + 0.04 * c, bed, windscreen, slope=0.10 + 0.03 * d, rear_slope=0.02)
 
 
 def _car(
@@ -213,9 +245,11 @@ def _car(
 ) -> Sequence[Part]:
     """Body on two axles, a cabin from `tail` to the foot of the windscreen above the belt, lights.
 
+    The windows come last: they return nothing.
     Plates and lamps are bars through the whole body, of which only the ends stand out.
     """
     bottom, nose, back = 0.14, 0.04, 0.03
+    up = (_EAVES - belt) / (1.0 - belt)
 
     def bar(width: float, low: float, high: float, material: Material, left: float = 0.0) -> Part:
         """Its ends are parallel to those of the body."""
@@ -225,12 +259,33 @@ def _car(
 
     return [
         Part(0.0, 1.0, 1.0, bottom, belt, nose, back, 0.03, Material.PAINT),
-        Part(tail, windscreen, 0.94, belt, 1.0, slope, rear_slope, 0.10, Material.GLASS),
+        Part(
+            tail + up * rear_slope,
+            windscreen - up * slope,
+            0.94 - 2.0 * up * 0.10,
+            _EAVES,
+            1.0,
+            slope - up * slope,
+            rear_slope - up * rear_slope,
+            0.10 - up * 0.10,
+            Material.PAINT,
+        ),
         Part(0.12, 0.26, 0.94, 0.0, 0.30, 0.03, 0.03, 0.0, Material.TYRE),
         Part(0.76, 0.90, 0.94, 0.0, 0.30, 0.03, 0.03, 0.0, Material.TYRE),
         bar(0.28, 0.26, 0.34, Material.RETROREFLECTOR),
         bar(0.16, 0.38, 0.47, Material.LAMP, left=0.36),
         bar(0.16, 0.38, 0.47, Material.LAMP, left=-0.36),
+        Part(
+            tail,
+            windscreen,
+            0.94,
+            belt,
+            _EAVES,
+            up * slope,
+            up * rear_slope,
+            up * 0.10,
+            Material.GLASS,
+        ),
     ]
 
 
@@ -276,12 +331,28 @@ def _two_wheeler(
     ]
 
 
+def _parked(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    """A bicycle without a rider: light goes through its wheels, whose rims and tyres are narrow."""
+    wheel, rim, tyre = 0.16, 0.04, 0.08
+    return [
+        Part(0.10, 0.10 + wheel, tyre, 0.0, 0.56, rim, rim, 0.0, Material.TYRE),
+        Part(0.90 - wheel, 0.90, tyre, 0.0, 0.56, rim, rim, 0.0, Material.TYRE),
+        Part(0.26, 0.74, 0.12 + 0.03 * a, 0.30, 0.60, 0.06, 0.0, 0.0, Material.PAINT),
+        Part(0.26, 0.42, 0.24, 0.66 + 0.04 * b, 0.84, 0.0, 0.04, 0.04, Material.TYRE),
+        Part(0.70, 0.74, 0.6 + 0.4 * c, 0.88, 1.0, 0.0, 0.0, 0.0, Material.TYRE),
+        Part(0.70, 0.76, 0.10, 0.56, 0.89, 0.0, 0.0, 0.0, Material.PAINT),
+        Part(0.08, 0.12, 0.12, 0.40, 0.48, 0.0, 0.0, 0.0, Material.RETROREFLECTOR),
+    ]
+
+
 def _pedestrian(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    """Arms and steps fill a label, light passes between them: of rays that met a body as wide as
+    its label, 31 % passed beyond on Argoverse 2."""
     hip, shoulder, head = 0.47 + 0.04 * a, 0.84 + 0.03 * b, 0.14 + 0.04 * d
     return [
-        Part(0.0, 1.0, 0.64 + 0.1 * c, 0.0, hip, 0.26, 0.26, 0.04, Material.CLOTHES),
-        Part(0.20, 0.80, 1.0, hip - 0.02, shoulder, 0.08, 0.08, head, Material.CLOTHES),
-        Part(0.32, 0.68, 0.36, shoulder - 0.01, 1.0, 0.05, 0.05, 0.04, Material.SKIN),
+        Part(0.10, 0.90, 0.40 + 0.1 * c, 0.0, hip, 0.24, 0.24, 0.04, Material.CLOTHES),
+        Part(0.26, 0.74, 0.68, hip - 0.02, shoulder, 0.08, 0.08, head, Material.CLOTHES),
+        Part(0.35, 0.65, 0.30, shoulder - 0.01, 1.0, 0.05, 0.05, 0.04, Material.SKIN),
     ]
 
 
@@ -290,7 +361,19 @@ def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     return [Part(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, Material.PAINT)]
 
 
-_KINDS = (_sedan, _hatchback, _suv, _pickup, _box_truck, _motorcycle, _bicycle, _pedestrian, _brick)
+_KINDS = (
+    _sedan,
+    _hatchback,
+    _suv,
+    _pickup,
+    _box_truck,
+    _motorcycle,
+    _bicycle,
+    _parked,
+    _pedestrian,
+    _brick,
+)
+_VEHICLES = (_sedan, _hatchback, _suv, _pickup, _box_truck)
 
 OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
 """The box of the vehicle's own body in the ego frame: a row of `GEOMETRY`."""
@@ -298,8 +381,9 @@ OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
 
 def own_body() -> Parts:
     """Parts of the vehicle's own body, a sedan. It returns no light."""
-    solid = [part for part in _sedan(0.5, 0.5, 0.5, 0.5) if part.material not in _LIGHTS]
-    shape = Shapes(np.array([solid], np.float64), np.zeros(1, np.int64))
+    sedan = _car(0.59, tail=0.105, windscreen=0.72, slope=0.165, rear_slope=0.11)
+    solid = [part for part in sedan if part.material not in _LIGHTS]
+    shape = Shapes(np.array([solid], np.float64), np.zeros(1, np.int64), np.zeros((1, 3)))
     parts = shape.parts(np.zeros(1, np.int64), np.array([OWN_BODY]))
     return Parts(parts.geometry, np.full(len(parts), BODY, np.int32), np.zeros(len(parts)))
 

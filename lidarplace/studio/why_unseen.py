@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import cast, expected_share
 from lidarplace.clouds.shade import ends_in_rig
-from lidarplace.clouds.shapes import BODY, BUILDING, SIGN, Parts
+from lidarplace.clouds.shapes import BODY, BUILDING, PANE, SIGN, Parts
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
@@ -86,13 +86,13 @@ def _aimed(
     ids: list[str],
     ends: NDArray[np.float64],
 ) -> AimedRays:
-    mine = parts.owner == own
+    mine = (parts.owner == own) | (parts.owner == PANE - own)
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
     aimed = cast(mount, lidar, alone).target == own
     met = cast(mount, lidar, parts, ends=ends)
-    names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"} | dict(
-        enumerate(ids)
-    )
+    names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"}
+    names |= dict(enumerate(ids))
+    names |= {PANE - number: object_id for number, object_id in enumerate(ids)}
     targets = Counter(met.target[aimed].tolist())
     reached = aimed & (met.target == own)
     bright = lidar.sight(met.reflected[reached])

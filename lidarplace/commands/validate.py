@@ -1,0 +1,80 @@
+"""The simulator against a team's own recordings: `lidarplace validate LOG`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import typer
+
+from lidarplace.command_line.options import LogArgument
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import checked_input, new_app, verb
+from lidarplace.configuration.correction import read_correction, write_correction
+from lidarplace.files.atomic import replacing
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.validation.fit import FEWEST_TRACKS
+
+app = new_app()
+
+
+@verb(app, "logs/av2 --out validation", "logs/new --correction av2_fleet")
+def main(
+    log: LogArgument,
+    out: Annotated[
+        Path, typer.Option(help="folder of validation.html, the tables and correction.yaml")
+    ] = Path("validation"),
+    correction: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|NAME", help="judge this correction; without it one is fitted"),
+    ] = None,
+) -> None:
+    """Compare simulated points with the real ones of a log, and fit a correction.
+
+    The log needs the points that each box had and the rig that recorded them: `convert` keeps both.
+    Writes validation.html, which begins with the decision whether to believe the simulator for
+    this vehicle; the tables behind it as Parquet; and correction.yaml for `lidar: {correction: …}`.
+    """
+    from lidarplace.validation.page import write_page
+    from lidarplace.validation.validation import validate
+    from lidarplace.validation.verdict import verdict
+
+    with checked_input():
+        file = None if correction is None else read_correction(correction)
+        found = validate(read_box_log(log), log, file)
+        out.mkdir(parents=True, exist_ok=True)
+        decision = verdict(found)
+        tables = {
+            "scores": found.scores,
+            "objects": found.objects,
+            "subsets": found.subsets,
+            "agreement": found.agreement,
+            "fits": found.fits,
+            "worst": found.worst,
+        }
+        for name, content in tables.items():
+            with replacing(out / f"{name}.parquet") as partial, partial.open("wb") as parquet:
+                content.to_parquet(parquet, index=False)
+        if file is None:
+            write_correction(out / "correction.yaml", found.correction)
+        write_page(out / "validation.html", f"Validation of {log.name}", found, decision)
+    if found.tracks < FEWEST_TRACKS:
+        say(
+            f"warning: {found.tracks} tracks are too few; expected at least {FEWEST_TRACKS}",
+            sys.stderr,
+        )
+    shown = found.scores[found.scores["by"] == "all"]
+    rows = [_row(row) for _, row in shown.iterrows()]
+    head = ("", "objects", "ratio", "bias, log2", "spread, log2", "within ×2", "rho")
+    output().print(table(f"{log}: simulated against real points", head, rows))
+    say(f"{decision.answer}: {' '.join(decision.why)}")
+    say(out / "validation.html")
+
+
+def _row(row: pd.Series) -> list[str]:
+    return [
+        row["model"], f"{row['objects']:,.0f}", f"{row['ratio']:.2f}", f"{row['bias']:+.2f}",
+        f"{row['spread']:.2f}", f"{row['within_2']:.0%}", f"{row['rho']:.2f}",
+    ]  # fmt: skip

@@ -1,0 +1,126 @@
+"""Real and simulated points of the same objects: how far apart they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+BELOW_M = 75.0
+"""Objects farther away are left out: they have few points, real ones or simulated ones."""
+
+BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)
+"""Edges of the bands of distance in tables."""
+
+LEAST = (5, 20)
+"""Points that make an object one that a detector can find: shares of objects are told for both."""
+
+_FEWEST = 20
+"""Objects of a row of a table; of fewer there is none."""
+
+
+def log_ratio(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> NDArray[np.float64]:
+    """log2 of simulated over real points, of objects that have both, shape (those,)."""
+    both = (real > 0) & (simulated >= 0.5)
+    return np.asarray(np.log2(simulated[both] / real[both]))
+
+
+def scores(
+    simulated: NDArray[np.float64],
+    real: NDArray[np.float64],
+    chance: dict[int, NDArray[np.float64]],
+) -> dict[str, float]:
+    """How far simulated points are from real ones.
+
+    Args:
+        simulated, real: points of every object, shape (objects,).
+        chance: probability that a simulated object has at least so many points, by `LEAST`.
+
+    Returns:
+        objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of its
+        absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
+        for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
+    """
+    ratio = log_ratio(simulated, real)
+    some = bool(len(ratio))
+    found = {
+        "objects": float(len(real)),
+        "ratio": float(simulated.sum() / real.sum()) if real.sum() else np.nan,
+        "bias": float(np.median(ratio)) if some else np.nan,
+        "spread": float(np.median(np.abs(ratio))) if some else np.nan,
+        "within_2": float(np.mean(np.abs(ratio) <= 1)) if some else np.nan,
+        "rho": rank_correlation(simulated, real),
+    }
+    for least in LEAST:
+        found[f"real_{least}"] = float(np.mean(real >= least)) if len(real) else np.nan
+        found[f"simulated_{least}"] = float(np.mean(chance[least])) if len(real) else np.nan
+    return found
+
+
+def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Spearman's rho; NaN of fewer than 3, or of equal numbers."""
+    if len(a) < 3:
+        return np.nan
+    return float(pd.Series(a).rank().corr(pd.Series(b).rank()))
+
+
+def chances(
+    rays: NDArray[np.float64], expected: NDArray[np.float64]
+) -> dict[int, NDArray[np.float64]]:
+    """Probability of at least so many points, by `LEAST`, if each of `rays` returns by itself.
+
+    Args:
+        rays: that meet every object, shape (objects,).
+        expected: number of returns, shape (objects,).
+    """
+    from scipy.stats import binom
+
+    share = np.divide(expected, rays, out=np.zeros_like(expected), where=rays > 0)
+    return {n: np.asarray(binom.sf(n - 1, np.round(rays), np.minimum(share, 1.0))) for n in LEAST}
+
+
+def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
+    """`scores` of models by distance, class and route; rows of few objects are left out.
+
+    Args:
+        objects: columns class, route, distance, real, rays/MODEL (of the objects, before anything
+            gets lost) and points/MODEL.
+        models: such as "shipped" and "corrected".
+
+    Returns:
+        Columns model, by (all, distance, class or route), group, and those of `scores`.
+    """
+    near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
+    band = pd.cut(near["distance"], list(BANDS_M), right=False)
+    names = band.map(lambda own: f"{own.left:g} to {own.right:g} m").astype(object)
+    groups: dict[str, Iterable[tuple[object, pd.DataFrame]]] = {
+        "all": [("all", near)],
+        "distance": near.groupby(names, sort=False),
+        "class": near.groupby("class"),
+        "route": near.groupby("route"),
+    }
+    rows = []
+    for model in models:
+        for by, parts in groups.items():
+            own = [(str(name), part) for name, part in parts if len(part) >= _FEWEST or by == "all"]
+            if by == "distance":
+                own.sort(key=lambda item: float(item[0].split()[0]))
+            for name, part in own:
+                points = part[f"points/{model}"].to_numpy(np.float64)
+                chance = chances(part[f"rays/{model}"].to_numpy(np.float64), points)
+                found = scores(points, part["real"].to_numpy(np.float64), chance)
+                rows.append({"model": model, "by": by, "group": name, **found})
+    return pd.DataFrame(rows)
+
+
+def floor(objects: pd.DataFrame) -> dict[str, float]:
+    """`scores` of the real points of an object against those in the frame before: no simulation of
+    single frames can be nearer than the world is to itself."""
+    near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
+    own = near.sort_values(["scene", "object_id", "frame"])
+    before = own.groupby(["scene", "object_id"])[["real", "frame"]].shift()
+    next_ = (own["frame"] - before["frame"] == 1).to_numpy()
+    real, was = own["real"].to_numpy(np.float64)[next_], before["real"].to_numpy(np.float64)[next_]
+    return scores(was, real, {n: (was >= n).astype(np.float64) for n in LEAST})

@@ -1,0 +1,340 @@
+"""The page of a validation: the decision first, then what it rests on."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jinja2
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+import yaml
+from plotly.offline import get_plotlyjs
+
+from lidarplace.files.atomic import write_text
+from lidarplace.validation.cloud_frames import FATES
+from lidarplace.validation.comparison import BELOW_M
+from lidarplace.validation.simulation import SECTORS
+from lidarplace.validation.validation import Validation
+from lidarplace.validation.verdict import Verdict
+from lidarplace.viewing.style import COLOURS, OUTLINE, theme
+
+_MODELS = {"shipped": "as shipped", "corrected": "corrected"}
+_ANSWERS = {
+    "yes": "Yes: believe the simulator for this vehicle",
+    "with a correction": "Yes, with a correction",
+    "no": "No: do not believe the simulator for this vehicle",
+}
+
+
+class Table(NamedTuple):
+    """A table of the page; the first column holds words."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+class Section(NamedTuple):
+    """A part of the page."""
+
+    title: str
+    notes: Sequence[str] = ()
+    figures: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    code: str = ""
+
+
+def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> None:
+    """Write the page; it needs no network."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    sections = [_overview(found), _by_distance(found), _correction(found), _subsets(found)]
+    if found.shadows is not None:
+        sections.append(_shadow(found))
+    sections += [_worst(found), _method(found)]
+    page = environment.get_template("page.html").render(
+        title=title,
+        answer=_ANSWERS[decision.answer],
+        kind=decision.answer.split()[0],
+        why=decision.why,
+        compared=f"{found.boxes:,} boxes of {found.tracks:,} objects in {found.frames:,} frames of "
+        f"{found.routes} routes, nearer than {BELOW_M:g} m; {found.clouds:,} frames with clouds; "
+        f"LiDARs {', '.join(found.names)}.",
+        sections=sections,
+        plotlyjs=get_plotlyjs(),
+        themes=json.dumps({"light": theme(False), "dark": theme(True)}),
+    )
+    write_text(path, page)
+
+
+_SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
+    "objects": ("objects", lambda value: f"{value:,.0f}"),
+    "ratio": ("simulated / real, sums", lambda value: f"{value:.2f}"),
+    "bias": ("median log2 ratio", lambda value: f"{round(value, 2) + 0.0:+.2f}"),
+    "spread": ("median |log2 ratio|", lambda value: f"{value:.2f}"),
+    "within_2": ("within a factor 2", lambda value: f"{value:.0%}"),
+    "rho": ("rho", lambda value: f"{value:.2f}"),
+}
+
+
+def _shares(row: pd.Series) -> list[str]:
+    return [f"{row[f'real_{n}']:.0%} / {row[f'simulated_{n}']:.0%}" for n in (5, 20)]
+
+
+def _score_table(found: Validation, by: str, caption: str) -> Table:
+    """Rows of `comparison`, what is shipped and what is corrected below each other."""
+    rows = found.scores[found.scores["by"] == by]
+    order = list(dict.fromkeys(rows["group"]))
+    shown = []
+    for group in order:
+        for model, name in _MODELS.items():
+            row = rows[(rows["group"] == group) & (rows["model"] == model)].iloc[0]
+            label = name if by == "all" else f"{group}, {name}"
+            shown.append(
+                [label, *(_cell(row[k], show) for k, (_, show) in _SCORES.items()), *_shares(row)]
+            )
+    head = [
+        "",
+        *(words for words, _ in _SCORES.values()),
+        "≥ 5 points, real / sim.",
+        "≥ 20 points, real / sim.",
+    ]
+    return Table(caption, head, shown)
+
+
+def _cell(value: float, show: Callable[[float], str]) -> str:
+    return "" if math.isnan(value) else show(value)
+
+
+def _overview(found: Validation) -> Section:
+    table = _score_table(found, "all", "All objects")
+    floor = pd.Series(found.floor)
+    row = [
+        "one frame against the next",
+        *(_cell(floor[k], show) for k, (_, show) in _SCORES.items()),
+    ]
+    judged = (
+        "The correction was given; it is judged on this log."
+        if found.given
+        else "Corrected: fitted to all routes but one, judged on that one, each route in turn."
+    )
+    notes = [
+        judged,
+        "The last row compares real points with those of the same object in the frame before: no "
+        "simulation of single frames can be nearer.",
+    ]
+    shown = Table(table.caption, table.head, [*table.rows, [*row, "", ""]])
+    return Section("How near it is", notes, (), (shown, _score_table(found, "class", "By class")))
+
+
+def _by_distance(found: Validation) -> Section:
+    rows = found.scores[found.scores["by"] == "distance"]
+    ratio, share = (
+        _figure("Simulated / real points, median"),
+        _figure("Share of objects with at least 5 points"),
+    )
+    rows = rows.assign(group=rows["group"].str.replace(" to ", "–").str.removesuffix(" m"))
+    for number, (model, name) in enumerate(_MODELS.items()):
+        own = rows[rows["model"] == model]
+        line = {"color": COLOURS[number]}
+        ratio.add_scatter(
+            x=own["group"], y=2 ** own["bias"], name=name, mode="lines+markers", line=line
+        )
+        share.add_scatter(
+            x=own["group"], y=own["simulated_5"], name=name, mode="lines+markers", line=line
+        )
+    real = rows[rows["model"] == "shipped"]
+    share.add_scatter(
+        x=real["group"],
+        y=real["real_5"],
+        name="real",
+        mode="lines+markers",
+        line={"color": OUTLINE, "dash": "dot"},
+    )
+    ratio.add_hline(y=1.0, line={"color": OUTLINE, "dash": "dot"})
+    share.update_yaxes(tickformat=".0%")
+    for figure in (ratio, share):
+        figure.update_xaxes(title="metres", type="category")
+    return Section(
+        "By distance and route",
+        (),
+        (_json(ratio), _json(share)),
+        (_score_table(found, "distance", "By distance"), _score_table(found, "route", "By route")),
+    )
+
+
+def _correction(found: Validation) -> Section:
+    file, rows = found.correction, []
+    values = {
+        **{name: f"{share:.3f}" for name, share in file.factor.items()},
+        "distance": _metres(file.distance or math.inf),
+    }
+    for name, value in values.items():
+        low, high = found.intervals.get(name, (math.nan, math.nan))
+        show = _metres if name == "distance" else lambda number: f"{number:.3f}"
+        rows.append([name, value, "" if math.isnan(low) else f"{show(low)} to {show(high)}"])
+    tables = [Table("The correction", ("", "value", "95 % interval over objects"), rows)]
+    if len(found.fits):
+        names = [str(name) for name in found.fits if name not in ("route", "boxes")]
+        tables.append(
+            Table(
+                "Fitted without one route",
+                ("route left out", *names),
+                [
+                    [
+                        f"{row['route']:g}",
+                        *(
+                            _metres(row[n]) if n == "distance" else _cell(row[n], "{:.3f}".format)
+                            for n in names
+                        ),
+                    ]
+                    for _, row in found.fits.iterrows()
+                ],
+            )
+        )
+    use = {"lidar": {"name": "…", "correction": "correction.yaml"}}
+    if file.lidars:
+        use["lidar"]["unit"] = next(iter(file.lidars))
+    return Section(
+        "The correction",
+        (
+            "A ray on an object returns with probability factor × exp(−range / distance) × share "
+            "that the own shadow leaves. Sweeps, searches, requirements and the studio take it so:",
+        ),
+        (),
+        tables,
+        yaml.safe_dump(use, sort_keys=False, allow_unicode=True),
+    )
+
+
+def _metres(value: float) -> str:
+    return "none" if math.isinf(value) else f"{value:.0f} m"
+
+
+def _subsets(found: Validation) -> Section:
+    if not len(found.subsets) or len(found.names) < 2:
+        why = (
+            "The rig has one LiDAR."
+            if len(found.names) < 2
+            else "Real points are not known by LiDAR: convert with --clouds."
+        )
+        return Section("Subsets of the LiDARs", (why,))
+    tables = []
+    for key, part in found.subsets.groupby(["measure", "class"], sort=False):
+        measure, name = map(str, key)
+        digits = 3 if measure == "expected_recall" else 1
+        ranked = part.sort_values("real", ascending=False)
+        rows = [
+            [
+                row["subset"],
+                *(f"{row[what]:.{digits}f}" for what in ("real", "shipped", "corrected")),
+            ]
+            for _, row in ranked.iterrows()
+        ]
+        label = f"{measure.replace('_', ' ')}, {name}: {ranked['objects'].iloc[0]:,} objects"
+        tables.append(Table(label, ("", "real", "as shipped", "corrected"), rows))
+    few = " With fewer than 3 subsets there is no rank correlation."
+    agreed = "; ".join(
+        f"{row['measure'].replace('_', ' ')}, {row['class']}: {row['shipped']:.2f} as shipped, "
+        f"{row['corrected']:.2f} corrected"
+        for _, row in found.agreement.iterrows()
+        if not math.isnan(row["corrected"])
+    )
+    notes = [
+        "Each subset of the rig's LiDARs is a placement whose real points are known. Values are "
+        "means over objects.",
+        f"Rank correlation with the real order: {agreed}." if agreed else few.strip(),
+    ]
+    return Section("Subsets of the LiDARs, a placement experiment", notes, (), tables)
+
+
+def _shadow(found: Validation) -> Section:
+    assert found.shadows is not None  # asked by the caller
+    figures, middle = [], (np.arange(SECTORS) + 0.5) * 360 / SECTORS - 180
+    for number, (name, row) in enumerate(zip(found.names, found.shadows, strict=True)):
+        figure = _figure(f"{name}: share of returns")
+        figure.add_barpolar(
+            theta=middle,
+            r=row,
+            width=360 / SECTORS,
+            marker_color=COLOURS[number % len(COLOURS)],
+            showlegend=False,
+        )
+        figure.update_layout(
+            margin={"t": 75},
+            polar={
+                "angularaxis": {"rotation": 90, "direction": "counterclockwise"},
+                "radialaxis": {"range": [0, 1], "tickvals": [0.5, 1]},
+                "bgcolor": "rgba(0,0,0,0)",
+            },
+        )
+        figures.append(_json(figure))
+    closed = [
+        f"{name} {(row < 1).mean():.0%}"
+        for name, row in zip(found.names, found.shadows, strict=True)
+    ]
+    notes = [
+        "What each sector of azimuth returns of what open sectors do, in the frame of the LiDAR "
+        f"(0° is its x axis). In shadow: {', '.join(closed)} of the turn."
+    ]
+    return Section("The vehicle's own shadow", notes, figures)
+
+
+def _worst(found: Validation) -> Section:
+    rows = [
+        [
+            str(row["object_id"])[:13], str(row["class"]), f"{row['distance']:.0f}",
+            str(row["frame"]), *(f"{row[what]:.0f}" for what in ("real", "shipped", "corrected")),
+            *(_cell(row[fate], "{:.0f}".format) for fate in FATES), str(row["reason"]),
+        ]
+        for _, row in found.worst.iterrows()
+    ]  # fmt: skip
+    head = ("object", "class", "m", "frame", "real", "as shipped", "corrected", *FATES, "reason")
+    notes = (
+        "Of the rays that meet the object in the simulation: how many the real LiDAR got back from "
+        "its box, from something nearer that nobody labelled, from beyond it, or not at all."
+        if found.clouds
+        else "Without clouds the reason is not known: convert with --clouds."
+    )
+    return Section(
+        "Worst objects", (notes,), (), (Table("Farthest off after the correction", head, rows),)
+    )
+
+
+def _method(found: Validation) -> Section:
+    return Section(
+        "How it was done",
+        (
+            "Every frame was simulated with the rig as recorded, without a ground, because labels "
+            "of real logs are above or below a plane. Rays that meet a labelled object count.",
+            "Spread and bias are of objects with real and simulated points. Intervals resample "
+            "objects, not boxes. Simulated shares of objects with at least 5 or 20 points are "
+            "probabilities: every ray returns or not by itself.",
+        ),
+    )
+
+
+def _figure(title: str) -> go.Figure:
+    return go.Figure(
+        layout={
+            "title": {"text": title, "font": {"size": 14}},
+            "margin": {"l": 45, "r": 15, "t": 40, "b": 40},
+            "height": 320,
+            "legend": {"orientation": "h", "y": -0.3},
+        }
+    )
+
+
+def _json(figure: go.Figure) -> str:
+    """A figure as JSON that no text in it can end the script element around it."""
+    return str(figure.to_json()).replace("<", "\\u003c")

@@ -1,0 +1,97 @@
+"""The own shadow of every LiDAR, from real clouds: sectors of azimuth from which little returns.
+
+Sky returns nothing either, ahead along a road in every frame. So only rays count that have
+something to return from: the ground nearby, or what another LiDAR of the rig sees in that
+direction. Each sector counts with its best frame.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.clouds.shapes import OWN_BODY
+from lidarplace.rigs.placement import Placement
+from lidarplace.validation.simulation import SECTORS
+
+SHADOW = 0.6
+"""A sector with a smaller share of the returns of open sectors is in shadow; others have none."""
+
+DOWN = (math.sin(math.radians(-20.0)), math.sin(math.radians(-2.2)))
+"""Sines of the elevations, in the ego frame, of rays that meet ground within 60 m."""
+
+_SAME = np.radians(0.5)
+_FAR_M = 8.0
+"""What another LiDAR sees so near to a ray, and so far away, the ray would meet, too."""
+
+_OPEN = 0.9  # quantile over sectors: the share of rays that return where nothing is in the way
+_OWN = 0.5 * np.array(OWN_BODY[3:5]) + 0.2  # metres: what returns from there is the vehicle
+
+
+def sectors(
+    points: NDArray[np.floating], position: NDArray[np.float64], rotation: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Sector of each of points (n, 3) in the ego frame, in the frame of a LiDAR; shape (n,)."""
+    return _sectors((points.astype(np.float64) - position) @ rotation)
+
+
+def _sectors(seen: NDArray[np.float64]) -> NDArray[np.int64]:
+    turns = (np.arctan2(seen[:, 1], seen[:, 0]) + math.pi) / (2 * math.pi)
+    return np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1)
+
+
+def returned(
+    points: NDArray[np.floating], lidar: NDArray[np.integer], placement: Placement
+) -> NDArray[np.float64]:
+    """Share of the rays with something to return from that did, shape (LiDARs, SECTORS).
+
+    NaN where there is no such ray.
+
+    Args:
+        points: x, y, z of a frame in the ego frame, shape (n, 3).
+        lidar: number of the LiDAR of each, shape (n,).
+        placement: of the LiDARs.
+    """
+    world = (np.abs(points[:, :2]) > _OWN).any(axis=1)
+    rows = []
+    for number, (mount, model) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
+        seen = points.astype(np.float64) - mount.position
+        far = np.linalg.norm(seen, axis=1)
+        seen /= np.maximum(far, 1e-9)[:, None]
+        others = seen[(lidar != number) & (far > _FAR_M)]
+        back, fired = seen[world & (lidar == number)], model.directions() @ mount.rotation.T
+        counts = [
+            np.bincount(_sectors(own[_meets(own, others)] @ mount.rotation), minlength=SECTORS)
+            for own in (back, fired)
+        ]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rows.append(counts[0] / counts[1])
+    return np.array(rows)
+
+
+def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether rays go to the ground nearby or to what others see; unit vectors."""
+    from scipy.spatial import cKDTree
+
+    down = (rays[:, 2] >= DOWN[0]) & (rays[:, 2] <= DOWN[1])
+    if len(others) and len(rays):
+        away, _ = cKDTree(others).query(rays, distance_upper_bound=_SAME)
+        down |= np.isfinite(away)
+    return np.asarray(down)
+
+
+def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """What every sector returns of what open ones do, 1 where it is open; (LiDARs, SECTORS).
+
+    Args:
+        shares: `returned` of frames, at least one.
+    """
+    best = np.max(np.nan_to_num(np.array(shares), nan=np.inf, posinf=np.inf), axis=0)
+    known = np.where(np.isfinite(best), best, np.nan)
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # no ray goes down
+        relative = known / np.nanquantile(known, _OPEN, axis=1, keepdims=True)
+    return np.asarray(np.where(relative < SHADOW, relative, 1.0), np.float64)

@@ -1,0 +1,337 @@
+"""Validate the simulator on a log: simulate, fit on some routes, judge on the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.errors import InputError
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.configuration.correction import CorrectionFile
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import CLASSES, GEOMETRY, POINTS, points_of
+from lidarplace.recall.detection_curve import default_curves
+from lidarplace.rigs.correction import OTHER
+from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.validation.cloud_frames import FATES, Seen, real_clouds, seen_in
+from lidarplace.validation.comparison import BELOW_M, comparison, floor
+from lidarplace.validation.fit import FEWEST_TRACKS, Fit, Problem
+from lidarplace.validation.shadow import returned, shadows
+from lidarplace.validation.simulation import SECTORS, Returns, simulate
+from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
+
+MOST_CLOUDS = 60
+"""Frames with clouds that are looked at, spread evenly; shadows need no more."""
+
+WORST = 20
+"""Objects in the table of the worst."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What was found.
+
+    Attributes:
+        names: of the LiDARs.
+        correction: fitted to all routes, or the one that was given; its file is written.
+        given: whether the correction was given, not fitted here.
+        routes, tracks, boxes, frames: how much was compared, nearer than `BELOW_M`.
+        clouds: frames with clouds.
+        objects: every box, with real and simulated points: `real`, `points/shipped`,
+            `points/corrected` and `real/NAME`, `shipped/NAME`, `corrected/NAME` by LiDAR.
+        scores: of `comparison`.
+        floor: of `comparison.floor`.
+        fits: a row for each route left out.
+        intervals: of the correction, from resampled tracks; empty for one that was given.
+        subsets, agreement: of `lidarplace.validation.subsets`.
+        shadows: what sectors return, by LiDAR, shape (LiDARs, SECTORS); None without clouds.
+        worst: objects whose points differ most.
+    """
+
+    names: tuple[str, ...]
+    correction: CorrectionFile
+    given: bool
+    routes: int
+    tracks: int
+    boxes: int
+    frames: int
+    clouds: int
+    objects: pd.DataFrame
+    scores: pd.DataFrame
+    floor: Mapping[str, float]
+    fits: pd.DataFrame
+    intervals: Mapping[str, tuple[float, float]]
+    subsets: pd.DataFrame
+    agreement: pd.DataFrame
+    shadows: NDArray[np.float64] | None
+    worst: pd.DataFrame
+
+
+def validate(
+    log: BoxLog, folder: Path, correction: CorrectionFile | None = None, *, seed: int = 0
+) -> Validation:
+    """Compare the simulation of a log with what its own LiDARs returned.
+
+    Args:
+        log: with real points and the rigs that recorded them.
+        folder: of the log; its real clouds, where `convert --clouds` kept some, are used.
+        correction: to be judged; None: one is fitted, and judged on routes that it was not fitted
+            to.
+        seed: of the shapes of objects.
+
+    Raises:
+        InputError: there are no counts, no rig, rigs of different scenes differ in their LiDARs, or
+            no object has real points.
+    """
+    rig, log = _checked(log)
+    names, objects = rig.names, _objects(log)
+    frames = log.frames["frame"].tolist()
+    model = _geometry(rig, correction)
+    returns = simulate(log, rig.placement, frames, seed=seed)
+    own = returns
+    if model != rig.placement:
+        own = simulate(log, model, frames, seed=seed)
+    route_of = log.frames.set_index("frame")["route"]
+    clouds = list(real_clouds(folder, len(names), MOST_CLOUDS))
+    share = {c.frame: returned(c.points, c.lidar, rig.placement) for c in clouds}
+
+    def shadow(left_out: object = None) -> NDArray[np.float64]:
+        kept = [s for frame, s in share.items() if route_of[frame] != left_out]
+        return shadows(kept) if kept else np.ones((len(names), SECTORS))
+
+    classes = log.boxes["class"].to_numpy(str)
+    lossless = Fit({OTHER: 1.0}, None)
+    models: dict[object, tuple[Fit, NDArray[np.float64]]] = {}
+    rows = []
+    for route, part in objects.groupby("route"):
+        if correction is not None:
+            models[route] = _given(correction), _masks(correction, names)
+            continue
+        rest = objects[objects["route"] != route]
+        mask = shadow(route)
+        try:
+            fitted = Problem.of(rest, own, mask[own.lidar, own.sector]).fit()
+        except ValueError:  # the only route, or no points on the others
+            fitted = lossless
+        models[route] = fitted, mask
+        near = part[(part["distance"] < BELOW_M) & part["real"].notna()]
+        distance = fitted.distance or math.inf
+        rows.append({"route": route, "boxes": len(near), **fitted.factor, "distance": distance})
+    size = len(log.boxes)
+    plain = np.ones(len(returns.box))
+    _simulated(objects, "shipped", returns, lossless.points(returns, classes, plain), names, size)
+    expected = np.zeros(len(own.box))
+    route_of_box = objects["route"].reindex(range(size)).to_numpy()
+    for left_out, (fitted, mask) in models.items():
+        which = route_of_box[own.box] == left_out
+        expected[which] = fitted.points(own, classes, mask[own.lidar, own.sector])[which]
+    _simulated(objects, "corrected", own, expected, names, size)
+    if correction is None:
+        mask = shadow()
+        problem = Problem.of(objects, own, mask[own.lidar, own.sector])
+        final, intervals = problem.fit(), problem.intervals(seed)
+    else:
+        problem = Problem.of(objects, own, np.ones(len(own.box)))
+        final, intervals, mask = _given(correction), {}, _masks(correction, names)
+
+    seen: list[Seen] = []
+    surroundings = Surroundings(log, seed)
+    geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
+    curves = default_curves()
+    for cloud in clouds:
+        fitted, own_mask = models[route_of[cloud.frame]]
+        factor = np.array([fitted.factor.get(n, fitted.factor.get(OTHER, 1.0)) for n in classes])
+        loss = 1.0 / (fitted.distance or math.inf)
+        seen.append(
+            seen_in(
+                cloud, surroundings, geometry, model, own_mask, factor, loss, curves.cell
+            )
+        )  # fmt: skip
+    counts = np.zeros(size, np.bool_)
+    counts[objects.index[(objects["distance"] < BELOW_M) & objects["real"].notna()]] = True
+    by_points = points_by_subset(objects, names)
+    by_cells = cells_by_subset(seen, classes, counts, names, curves)
+    subsets = pd.concat([by_points, by_cells], ignore_index=True)
+    counted = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
+    done = Validation(
+        names=names,
+        correction=CorrectionFile(),
+        given=correction is not None,
+        routes=int(counted["route"].nunique()),
+        tracks=problem.tracks,
+        boxes=len(counted),
+        frames=len(frames),
+        clouds=len(clouds),
+        objects=objects,
+        scores=comparison(objects, ("shipped", "corrected")),
+        floor=floor(objects),
+        fits=pd.DataFrame(rows),
+        intervals=intervals,
+        subsets=subsets,
+        agreement=agreement(subsets),
+        shadows=mask if clouds or correction is not None else None,
+        worst=_worst(counted, seen),
+    )
+    return replace(done, correction=correction or _file(final, done))
+
+
+def _checked(log: BoxLog) -> tuple[RecordedRig, BoxLog]:
+    """The rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
+    if POINTS not in log.boxes or log.boxes[POINTS].notna().sum() == 0:
+        raise InputError(
+            "no real points of any box", place="boxes.parquet", expected=f"a column {POINTS}",
+            fix="convert the data set again; with --clouds where it has no counts",
+        )  # fmt: skip
+    counted = log.boxes.loc[log.boxes[POINTS].notna(), "scene"].unique()
+    missing = [scene for scene in counted if scene not in log.rigs]
+    if missing:
+        raise InputError(
+            f"scene {missing[0]}: real points without the rig that recorded them",
+            place="rig.json", expected=f"the rigs of {len(counted)} scenes",
+            found=f"{len(counted) - len(missing)}",
+            fix="convert the data set again with its calibration, or with --rig",
+        )  # fmt: skip
+    rigs = [log.rigs[scene] for scene in counted]
+    for scene, rig in zip(counted, rigs, strict=True):
+        if rig.names != rigs[0].names or rig.placement.lidars != rigs[0].placement.lidars:
+            raise InputError(
+                f"scene {scene}: another rig than that of {counted[0]}", place="rig.json",
+                expected=", ".join(rigs[0].names), found=", ".join(rig.names),
+                fix="validate each vehicle by itself",
+            )  # fmt: skip
+    unknown = set(points_of(log.boxes)) - set(rigs[0].names)
+    if unknown:
+        raise InputError(
+            f"real points of LiDAR {sorted(unknown)[0]}, which is not in the rig",
+            place="boxes.parquet", expected=", ".join(rigs[0].names), found=sorted(unknown)[0],
+        )  # fmt: skip
+    frames = log.frames[log.frames["scene"].isin(counted)]
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
+    if not (boxes[POINTS] > 0).any():
+        raise InputError("every box has 0 real points", place="boxes.parquet")
+    return rigs[0], replace(log, boxes=boxes, frames=frames)
+
+
+def _objects(log: BoxLog) -> pd.DataFrame:
+    """Boxes with their distance, route and real points.
+
+    In a log that has classes of `CLASSES` others only hide what is behind them.
+    """
+    boxes = log.boxes
+    own = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
+    own["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])
+    own["distance"] = np.hypot(boxes["x"], boxes["y"])
+    own["real"] = boxes[POINTS].astype(np.float64)
+    for name, column in points_of(boxes).items():
+        own[f"real/{name}"] = boxes[column].astype(np.float64)
+    named = own["class"].isin(CLASSES)
+    if named.any():
+        own.loc[~named, [str(name) for name in own if str(name).startswith("real")]] = np.nan
+    return own
+
+
+def _simulated(
+    objects: pd.DataFrame,
+    model: str,
+    returns: Returns,
+    expected: NDArray[np.float64],
+    names: Sequence[str],
+    size: int,
+) -> None:
+    """Add the columns of a model to `objects`."""
+    objects[f"rays/{model}"] = np.bincount(returns.box, returns.points, size)
+    objects[f"points/{model}"] = np.bincount(returns.box, expected, size)
+    for number, name in enumerate(names):
+        own = returns.lidar == number
+        objects[f"{model}/{name}"] = np.bincount(returns.box[own], expected[own], size)
+        if f"real/{name}" not in objects:
+            objects[f"real/{name}"] = np.nan if len(names) > 1 else objects["real"]
+
+
+def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
+    """Objects whose points differ most after the correction, each in its worst frame, with what
+    became of their rays.
+
+    Those in frames with clouds where there are any: for them the reason is known.
+    """
+    table = objects[
+        [
+            "scene",
+            "frame",
+            "object_id",
+            "class",
+            "distance",
+            "real",
+            "points/shipped",
+            "points/corrected",
+        ]
+    ].copy()
+    table = table.rename(columns={"points/shipped": "shipped", "points/corrected": "corrected"})
+    for number, fate in enumerate(FATES):
+        known = {
+            row: n
+            for own in seen
+            for row, n in zip(own.rows.tolist(), own.fates[:, number].tolist(), strict=True)
+        }
+        table[fate] = pd.Series(known, dtype=np.float64)
+    if seen:
+        table = table[table[list(FATES)].notna().all(axis=1)]
+    # A few points do not matter.
+    off = pd.Series(np.log2((table["corrected"] + 2.0) / (table["real"] + 2.0)), table.index)
+    table["log2"] = off
+    reasons = table[list(FATES[1:])].fillna(0.0)
+    reason = reasons.idxmax(axis=1).where(reasons.sum(axis=1) > 0, "")
+    fewer = np.where(table["shipped"] > 0, "too few simulated", "hidden in the simulation alone")
+    table["reason"] = np.where(off > 0, reason, fewer) if seen else ""
+    worst = table.loc[off.abs().sort_values(ascending=False).index]
+    return worst.drop_duplicates(["scene", "object_id"])[:WORST]
+
+
+def _given(file: CorrectionFile) -> Fit:
+    return Fit({OTHER: 1.0} | dict(file.factor), file.distance)
+
+
+def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:
+    """Masks of a file at the middles of sectors, (LiDARs, SECTORS); 1 for LiDARs without one."""
+    middle = (np.arange(SECTORS) + 0.5) / SECTORS * 2 * math.pi - math.pi
+    masks = [file.lidars[n].mask if n in file.lidars else None for n in names]
+    level = np.zeros(SECTORS)
+    return np.array([np.ones(SECTORS) if m is None else m.mask.at(middle, level) for m in masks])
+
+
+def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
+    """The rig with the rays of a correction, without what it thins."""
+    if file is None:
+        return rig.placement
+    lidars = [
+        replace(file.applied_to(lidar, name if name in file.lidars else None), correction=None)
+        for name, lidar in zip(rig.names, rig.placement.lidars, strict=True)
+    ]
+    return rig.placement.with_lidar(lidars)
+
+
+def _file(fit: Fit, done: Validation) -> CorrectionFile:
+    """The correction that is written."""
+    lidars: dict[str, object] = {name: {} for name in done.names}
+    for name, row in zip(done.names, () if done.shadows is None else done.shadows, strict=False):
+        if (row < 1.0).any():
+            shares = [round(float(share), 3) for share in row]
+            lidars[name] = {"mask": {"azimuth_deg": 360.0 / SECTORS, "shares": shares}}
+    facts = {"routes": done.routes, "tracks": done.tracks, "boxes": done.boxes, "below_m": BELOW_M}
+    if done.tracks < FEWEST_TRACKS:
+        facts["too_few_tracks"] = True
+    return CorrectionFile.model_validate(
+        {
+            "factor": {str(name): round(share, 4) for name, share in fit.factor.items()},
+            "distance": fit.distance,
+            "lidars": lidars,
+            "fitted": facts,
+        }
+    )

@@ -1,0 +1,88 @@
+"""May the simulator be believed for this vehicle?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lidarplace.validation.fit import FEWEST_TRACKS
+from lidarplace.validation.validation import Validation
+
+BIAS = 0.1
+"""Largest median of log2(simulated / real) of all objects: 7 %."""
+SPREAD = 0.5
+"""Largest median of its absolute value. A real object against itself in the next frame has 0.12."""
+WITHIN_2 = 0.75
+"""Least share of objects within a factor 2."""
+RHO = 0.85
+"""Least Spearman's rho over objects."""
+SHARE = 0.05
+"""Largest difference of the shares of objects with at least 5 points."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The decision of the page.
+
+    Attributes:
+        answer: "yes", "with a correction" or "no".
+        why: sentences.
+    """
+
+    answer: str
+    why: tuple[str, ...]
+
+
+def verdict(found: Validation) -> Verdict:
+    """Decide by the simulation as shipped, and by the correction on routes left out of its fit."""
+    if found.tracks < FEWEST_TRACKS:
+        few = (
+            f"{found.tracks} tracks are too few to judge; expected at least {FEWEST_TRACKS}. "
+            "One number was fitted: a factor for all classes."
+        )
+        return Verdict("no", (few,))
+    failed = {model: _failed(_all(found, model)) for model in ("shipped", "corrected")}
+    if not failed["shipped"]:
+        return Verdict("yes", ("Without a correction every check is met.",))
+    why = [f"As shipped: {'; '.join(failed['shipped'])}."]
+    if not found.given and found.routes < 2:
+        why.append("There is one route: a correction cannot be judged on another one.")
+        return Verdict("no", tuple(why))
+    if failed["corrected"]:
+        why.append(f"With the correction: {'; '.join(failed['corrected'])}.")
+        return Verdict("no", tuple(why))
+    how = (
+        "as given"
+        if found.given
+        else f"judged on {found.routes} routes left out of the fit in turn"
+    )
+    why.append(f"With the correction, {how}, every check is met.")
+    return Verdict("with a correction", tuple(why))
+
+
+def _all(found: Validation, model: str) -> Mapping[Any, float]:
+    rows = found.scores[(found.scores["model"] == model) & (found.scores["by"] == "all")]
+    return rows.iloc[0].to_dict()
+
+
+def _failed(row: Mapping[Any, float]) -> list[str]:
+    """Checks that are not met, in words."""
+    share = row["simulated_5"] - row["real_5"]
+    checks = (
+        (
+            abs(row["bias"]) <= BIAS,
+            f"the median object has {2 ** row['bias']:.2f} times its real points",
+        ),
+        (
+            row["spread"] <= SPREAD,
+            f"half of the objects are off by more than a factor {2 ** row['spread']:.2f}",
+        ),
+        (row["within_2"] >= WITHIN_2, f"{row['within_2']:.0%} of objects are within a factor 2"),
+        (row["rho"] >= RHO, f"the rank correlation over objects is {row['rho']:.2f}"),
+        (
+            abs(share) <= SHARE,
+            f"the share of objects with at least 5 points is off by {share:+.1%}",
+        ),
+    )
+    return [words for met, words in checks if not met]

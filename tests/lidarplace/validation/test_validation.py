@@ -1,0 +1,184 @@
+"""A vehicle that loses returns by a known rule: the validation finds the rule, and decides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from lidarplace.base.errors import InputError
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.points_in_boxes import count_points_per_object
+from lidarplace.commands.validate import app
+from lidarplace.configuration.correction import read_correction
+from lidarplace.logs.box_log import read_box_log, write_box_log
+from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.validation.simulation import simulate
+from lidarplace.validation.validation import validate
+from lidarplace.validation.verdict import verdict
+from tests.lidarplace.validation.vehicle import NAMES, NOTHING, REAL, RIG, recorded
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("real")
+    return folder, recorded(folder, REAL)
+
+
+@pytest.fixture(scope="module")
+def found(real):
+    folder, log = real
+    return validate(log, folder)
+
+
+def test_what_is_lost_is_found_again(found):
+    file = found.correction
+    for name, share in REAL.factor.items():
+        assert file.factor[name] == pytest.approx(share, rel=0.12), name
+        low, high = found.intervals[name]
+        assert low <= file.factor[name] <= high
+    assert 55 <= file.distance <= 115
+    assert set(file.lidars) == set(NAMES)
+    assert file.lidars["up"].mask is None
+    shares = np.array(file.lidars["down"].mask.shares[0])
+    np.testing.assert_allclose(shares[:6], 0.05, atol=0.03)
+    np.testing.assert_array_equal(shares[6:], 1.0)
+
+
+def test_it_is_judged_on_routes_that_it_was_not_fitted_to(found):
+    every = found.scores[found.scores["by"] == "all"].set_index("model")
+    assert every.loc["shipped", "bias"] > 0.7
+    assert abs(every.loc["corrected", "bias"]) < 0.1
+    assert every.loc["corrected", "spread"] < 0.3 < every.loc["shipped", "spread"]
+    assert len(found.fits) == found.routes == 4
+    assert found.fits["Car"].nunique() > 1
+    decision = verdict(found)
+    assert decision.answer == "with a correction"
+    assert len(decision.why) == 2
+
+
+def test_subsets_of_the_lidars_are_a_placement_experiment(found):
+    table = found.subsets.set_index(["measure", "class", "subset"])
+    cells = table.loc[("cells", "Car")]
+    assert set(cells.index) == {"up", "down", "up + down"}
+    np.testing.assert_allclose(cells["corrected"], cells["real"], rtol=0.1)
+    assert (cells["shipped"] > 1.1 * cells["real"]).all()
+    points = table.loc[("points", "all")]
+    np.testing.assert_allclose(points["corrected"], points["real"], rtol=0.1)
+    assert points.loc["up + down", "real"] == pytest.approx(
+        points.loc[["up", "down"], "real"].sum()
+    )
+    assert (found.agreement["subsets"] == 3).all()
+
+
+def test_the_reason_of_the_worst_is_known_from_clouds(found):
+    assert set(found.worst["reason"]) <= {"lost", "passed beyond", "hidden",
+                                          "too few simulated",
+                                          "hidden in the simulation alone"}  # fmt: skip
+    rays = found.worst[["in the box", "hidden", "passed beyond", "lost"]].sum(axis=1)
+    np.testing.assert_array_equal(rays, found.worst["shipped"])
+
+
+def test_a_simulator_that_is_right_is_believed_as_it_is(tmp_path):
+    found = validate(recorded(tmp_path, NOTHING, frames=2), tmp_path)
+    every = found.scores[found.scores["by"] == "all"]
+    np.testing.assert_array_equal(every["bias"], 0.0)
+    assert verdict(found).answer == "yes"
+    assert all(unit.mask is None for unit in found.correction.lidars.values())
+
+
+def test_a_given_correction_is_judged_without_a_fit(real, found):
+    folder, log = real
+    judged = validate(log, folder, found.correction)
+    assert judged.given
+    assert judged.correction == found.correction
+    assert len(judged.fits) == 0
+    assert verdict(judged).answer == "with a correction"
+
+
+def test_clouds_of_the_corrected_rig_have_the_real_points(real, found):
+    """Above z = 0, where the clouds' ground hides nothing of the boxes."""
+    _, log = real
+    lidars = [
+        lidar.corrected(found.correction, name)
+        for name, lidar in zip(NAMES, RIG.placement.lidars, strict=True)
+    ]
+    high = log.boxes[log.boxes["z"] > log.boxes["height"] / 2]
+    ratio = {}
+    for name, rig in (("shipped", RIG.placement), ("corrected", RIG.placement.with_lidar(lidars))):
+        clouds = collect(log, log.frames["frame"], rig, (-80, -80, -5, 80, 80, 10))
+        points = count_points_per_object(high, clouds)["points"]
+        ratio[name] = points.sum() / high["points"].sum()
+    assert ratio["shipped"] > 1.8
+    assert ratio["corrected"] == pytest.approx(1.0, abs=0.08)
+
+
+def test_few_tracks_give_one_number_and_no_decision(tmp_path):
+    found = validate(recorded(tmp_path, REAL, routes=2, objects=10, frames=2), tmp_path)
+    assert found.tracks <= 20
+    assert list(found.correction.factor) == ["other"]
+    assert found.correction.distance is None
+    decision = verdict(found)
+    assert decision.answer == "no"
+    assert "too few" in decision.why[0]
+
+
+def test_ground_hides_nothing(real):
+    """Boxes under z = 0 are seen as those above it."""
+    _, log = real
+    frames = log.frames["frame"].tolist()[:2]
+    sunk = replace(log, boxes=log.boxes.assign(z=log.boxes["z"] - 3.0))
+    lower = RecordedRig(
+        NAMES,
+        replace(RIG.placement, mounts=[replace(m, z=m.z - 3.0) for m in RIG.placement.mounts]),
+    )
+    high, low = simulate(log, RIG.placement, frames), simulate(sunk, lower.placement, frames)
+    # The own body stays where it is, and hides other rays.
+    assert low.points.sum() == pytest.approx(high.points.sum(), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda log: replace(log, boxes=log.boxes.drop(columns="points")), "no real points"),
+        (lambda log: replace(log, rigs={}), "without the rig that recorded them"),
+        (lambda log: replace(log, boxes=log.boxes.assign(points=0.0)), "every box has 0 real"),
+        (
+            lambda log: replace(log, rigs={**log.rigs, "drive1": RIG.subset(["up"])}),
+            "another rig than that of drive0",
+        ),
+        (
+            lambda log: replace(log, boxes=log.boxes.assign(**{"points/roof": 1.0})),
+            "real points of LiDAR roof",
+        ),
+    ],
+)
+def test_what_cannot_be_compared_is_one_line(real, change, says):
+    folder, log = real
+    with pytest.raises(InputError, match=says):
+        validate(change(log), folder)
+
+
+def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
+    folder, log = real
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, [str(folder), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "with a correction" in done.output
+    page = (out / "validation.html").read_text(encoding="utf-8")
+    answer, first = page.index("Yes, with a correction"), page.index("<h2>")
+    assert answer < first
+    assert page.count("barpolar") >= 2
+    assert read_correction(out / "correction.yaml").factor["Car"] == pytest.approx(0.6, rel=0.12)
+    scores = pd.read_parquet(out / "scores.parquet")
+    assert set(scores["by"]) == {"all", "distance", "class", "route"}
+    again = CliRunner().invoke(
+        app, [str(folder), "--out", str(out), "--correction", str(out / "correction.yaml")]
+    )
+    assert again.exit_code == 0, again.output
+    empty = tmp_path / "empty"
+    write_box_log(empty, replace(read_box_log(folder), boxes=log.boxes.drop(columns="points")))
+    wrong = CliRunner().invoke(app, [str(empty), "--out", str(out)])
+    assert wrong.exit_code == 2
+    assert len(wrong.output.strip().splitlines()) == 1
