@@ -36,6 +36,7 @@ from lidarplace.logs.boxes import (
     SPLITS,
     count_columns,
 )
+from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
 
 SUFFIXES = (".parquet", ".csv")
@@ -80,7 +81,8 @@ def read_tabular(
         ValueError: a column is missing, a value is wrong, or nothing tells the frames.
     """
     class_map = merged(BOX_LOG, class_map)
-    buildings, rigs = None, {}
+    buildings = None
+    rigs: dict[str, RecordedRig] = {}
     if source.is_dir():
         if is_there(path := source / "buildings.parquet"):
             buildings = checked_buildings(read_parquet(path), str(path))
