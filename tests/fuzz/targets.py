@@ -169,6 +169,13 @@ QUICK = (
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
     Target("recorded log", ("recorded/rig.json", "recorded/boxes.parquet"), read=_recorded_log),
+    Target(
+        "validate",
+        ("recorded/rig.json", "recorded/boxes.parquet"),
+        "lidarplace.commands.validate",
+        ("recorded", "--out", "out"),
+        needs=("recorded",),
+    ),
     Target("describe", LOG, "lidarplace.commands.describe", ("log",), check=SOUND),
     Target("view", LOG, "lidarplace.commands.view", ("log", "--placement", "line"), check=SOUND),
     Target(
