@@ -123,11 +123,11 @@ def _overview(found: Validation) -> Section:
         "one frame against the next",
         *(_cell(floor[k], show) for k, (_, show) in _SCORES.items()),
     ]
-    judged = (
-        "The correction was given; it is judged on this log."
-        if found.given
-        else "Corrected: fitted to all routes but one, judged on that one, each route in turn."
-    )
+    judged = "Corrected: fitted to all routes but one, judged on that one, each route in turn."
+    if found.given:
+        judged = "The correction was given; it is judged on this log."
+    elif found.routes < 2:
+        judged = "There is one route, so no correction can be judged: corrected is as shipped."
     notes = [
         judged,
         "The last row compares real points with those of the same object in the frame before: no "

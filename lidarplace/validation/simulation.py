@@ -90,8 +90,8 @@ def simulate(log: BoxLog, placement: Placement, frames: Sequence[int], *, seed: 
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         every = [own for found in threads.map(of_frame, frames) for own in found]
     box, number, sector, points, mean = np.concatenate([np.empty((5, 0)), *every], axis=1)
-    keys = (key.astype(np.int64) for key in (box, number, sector))
-    return Returns(*keys, points=points, distance=mean)
+    rows, lidars, sectors_hit = (key.astype(np.int64) for key in (box, number, sector))
+    return Returns(rows, lidars, sectors_hit, points, mean)
 
 
 class Met(NamedTuple):
@@ -130,4 +130,4 @@ def _sectors(lidar: Lidar) -> NDArray[np.int64]:
     """Of every ray, in the order of `Lidar.directions`."""
     x, y, _ = lidar.directions().T
     turn = (np.arctan2(y, x) + math.pi) / (2 * math.pi)
-    return np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1)
+    return np.asarray(np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1))

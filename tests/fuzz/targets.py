@@ -165,6 +165,7 @@ QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
     Target("recorded log", "recorded/rig.json recorded/boxes.parquet", read=_recorded_log),
+    Target("validate", "recorded/rig.json recorded/boxes.parquet", "validate recorded --out out"),
     Target("describe", LOG, "describe log", check=SOUND),
     Target("view", LOG, "view log --placement line", check=SOUND),
     Target("export", LOG, "export log out --placement line", check=SOUND),
