@@ -53,6 +53,7 @@ from tracking.report.sections.placements import placements_section
 from tracking.report.sections.predictors import counted, predictors_section
 from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
+from tracking.report.sections.recorded_clouds import recorded_clouds_section
 from tracking.report.sections.regret import regret_section
 from tracking.report.sections.reliability import reliability_section
 from tracking.report.sections.requirements import requirements_section
@@ -212,6 +213,7 @@ SECTIONS: Registry[Callable[[Analysis], Section | None]] = Registry(
         "generalist": lambda found: generalist_section(
             found.run, found.rankings, found.means, found.correlations, found.surrogates
         ),
+        "recorded_clouds": lambda found: recorded_clouds_section(found.run),
         "correlation": lambda found: correlation_section(
             found.run, found.groups, found.means, found.correlations, found.errors, found.surrogates
         ),
