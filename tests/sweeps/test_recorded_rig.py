@@ -16,13 +16,17 @@ from lidarplace.rigs.recorded import RecordedRig, one_rig
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
-from sweeps.execution.execute import execute
+from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
 from sweeps.results.lidar_models import lidar_models
+from sweeps.results.promotion import Promotion
 from sweeps.results.rigs_file import rigs_yaml
+from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
 from sweeps.tasks.parameters import CollectParams, RecordedParams
 from tests.other_simulator import LIDAR, MOUNTS, RIG, write_log
+from tracking.findings.recorded_clouds import side_by_side
+from tracking.run_folders.sweep import RunFolder
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -76,7 +80,8 @@ def test_a_subset_has_exactly_the_points_of_its_lidars(log):
 def test_a_sweep_on_real_points_and_on_simulated_ones(log, tmp_path):
     sweep, plan = read(log, tmp_path)
     store = Store(tmp_path / "store")
-    execute(plan.tasks, store, InProcess(), Loud())
+    outcome = Outcome()
+    execute(plan.tasks, store, InProcess(), Loud(), outcome)
     parts = [read_clouds(path) for path in sorted((log / "clouds" / "recorded").iterdir())]
     assert [trial.grid_point.point.placement for trial in plan.trials[::2]] == list(SUBSETS)
     for trial in plan.trials:
@@ -104,6 +109,14 @@ def test_a_sweep_on_real_points_and_on_simulated_ones(log, tmp_path):
         values = [store.load(trial.recall).table["value"].tolist() for trial in (real, simulated)]
         assert values[0] == values[1], "surrogates are of the rig, whatever its clouds"
     assert len({trial.evaluate.key for trial in plan.trials}) == 4
+    about = Run(outcome, Promotion(complete=True), set(), 1, "run grid.yaml", 0.0, 1.0)
+    write_run(tmp_path / "run", sweep, plan, store, about)
+    run = RunFolder.read(tmp_path / "run")
+    pairs = side_by_side(run)
+    assert set(pairs["placement"]) == set(SUBSETS)
+    assert pairs[["recorded", "simulated"]].notna().all(axis=None)
+    seen = run.points.pivot_table(index="placement", columns="scene.clouds", values="mean")
+    assert (seen.loc["only_low"] < seen.loc["both"]).all(), "not the points of the whole rig"
     assert lidar_models(sweep)["both"][0].name is None
     written = yaml.safe_load(rigs_yaml(sweep))["placements"]["both"]["mounts"]
     assert [mount["name"] for mount in written] == ["top", "low"]
