@@ -114,9 +114,10 @@ fitted: {routes: 4, tracks: 257}                   # free facts
   `shares`. Without `unit` factor and distance count alone.
 - One random number of each ray decides, so all placements lose the same rays. Clouds,
   `expected_recall`, `log_cells`, `log_points`, `enough_points` and the lengths observed thin their
-  rays by it; requirements expect the points, and a cell with `1 - product of (1 - p)` over its
-  rays. Coverage and the other surrogates of the POG know no corrections. CARLA's LiDARs cannot
-  have one.
+  rays by it. The LiDARs of a rig share these numbers in all but clouds, so stacked ones see a
+  little less together than there.
+- Requirements expect the points, and a cell with `1 - product of (1 - p)` over its rays.
+- Coverage and the other surrogates of the POG know no corrections. CARLA's LiDARs cannot have one.
 - The content of the file is part of the keys of results, not its path.
 - In Python: `Lidar.named("vlp32c").corrected(read_correction("our_car.yaml"), unit="up_lidar")`,
   from `lidarplace.configuration.correction`.

@@ -127,6 +127,10 @@ def _tables(folder: Path) -> None:
     boxes = pd.read_parquet(folder / "logs/mine/boxes.parquet")
     boxes.to_csv(folder / "boxes.csv", index=False)
     boxes.to_parquet(folder / "boxes.parquet")
+    (folder / "car.yaml").write_text("mounts: [{name: top, z: 2.0, lidar: vlp16}]\n")
+    (folder / "data/sweeps").mkdir(parents=True)
+    first = boxes[boxes["frame"] == boxes["frame"].iloc[0]]
+    np.save(folder / f"data/sweeps/{first['frame'].iloc[0]}.npy", first[["x", "y", "z"]])
 
 
 def _data_sets(folder: Path) -> None:
@@ -135,7 +139,8 @@ def _data_sets(folder: Path) -> None:
     write_nuscenes(folder / "nuscenes/v1.0-mini", scenes, ["vehicle.car"])
     box = ArgoverseBox(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
     poses = {5: (LEVEL, (0.0, 0.0, 0.0))}
-    logs = [Log(split, f"log-{split}", [box], poses) for split in ("train", "val")]
+    mounts = {"up_lidar": (LEVEL, (1.35, 0.0, 1.64)), "down_lidar": (LEVEL, (1.35, 0.0, 1.53))}
+    logs = [Log(split, f"log-{split}", [box], poses, [5], mounts) for split in ("train", "val")]
     write_argoverse(folder / "av2/sensor", logs)
     car = WaymoBox(5, 1, (9.0, 0.0, 1.0))
     pose = {5: np.eye(4)}

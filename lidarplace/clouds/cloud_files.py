@@ -13,12 +13,12 @@ from pyarrow import feather
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import first_line, reading
-from lidarplace.files.columns import check_columns, numbers_if_known
+from lidarplace.files.columns import check_columns, integers, numbers_if_known
 from lidarplace.files.regular import regular
 
 COLUMNS = ("x", "y", "z", "intensity", "ring", "lidar", "time")
 """Of a cloud: metres, intensity in [0, 1], number of the laser from 0, LiDAR by number or name, and
-seconds within the sweep. The first three are in every cloud."""
+seconds from the first point. The first three are in every cloud."""
 
 NAMES: Mapping[str, str] = MappingProxyType(
     {
@@ -26,10 +26,11 @@ NAMES: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("i", "reflectivity", "reflectance", "remission"), "intensity"),
         **dict.fromkeys(("channel", "laser", "laser_id", "beam", "row"), "ring"),
         **dict.fromkeys(("lidar_id", "sensor", "sensor_id", "lidar_name"), "lidar"),
-        **dict.fromkeys(("t", "timestamp", "time_s", "offset_time"), "time"),
+        **dict.fromkeys(("t", "timestamp", "time_s", "offset_time", "offset_ns"), "time"),
     }
 )
-"""What the columns are called in files, in lower case; others are left out."""
+"""What the columns are called in files, in lower case; others are left out. Times that are whole
+numbers are nanoseconds; intensities that are whole, or beyond 1, are of 255."""
 
 ARGOVERSE_BEAMS = 32
 """Of each of Argoverse's two LiDARs, whose `laser_number` counts through both."""
@@ -64,22 +65,30 @@ def read_cloud(path: Path) -> pd.DataFrame:
 
 def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
     """The columns that are known, with their units."""
-    table = table.rename(columns=lambda name: NAMES.get(str(name).lower(), str(name).lower()))
-    if "laser_number" in table:  # of Argoverse 2, as are the nanoseconds
-        ring = table["laser_number"].to_numpy(np.int64)
-        table = table.assign(ring=ring % ARGOVERSE_BEAMS, lidar=ring // ARGOVERSE_BEAMS)
-    if "offset_ns" in table:
-        table = table.assign(time=table["offset_ns"] / 1e9)
-    check_columns(list(table.columns), COLUMNS[:3], source)
-    cloud = table[[name for name in COLUMNS if name in table.columns]]
+    own: dict[str, str] = {}
+    table.columns = table.columns.map(str)
+    # A column of the very name comes before others that may mean the same.
+    for column in sorted(table.columns, key=lambda name: name.lower() not in COLUMNS):
+        if (name := NAMES.get(column.lower())) is not None:
+            own.setdefault(name, column)
+    check_columns(list(table.columns), [own.get(name, name) for name in COLUMNS[:3]], source)
+    check_columns(list(table.columns), list(own.values()), source)
+    if "laser_number" in table.columns:
+        laser = integers(table, "laser_number", source)
+        table = table.assign(ring=laser % ARGOVERSE_BEAMS, lidar=laser // ARGOVERSE_BEAMS)
+        own |= {"ring": "ring", "lidar": "lidar"}
+    cloud = pd.DataFrame({name: table[own[name]].to_numpy() for name in COLUMNS if name in own})
     for name in cloud.columns.difference(["lidar"]):
         if cloud[name].dtype.kind not in "iuf":
-            cloud = cloud.assign(**{name: numbers_if_known(cloud, name, source)})
+            cloud[name] = numbers_if_known(cloud, name, source)
     cloud = cloud.astype({n: np.float32 for n in "xyz" if cloud[n].dtype != np.float64})
     if "intensity" in cloud:
         light = cloud["intensity"].to_numpy(np.float32)
         byte = cloud["intensity"].dtype.kind in "iu" or (len(light) and np.nanmax(light) > 1)
-        cloud = cloud.assign(intensity=np.clip(light / 255 if byte else light, 0, 1))
+        cloud["intensity"] = np.clip(light / 255 if byte else light, 0, 1)
+    if "time" in cloud and len(cloud):
+        unit = 1e-9 if cloud["time"].dtype.kind in "iu" else 1.0
+        cloud["time"] = (cloud["time"] - cloud["time"].min()) * unit
     return cloud
 
 

@@ -104,6 +104,16 @@ class CorrectionFile(Settings):
     )
     fitted: dict[str, Any] = Field(default={}, description="facts about the fit, for readers")
 
+    @model_validator(mode="after")
+    def _build(self) -> CorrectionFile:
+        self.of_all  # noqa: B018 - what is wrong with it is wrong with the settings
+        return self
+
+    @cached_property
+    def of_all(self) -> Correction:
+        """What all LiDARs of the vehicle lose."""
+        return Correction(tuple(self.factor.items()), self.distance)
+
     def applied_to(self, lidar: Lidar, unit: str | None = None) -> Lidar:
         """The LiDAR with what is lost. See `Lidar.corrected`.
 
@@ -111,7 +121,6 @@ class CorrectionFile(Settings):
             ValueError: there is no such unit, or its beams are not those of `lidar`.
         """
         own = UnitSettings() if unit is None else self._unit(unit)
-        mask = None if own.mask is None else own.mask.mask
         known: dict[str, Any] = {}
         if own.azimuth_steps is not None:
             known["azimuth_steps"] = own.azimuth_steps
@@ -124,8 +133,8 @@ class CorrectionFile(Settings):
                 f"unit {unit}: expected {lidar.beams} beams as the LiDAR has, "
                 f"found {len(own.elevations_deg or ())}"
             )
-        correction = Correction(tuple(self.factor.items()), self.distance, mask)
-        return replace(lidar, correction=correction, **known)
+        mask = None if own.mask is None else own.mask.mask
+        return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
 
     def _unit(self, name: str) -> UnitSettings:
         if name not in self.lidars:

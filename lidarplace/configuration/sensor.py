@@ -183,12 +183,17 @@ class SensorSettings(Settings):
     @cached_property
     def built(self) -> Lidar:
         """The sensor, as `lidar` has it."""
+        lidar = self._uncorrected()
         if self.correction is None:
-            return self._uncorrected()
+            return lidar
         try:
-            return self._uncorrected().corrected(read_correction(self.correction), self.unit)
+            file = read_correction(self.correction)
         except ValueError as error:
             raise ValueError(f"correction: {error}") from None
+        try:
+            return lidar.corrected(file, self.unit)
+        except ValueError as error:
+            raise ValueError(f"correction: {self.correction}: {error}") from None
 
     def corrected(self, lidar: Lidar, name: str) -> Lidar:
         """Another LiDAR with the correction of these settings, as its unit `name` if it has one.

@@ -142,7 +142,9 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
     if bounds.get("ge") == ANGLE.low or bounds.get("le") == ANGLE.high:
         allowed = f"{allowed} radians"
     if mistake["type"] in ("tuple_type", "list_type"):
-        allowed = f"should be a list, such as [{value}]" if isinstance(value, str) else allowed
+        allowed = (
+            f"should be a list, such as [{shortened(value)}]" if isinstance(value, str) else allowed
+        )
     if mistake["type"] == "literal_error" and isinstance(value, str):
         hint = did_you_mean(value, re.findall("'([^']+)'", mistake["ctx"]["expected"]))
     return f"found {found(value)}{hint}; {allowed}"

@@ -1,9 +1,10 @@
 """The objects of a log that count, and what rigs hit of them.
 
 Rays are cast at them as for point clouds, without noise: objects, buildings and the vehicle's own
-body hide what is behind them. Of their returns, drop-off and corrections lose the same share as in
-clouds, and for the same reason: the random number of a ray depends on seed, frame and ray alone.
-So placements lose the same rays, and a single LiDAR those of its clouds.
+body hide what is behind them. Drop-off and corrections lose the same share of the returns as in
+clouds. The random number of a ray depends on seed, frame and ray alone: placements lose the same
+rays, so their differences vary less, and what a mount hits does not depend on its place in the rig.
+A rig of one LiDAR loses those of its clouds; in clouds, the LiDARs of a rig have different numbers.
 """
 
 from __future__ import annotations

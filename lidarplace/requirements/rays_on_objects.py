@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -47,7 +47,8 @@ _MOST_BYTES = 2**27
 _NOBODY, _SEVERAL = -1, -2
 
 
-Numbers = NDArray[np.int64] | NDArray[np.float64]
+Numbers = NDArray[np.number[Any]]
+"""int64 or float64."""
 
 
 class Sight(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -26,12 +27,17 @@ from lidarplace.rigs.recorded import RecordedRig
 KEPT: Crop = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
 """Real points are kept within these bounds, on a grid of 4.6 mm; all of them are counted."""
 
+PART = 500
+"""Frames that are packed in memory before they are written: of 100,000 points about 260 MB."""
+
 NEAR_M = 40.0
 """Boxes so near show whether clouds are in their frame."""
 AROUND_M = 0.5
 FLOOR_M = 0.3
 """Points so far around and above a box, and so high above its underside: in the right frame most
 are inside."""
+LOOKED_AT = 100
+"""At most about so many frames are looked at for it."""
 LEAST_POINTS = 10
 LEAST_BOXES = 5
 MOST_OUTSIDE = 0.35
@@ -102,7 +108,8 @@ def count_real_points(
     Boxes of frames without a cloud have NaN.
 
     Args:
-        keep: folder to which the clouds are written, a folder each scene, cut to `KEPT`.
+        keep: folder to which the clouds are written, cut to `KEPT`; a folder for `PART` frames of a
+            scene.
 
     Raises:
         ValueError: no frame has a cloud, a file is wrong, or clouds do not fit rig or boxes.
@@ -119,6 +126,7 @@ def count_real_points(
     boxes = log.boxes.reset_index(drop=True)
     rows_of = boxes.groupby("frame").indices
     geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+    looked_at = set(list(paths)[:: 1 + len(paths) // LOOKED_AT])
     counted: dict[str, NDArray[np.float64]] = {}
     inside, around = (np.full(len(boxes), np.nan) for _ in range(2))
 
@@ -138,15 +146,20 @@ def count_real_points(
                 columns |= {f"{POINTS}/{n}": c for n, c in zip(rig.names, by_lidar, strict=True)}
             for name, counts in columns.items():
                 counted.setdefault(name, np.full(len(boxes), np.nan))[rows] = counts
-            inside[rows], around[rows] = _near_points(sweep.points, geometry[rows])
+            if frame in looked_at:
+                inside[rows], around[rows] = _near_points(sweep.points, geometry[rows])
             yield sweep
 
     partial = None if keep is None else temporary(keep)
     scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
     try:
-        for number, (scene, frames) in enumerate(scenes):
-            own = frames.tolist()
-            found = sweeps(own, log.rigs.get(str(scene)))
+        parts = [
+            (str(scene), frames.tolist()[first : first + PART])
+            for scene, frames in scenes
+            for first in range(0, len(frames), PART)
+        ]
+        for number, (scene, own) in enumerate(parts):
+            found = sweeps(own, log.rigs.get(scene))
             if partial is None:
                 for _ in found:
                     pass
@@ -158,8 +171,11 @@ def count_real_points(
             shutil.rmtree(keep, ignore_errors=True)
             partial.rename(keep)
     finally:
-        if partial is not None:
+        if keep is not None and partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
+            for folder in keep.parents[:2]:  # a log's that was not written
+                with suppress(OSError):
+                    folder.rmdir()
     if POINTS in boxes:
         counted.pop(POINTS, None)
     return replace(log, boxes=boxes.assign(**counted)), len(paths)
@@ -203,7 +219,7 @@ def _lidars(cloud: pd.DataFrame, rig: RecordedRig | None, path: Path) -> NDArray
         return np.zeros(len(cloud), np.int64)
     values = cloud["lidar"]
     if values.dtype.kind in "iuf":
-        numbers = values.to_numpy(np.int64)
+        numbers = values.fillna(-1).to_numpy(np.int64)
     else:
         numbers = pd.Index(rig.names).get_indexer(pd.Index(values.astype(str)))
     wrong = (numbers < 0) | (numbers >= len(rig.names))

@@ -116,7 +116,8 @@ class LogScene(Settings):
 
         Raises ValueError if a scene has none, or another one than the others.
         """
-        rigs, path = read_rigs(self.folder), self.folder / RIG_FILE
+        path = self.folder / RIG_FILE
+        rigs = read_rigs(path)
         lacking = set(read_frames(self.folder)["scene"]) - rigs.keys()
         try:
             rig = one_rig(rigs)

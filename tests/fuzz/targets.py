@@ -71,6 +71,12 @@ def _box_log(world: Path) -> object:
     return read_box_log(world / "log")
 
 
+def _recorded_log(world: Path) -> object:
+    from lidarplace.logs.box_log import read_box_log
+
+    return read_box_log(world / "recorded")
+
+
 def _kitti_clouds(world: Path) -> object:
     from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
 
@@ -89,6 +95,22 @@ def _rig(world: Path) -> object:
     from lidarplace.rigs.placement import PAPER_PLACEMENTS
 
     return check_rig(world / "clouds", PAPER_PLACEMENTS["line"])
+
+
+def _correction(world: Path) -> object:
+    from pydantic import ValidationError
+
+    from lidarplace.clouds.raycast import beams_of
+    from lidarplace.configuration.correction import read_correction
+    from lidarplace.configuration.sensor import SensorSettings
+    from lidarplace.configuration.settings import fault
+
+    path = str(world / "correction.yaml")
+    read_correction(path)
+    try:
+        return beams_of(SensorSettings(beams=3, correction=path, unit="up").lidar())
+    except ValidationError as error:
+        raise fault(error) from None
 
 
 def _checkpoint(world: Path) -> object:
@@ -146,6 +168,7 @@ QUICK = (
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
+    Target("recorded log", ("recorded/rig.json", "recorded/boxes.parquet"), read=_recorded_log),
     Target("describe", LOG, "lidarplace.commands.describe", ("log",), check=SOUND),
     Target("view", LOG, "lidarplace.commands.view", ("log", "--placement", "line"), check=SOUND),
     Target(
@@ -239,9 +262,17 @@ DATA: tuple[Target, ...] = (
     ),
     Target(
         "convert argoverse",
-        ("av2/val/log-1/*.feather",),
+        ("av2/val/log-1/*.feather", "av2/val/log-1/calibration/*.feather"),
         CONVERT,
         ("argoverse", "av2", "out"),
+        check=partial(_nonsense, "out"),
+    ),
+    Target(
+        "convert argoverse --clouds",
+        ("av2/val/log-1/sensors/lidar/*.feather",),
+        CONVERT,
+        ("argoverse", "av2", "out", "--clouds", "av2"),
+        needs=("av2",),
         check=partial(_nonsense, "out"),
     ),
     Target(
@@ -369,6 +400,7 @@ SETTINGS: tuple[Target, ...] = (
         "lidarplace.commands.rig",
         ("rig.yaml", "out.urdf", "--origin", "0", "0", "0"),
     ),
+    Target("correction", ("correction.yaml",), read=_correction),
     Target(
         "convert --class-map",
         ("classes.yaml",),

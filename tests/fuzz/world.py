@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,18 @@ FRAMES = np.array([0, 1])
 """Frames of the recorded clouds."""
 
 
+CORRECTION = """
+factor: {Car: 0.62, other: 0.6}
+distance: 75.0
+lidars:
+  up:
+    azimuth_steps: 900
+    elevations_deg: [-10.0, 0.0, 5.0]
+    mask: {azimuth_deg: 120, elevation_deg: [-5.0], shares: [[0.1, 1.0, 0.5], [1.0, 1.0, 0.2]]}
+fitted: {routes: 4}
+"""
+
+
 def write_world(folder: Path) -> None:
     """Write all of it into a new folder."""
     folder.mkdir(parents=True)
@@ -92,6 +105,7 @@ def write_world(folder: Path) -> None:
     _kitti(folder / "kitti")
     _data_sets(folder)
     _clouds(folder)
+    _recorded(folder / "recorded")
     made_up_run.write_run(folder / "run", names=("line", "center", "mine"), points=20)
     made_up_search.write_search(folder / "found", trials=12)
     (folder / "maps").mkdir()
@@ -105,6 +119,7 @@ def write_world(folder: Path) -> None:
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
+    (folder / "correction.yaml").write_text(CORRECTION)
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
     _rigs(folder / "rigs")
     _checkpoint(folder / "base.pt")
@@ -179,11 +194,17 @@ def _data_sets(folder: Path) -> None:
     nuscenes_layout.write_nuscenes(folder / "nuscenes", scenes, ["vehicle.car", "animal"])
     box = argoverse_layout.Box(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
     poses = dict.fromkeys((5, 6), (argoverse_layout.LEVEL, (0.0, 0.0, 0.0)))
-    log = argoverse_layout.Log("val", "log-1", [box, box], poses, [5, 6])
+    level = argoverse_layout.LEVEL
+    mounts = {"up_lidar": (level, (1.35, 0.0, 1.64)), "down_lidar": (level, (1.35, 0.0, 1.53))}
+    log = argoverse_layout.Log("val", "log-1", [box, box], poses, [5, 6], mounts)
     argoverse_layout.write_argoverse(folder / "av2", [log])
     poses = {5: np.eye(4), 6: np.eye(4)}
     segment = waymo_layout.Segment(
-        "training", "s", poses, [waymo_layout.Box(5, 1, (9.0, 0.0, 1.0))] * 2
+        "training",
+        "s",
+        poses,
+        [waymo_layout.Box(5, 1, (9.0, 0.0, 1.0))] * 2,
+        {1: (np.eye(4), [-0.3, 0.0, 0.1])},
     )
     waymo_layout.write_waymo(folder / "waymo", [segment])
     (folder / "openlabel").mkdir()
@@ -203,6 +224,19 @@ def _clouds(folder: Path) -> None:
     write_clouds(folder / "clouds/route", PointClouds.from_frames(FRAMES, clouds, CROP))
     record = json.dumps(rig_record(PAPER_PLACEMENTS["line"]))
     (folder / "clouds/placement.json").write_text(record)
+
+
+def _recorded(folder: Path) -> None:
+    from lidarplace.logs.box_log import read_box_log, write_box_log
+    from lidarplace.rigs.placement import PAPER_PLACEMENTS
+    from lidarplace.rigs.recorded import RecordedRig
+
+    write_small_log(folder)
+    log = read_box_log(folder)
+    rig = RecordedRig(("a", "b", "c", "d"), PAPER_PLACEMENTS["line"])
+    boxes = log.boxes.assign(points=3.0, **{"points/a": 1.0})
+    rigs = dict.fromkeys(log.frames["scene"].unique(), rig)
+    write_box_log(folder, replace(log, boxes=boxes, rigs=rigs))
 
 
 def _checkpoint(path: Path) -> None:

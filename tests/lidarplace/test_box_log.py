@@ -11,6 +11,7 @@ from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS, points_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.scenes.datasets.tabular import read_tabular
 from tests.refused import refused
 from tests.sweeps.small_log import write_small_log
 
@@ -58,6 +59,9 @@ def test_counts_rigs_and_full_poses_come_back(tmp_path):
     pd.testing.assert_frame_equal(read.boxes, log.boxes, check_dtype=False)
     pd.testing.assert_frame_equal(read.frames, log.frames, check_dtype=False)
     assert join_logs([read, BoxLog(BOXES.iloc[:0], FRAMES.iloc[:0])]).rigs == {"town": RIG}
+    again = read_tabular(tmp_path)
+    assert again.rigs == {"town": RIG}
+    pd.testing.assert_frame_equal(again.boxes.filter(like="points"), COUNTED.filter(like="points"))
     write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
     assert read_box_log(tmp_path).rigs == {}
 

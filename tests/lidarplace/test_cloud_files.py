@@ -66,6 +66,25 @@ def test_every_format_holds_the_same_points(tmp_path, suffix):
     pd.testing.assert_frame_equal(read, expected, check_dtype=False)
 
 
+def test_names_of_other_makers_are_understood(tmp_path):
+    """As Ouster's: columns that may mean the same, nanoseconds, and what is not needed."""
+    cloud = CLOUD.rename(columns={"ring": "Channel"})
+    cloud = cloud.assign(reflectivity=0.9, t=np.uint32([5, 0, 10**8]), ambient=1, range=2.0)
+    cloud.to_parquet(path := tmp_path / "a.parquet")
+    read = read_cloud(path)
+    pd.testing.assert_frame_equal(read[list(CLOUD.columns)], CLOUD, check_dtype=False)
+    np.testing.assert_allclose(read["time"], [5e-9, 0.0, 0.1])
+    assert list(read.columns) == [*CLOUD.columns, "time"]
+
+
+@pytest.mark.parametrize("column", ["x", "intensity", "offset_ns", "laser_number"])
+def test_a_value_that_is_no_number_is_named(tmp_path, column):
+    cloud = CLOUD.assign(**{column: ["1", "two", None]})
+    cloud.to_parquet(path := tmp_path / "a.parquet")
+    with refused("two", "a.parquet: row 1"):
+        read_cloud(path)
+
+
 def test_pcd_in_ascii(tmp_path):
     (path := tmp_path / "a.pcd").write_bytes(pcd(CLOUD, "ascii"))
     pd.testing.assert_frame_equal(read_cloud(path), CLOUD, check_dtype=False)

@@ -221,9 +221,10 @@ def test_labels_are_converted_where_clouds_nobody_named_are_wrong(tmp_path):
     result = convert(*arguments)
     assert result.exit_code == 0
     assert "warning: no points are counted" in result.stderr
-    result = convert(*arguments, "--clouds", source)
+    result = convert(*arguments[:2], tmp_path / "other", arguments[-1], "--clouds", source)
     assert result.exit_code == 2
     assert "no whole points" in result.stderr
+    assert not (tmp_path / "other").exists()
 
 
 RIG = "mounts: [{name: roof, z: 2.0, lidar: vlp16}, {name: nose, x: 2.0, z: 0.6}]\n"

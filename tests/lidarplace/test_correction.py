@@ -180,7 +180,7 @@ def test_requirements_expect_what_draws_have_in_the_mean():
         assert expected.alone[0, 0] == pytest.approx(expected.all[0], rel=1e-12)
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(
     x=st.floats(4, 15),
     yaw=st.floats(-3, 3),

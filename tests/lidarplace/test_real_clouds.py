@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarplace.clouds.clouds import read_clouds
+from lidarplace.clouds.recorded import recorded_clouds
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.lidar import Lidar
@@ -68,6 +69,17 @@ def test_points_are_counted_by_lidar_and_kept(tmp_path):
     expected = cloud[cloud["lidar"] == 1][list("xyz")].to_numpy()
     np.testing.assert_allclose(kept[0][240:, :3], expected, atol=0.003)
     assert [path.name for path in tmp_path.iterdir()] in (["in", "kept"], ["kept", "in"])
+
+
+def test_a_long_scene_is_kept_in_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr("lidarplace.scenes.real_clouds.PART", 1)
+    log = log_of()
+    clouds = write(tmp_path / "in", on_sides(log))
+    write(tmp_path / "in", on_sides(log).iloc[:3], "0004.parquet")
+    _, number = count_real_points(log, clouds, tmp_path / "kept")
+    assert number == 2
+    kept = recorded_clouds(tmp_path / "kept", np.array([4, 3]), (-50, -50, -5, 50, 50, 5))
+    assert kept.counts.tolist() == [[2, 1], [240, 240]]
 
 
 def test_counts_of_the_source_stay(tmp_path):

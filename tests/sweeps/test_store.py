@@ -22,8 +22,10 @@ import pytest
 import torch
 from flip_bit import flip_bit
 
-from lidarplace import Roi
+from lidarplace import PAPER_PLACEMENTS, Roi
 from lidarplace.files.atomic import replacing
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.rigs.recorded import RecordedRig
 from sweeps.store.checkpoint_attempts import snapshot
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked, locked
@@ -87,6 +89,14 @@ def test_what_was_saved_is_loaded(store):
     store.save(TASK, value(4), seconds=9.0)
     assert store.load(TASK).n == 3, "what is there stays"
     assert names(store) == [TASK.key]
+
+
+def test_a_log_is_loaded_with_its_rigs(store, monkeypatch):
+    keep_in(monkeypatch, TASK.stage, BoxLog)
+    rig = RecordedRig(("a", "b", "c", "d"), PAPER_PLACEMENTS["line"])
+    log = BoxLog(pd.DataFrame({"frame": [1]}), pd.DataFrame({"frame": [1]}), rigs={"town": rig})
+    store.save(TASK, log, seconds=0.0)
+    assert store.load(TASK).rigs == {"town": rig}
 
 
 def test_only_what_is_asked_for_is_loaded(store, monkeypatch):

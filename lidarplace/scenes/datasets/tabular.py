@@ -24,7 +24,7 @@ from lidarplace.files.columns import (
 )
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
-from lidarplace.logs.box_log import BoxLog, checked_buildings
+from lidarplace.logs.box_log import RIG_FILE, BoxLog, checked_buildings, read_rigs
 from lidarplace.logs.boxes import (
     BOX_COLUMNS,
     CLOUD,
@@ -80,10 +80,11 @@ def read_tabular(
         ValueError: a column is missing, a value is wrong, or nothing tells the frames.
     """
     class_map = merged(BOX_LOG, class_map)
-    buildings = None
+    buildings, record = None, None
     if source.is_dir():
         if is_there(path := source / "buildings.parquet"):
             buildings = checked_buildings(read_parquet(path), str(path))
+        record = source / RIG_FILE
         folder, source = source, _found(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
@@ -108,6 +109,8 @@ def read_tabular(
     boxes["class"] = classify(boxes["class"], class_map, row, counter)
     boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
     log = BoxLog(boxes[[*BOX_COLUMNS, *count_columns(boxes)]], table)
+    if record is not None:
+        log = replace(log, rigs=read_rigs(record, log.boxes))
     return log if buildings is None else replace(log, buildings=buildings)
 
 
