@@ -28,7 +28,7 @@ from test_extremes import (
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.coverage import coverage
-from lidarplace.coverage.cone import covered_by_cones, covered_voxel_by_voxel
+from lidarplace.coverage.cone import covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.pog.occupancy.box_counts import count_boxes
 from lidarplace.pog.occupancy.entropy import binary_entropy
@@ -216,7 +216,7 @@ def cones(case: str, cases: Iterable[Case], roi: Roi = ROI, reach: float = math.
     start, tried, differ, missed, change = time.perf_counter(), 0, 0, 0, 0.0
     for mount, elevations in cases:
         placement = Placement("one", [mount], lidar=Lidar(tuple(elevations), 4, range=reach))
-        by_column = covered_by_cones(placement, roi)
+        by_column = coverage(placement, roi)
         by_voxel = covered_voxel_by_voxel(placement, roi)
         differ += np.count_nonzero(by_column != by_voxel)
         tried += by_column.size

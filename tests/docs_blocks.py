@@ -1,7 +1,5 @@
 """What pages hold: commands and other blocks of code."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

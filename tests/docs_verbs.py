@@ -1,7 +1,5 @@
 """Commands of this project by their verb."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A folder in which the commands of the docs run: files of the names that they use, all tiny."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from functools import cache

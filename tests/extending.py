@@ -1,7 +1,5 @@
 """The package of docs/extending.md, installed beside ours."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -5,8 +5,6 @@ takes for a tiny sweep. Here it is a fork of a process that did so once. The tes
 start itself, and of what it imports, takes a fresh interpreter.
 """
 
-from __future__ import annotations
-
 import atexit
 import gc
 import multiprocessing

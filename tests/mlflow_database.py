@@ -1,7 +1,5 @@
 """An empty database of MLflow: to make one computes for seconds, to copy one for none."""
 
-from __future__ import annotations
-
 import tempfile
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A mistake by the parts of its error, so that the words of the line may change."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager

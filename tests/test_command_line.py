@@ -292,37 +292,6 @@ def test_a_usage_that_is_wrong(words, told):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("run",), "name a configuration file"),
-        (("search",), "name a configuration file"),
-        (("run", "grid.yaml", "--json"), "--json: is for --dry-run"),
-        (("search", "grid.yaml", "--json"), "--json: is for --dry-run"),
-        (("doctor", "--set", "a=1"), "--set: name the configuration file too"),
-        (("clean", "grid.yaml", "--quota", "much"), "--quota much: expected a size"),
-        (("view", "LOG", "--profile", "mine"), "--profile mine: allowed are"),
-        (("view", "LOG", "--placement", "mine"), "mine"),
-        (("view", "LOG", "--frame", "9"), "9"),
-        (("export", "LOG", "out", "--placement", "line", "--split", "val"), "split val"),
-        (("accuracy", "LOG", "--class", "Bus"), "no box is of class 'Bus'; there are"),
-        (("accuracy", "LOG", "--placement", "mine"), "--placement mine: allowed are"),
-        (("accuracy", "LOG", "--resolution", "0"), "0"),
-        (("accuracy", "LOG", "--azimuth-steps", "0"), "0"),
-        (("accuracy", "LOG", "--frames-share", "0"), "0"),
-        (("accuracy", "LOG", "--resolution", "0.3"), "0.3"),
-        (("accuracy", "LOG", "--resolution", "nan"), "nan"),
-        (("convert", "kitti", "a", "b", "--lidar-height", "-1"), "--lidar-height"),
-        (("convert", "nuscenes", "a", "b", "--test-share", "2"), "--test-share"),
-    ],
-    ids=" ".join,
-)
-def test_an_option_that_is_wrong(in_folder, log, words, told):
-    words = [log if word == "LOG" else word for word in words]
-    assert_one_line(lidarplace(*words), told)
-    assert not os.listdir(in_folder)
-
-
 @pytest.mark.parametrize("verb", ["run", "record", "pretrain", "search"])
 @pytest.mark.parametrize("key", ["output", "store"])
 def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
@@ -339,23 +308,6 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
     assert done.stderr.count("\n") == 1, done.stderr
     assert "grid.yaml" in done.stderr
     assert "goes on" not in done.output
-
-
-@pytest.mark.parametrize(
-    ("verb", "content", "told"),
-    [
-        (
-            "search",
-            "grid: {placement: [line]}\n",
-            "grid: is a key of a sweep; lidarplace run takes",
-        ),
-        ("search", "exclude: []\n", "exclude: is a key of a sweep; lidarplace run takes"),
-        ("run", "robustness: {}\nsearch: {}\n", "search: is a key of a search; lidarplace search"),
-    ],
-)
-def test_a_file_of_another_command(in_folder, verb, content, told):
-    (in_folder / "grid.yaml").write_text(content)
-    assert_one_line(lidarplace(*words_of(verb, "grid.yaml", "log")), f"grid.yaml: {told}")
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,28 @@ def test_a_surrogate(package, installed, tmp_path, name):
     assert "crossed voxels: rank " in report, "the headline"
 
 
+def test_a_search_by_a_surrogate(installed, tmp_path):
+    write_small_log(tmp_path / "log")
+    write_database(tmp_path / "runs/mlflow.db")
+    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}
+    config = {
+        "classes": ["Car"],
+        "scene": {"source": "log", "folder": "log"},
+        "lidar": {"beams": 4, "azimuth_steps": 90},
+        "surrogate": {"resolution": 0.8},
+        "search": {"lidars": 2, "zones": {"roof": zone}, "objective": "crossed_voxels"}
+        | {"trials": 4, "batch_size": 2, "azimuth_stride": 1},
+        "robustness": None,
+        "ray": "debug",
+    }
+    (tmp_path / "new.yaml").write_text(yaml.safe_dump(config))
+    python(tmp_path, "-c", PROGRAM, "search", "new.yaml", path=installed)
+    trials = pd.read_parquet(tmp_path / "runs/new/trials.parquet")
+    best = trials[trials["feasible"]]["value.crossed_voxels"].max()
+    found = json.loads((tmp_path / "runs/new/search.json").read_text())
+    assert best == found["rigs"]["found_1"]["values"]["crossed_voxels"] > 0
+
+
 USE = """
 import json
 from pathlib import Path

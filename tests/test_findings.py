@@ -1,7 +1,5 @@
 """The page of findings: every number is in the tables, and what its own code computes is right."""
 
-from __future__ import annotations
-
 import re
 import sys
 from itertools import permutations

@@ -68,6 +68,8 @@ FLOORS = {
     "tracking.figures": ("kit", "of_searches of_sweeps"),
     "tracking.report": (
         "headline",
+        "recommendation",
+        "analysis",
         "cautions sections",
         "decision",
         "failures",

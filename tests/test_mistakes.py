@@ -1,13 +1,13 @@
 """Mistakes in settings and in data, and the line that each prints: `tests/data/messages.txt`.
 
-A new case is a line in that file with a line below it. This writes the words of all anew:
+A new case is a line in that file with a line below it; `<<< NAME: TEXT` behind a command writes a
+file before it runs. This writes the words of all anew:
 `NEW_MESSAGES=1 python -m pytest -n 0 tests/test_mistakes.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
+import shlex
 import shutil
 from pathlib import Path
 
@@ -19,7 +19,9 @@ from sweeps.command_line import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from tests.docs_blocks import ROOT
+from tests.sweeps.search_files import write_search
 from tests.sweeps.small_log import write_small_log
+from tests.sweeps.test_requirements_command import small
 
 GRID, SEARCH = "examples/grid.yaml", "examples/search.yaml"
 LABELS = "examples/labels/labels.csv"
@@ -74,6 +76,21 @@ def test_a_sweep(changes, world):
     assert error.value.key is None or line.startswith(f"{error.value.key}: ")
 
 
+@pytest.mark.parametrize("changes", cases("search "))
+def test_a_search(changes, world):
+    path = write_search(Path(), **json.loads(changes))
+    check(f"search {changes}", line_of("search", str(path)).removeprefix(f"{path}: "))
+
+
+@pytest.mark.parametrize("changes", cases("requirements "))
+def test_requirements(changes, world):
+    """`people` are changes of the only requirement."""
+    own = json.loads(changes)
+    (world / "needs.yaml").write_text(yaml.safe_dump(small(**own.pop("people", {})) | own))
+    line = line_of("requirements", "needs.yaml")
+    check(f"requirements {changes}", line.removeprefix("needs.yaml: "))
+
+
 @pytest.mark.parametrize("pair", cases("--set "))
 def test_settings(pair):
     verb, file = ("search", SEARCH) if pair.startswith("search.") else ("run", GRID)
@@ -93,6 +110,13 @@ def test_mappings(change, world):
     assert not (world / "out").exists()
 
 
-@pytest.mark.parametrize("command", cases("lidarplace "))
-def test_files(command):
-    check(f"lidarplace {command}", line_of(*command.split()))
+@pytest.mark.parametrize("case", cases("lidarplace "))
+def test_commands(case, world):
+    command, *files = case.split(" <<< ")
+    for file in files:
+        name, text = file.split(": ", 1)
+        (world / name).parent.mkdir(exist_ok=True)
+        (world / name).write_text(text.replace("\\n", "\n"))
+    before = sorted(world.rglob("*"))
+    check(f"lidarplace {case}", line_of(*shlex.split(command)))
+    assert sorted(world.rglob("*")) == before, "nothing is written"

@@ -1,7 +1,5 @@
 """Notebooks run from the first cell to the last, and are committed without what they print."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the package asks for, brings and says is what its source needs."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

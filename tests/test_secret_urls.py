@@ -1,7 +1,5 @@
 """Secrets of addresses are in nothing that leaves the process, and in all that it uses."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM at any moment end a command quietly, with the exit code of the signal."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

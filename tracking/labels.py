@@ -34,10 +34,10 @@ def in_order(surrogates: Iterable[str]) -> list[str]:
     return sorted(found, key=lambda name: [*SURROGATES, *found].index(name))
 
 
-def some(names: Sequence[str], most: int = 5) -> str:
-    """A few of many names, for a sentence."""
-    more = len(names) - most
-    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
+def some(names: Sequence[str]) -> str:
+    """Five of many names at most, for a sentence."""
+    more = len(names) - 5
+    return ", ".join(names[:5]) + (f" and {more} more" if more > 0 else "")
 
 
 def metric_name(metric: str) -> str:

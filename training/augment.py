@@ -1,7 +1,5 @@
 """Random changes to a training frame: OpenPCDet's for KITTI, in its order."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

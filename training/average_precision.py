@@ -5,8 +5,6 @@ compute_statistics): a first pass collects the scores at which recall grows and 
 a second one counts hits and false alarms at each.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,7 +20,14 @@ RECALL_POINTS = 41
 
 
 class Layout(NamedTuple):
-    """Where the boxes and pairs of each frame are, as compiled code takes it, see `FramePairs`."""
+    """Where the boxes and pairs of each frame are, as compiled code takes it.
+
+    Attributes:
+        truths: ground truths of frame f are rows `truths[f]:truths[f + 1]`.
+        found: the same for detections.
+        pairs: the pairs of frame f start here; (ground truth g, detection d), both counted from
+            the frame's first, is pair `pairs[f] + g * (detections of f) + d`.
+    """
 
     truths: NDArray[np.int64]
     found: NDArray[np.int64]
@@ -34,23 +39,17 @@ class FramePairs:
     """Every pair of a ground truth and a detection of one frame.
 
     Attributes:
-        ground_truth_offsets: ground truths of frame f are rows `offsets[f]:offsets[f + 1]`.
-        detection_offsets: the same for detections.
-        pair_offsets: the pairs of frame f start here; (ground truth g, detection d), both counted
-            from the frame's first, is pair `pair_offsets[f] + g * (detections of f) + d`.
         ground_truth, detection: row of either in each pair, shape (P,), int64.
     """
 
-    ground_truth_offsets: NDArray[np.int64]
-    detection_offsets: NDArray[np.int64]
-    pair_offsets: NDArray[np.int64]
+    layout: Layout
     ground_truth: NDArray[np.int64]
     detection: NDArray[np.int64]
 
     @classmethod
     def of(
         cls, ground_truth_frame: NDArray[np.int64], detection_frame: NDArray[np.int64], frames: int
-    ) -> FramePairs:
+    ) -> "FramePairs":
         """Pairs of rows whose frame index, 0 <= index < `frames`, is sorted in both arrays."""
         edges = np.arange(frames + 1)
         truths = np.searchsorted(ground_truth_frame, edges)
@@ -61,12 +60,7 @@ class FramePairs:
         within = np.arange(len(ground_truth)) - starts[ground_truth]
         detection = found[ground_truth_frame[ground_truth]] + within
         pair_offsets = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
-        return cls(truths, found, pair_offsets, ground_truth, detection)
-
-    @property
-    def layout(self) -> Layout:
-        """The offsets."""
-        return Layout(self.ground_truth_offsets, self.detection_offsets, self.pair_offsets)
+        return cls(Layout(truths, found, pair_offsets), ground_truth, detection)
 
 
 @dataclass(frozen=True)
@@ -198,26 +192,12 @@ class Rising(NamedTuple):
         order: NDArray[np.int64],
         unit: NDArray[np.int64],
         units: int,
-    ) -> Rising:
+    ) -> "Rising":
         """Of scores and their `rising` order; -1 is no unit."""
         values, unit = values[order], unit[order]
-        return cls(values, unit, *_by_unit(values, unit, units))
-
-
-@njit(cache=True)
-def _by_unit(values, unit, units):
-    """Values unit by unit, those of a unit in their order, and where each unit begins."""
-    offsets = np.zeros(units + 1, np.int64)
-    for u in unit:
-        if u >= 0:
-            offsets[u + 1] += 1
-    offsets = np.cumsum(offsets)
-    next_of, sorted_values = offsets[:-1].copy(), np.empty(offsets[-1])
-    for i in range(len(values)):
-        if unit[i] >= 0:
-            sorted_values[next_of[unit[i]]] = values[i]
-            next_of[unit[i]] += 1
-    return sorted_values, offsets
+        members = np.bincount(unit + 1, minlength=units + 1)
+        by_unit = np.argsort(unit, kind="stable")[members[0] :]
+        return cls(values, unit, values[by_unit], np.cumsum(members) - members[0])
 
 
 @njit(cache=True)
@@ -288,7 +268,8 @@ def precision_curve(
         harmless: detections that are no false alarm even if unmatched, shape (D,); default: none.
         similarity: of every pair, shape (P,); default: 1.
     """
-    truths, found = int(pairs.ground_truth_offsets[-1]), int(pairs.detection_offsets[-1])
+    layout = pairs.layout
+    truths, found = int(layout.truths[-1]), int(layout.found[-1])
     if ground_truth_role is None:
         ground_truth_role = np.full(truths, COUNTS, np.int8)
     if detection_role is None:
@@ -297,7 +278,6 @@ def precision_curve(
         harmless = np.zeros(found, np.bool_)
     if similarity is None:
         similarity = np.ones(len(overlaps))
-    layout = pairs.layout
     hits = _recall_pass(
         layout, overlaps, scores, ground_truth_role, detection_role, minimum_overlap
     )
@@ -327,9 +307,8 @@ def hit_scores(
 
     NaN where it is missed. Arguments as of `precision_curve`.
     """
-    truths, found, _ = layout = pairs.layout
-    truth_role, found_role = (np.full(offsets[-1], COUNTS, np.int8) for offsets in (truths, found))
-    return _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum_overlap)
+    truths, found = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
+    return _recall_pass(pairs.layout, overlaps, scores, truths, found, minimum_overlap)
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:

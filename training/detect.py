@@ -1,7 +1,5 @@
 """Run a trained detector on point clouds."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Ground-truth sampling: objects of other frames are pasted into a frame (Yan et al., SECOND)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -43,7 +41,7 @@ class ObjectDatabase:
         classes: Sequence[str],
         sample_groups: Mapping[str, int],
         min_points: int,
-    ) -> ObjectDatabase:
+    ) -> "ObjectDatabase":
         """Gather the objects of `frames` that have `min_points` points or more.
 
         Args:

@@ -7,8 +7,6 @@ each. So two scores of every ground truth replace the overlaps, and leaving obje
 takes no new matching.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,7 +49,7 @@ class Matches:
         overlaps: NDArray[np.float64],
         scores: NDArray[np.float64],
         minimum_overlap: float,
-    ) -> Matches:
+    ) -> "Matches":
         """Of boxes that all count. Arguments as of `average_precision.precision_curve`."""
         return cls(
             hit_scores(pairs, overlaps, scores, minimum_overlap),

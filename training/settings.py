@@ -1,7 +1,5 @@
 """How a detector is trained and how its boxes are selected."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 
@@ -99,7 +97,7 @@ class TrainingSettings(Settings):
         return value
 
     @model_validator(mode="after")
-    def _scales(self) -> TrainingSettings:
+    def _scales(self) -> "TrainingSettings":
         low, high = self.scaling
         if not 0 < low <= high:
             raise ValueError(f"scaling needs 0 < low <= high, found {self.scaling}")

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from tracking.findings.best_placement import best_placement
 from tracking.statistics.all_pairs import AllPairs
-from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.posterior import probability_of_best
 from tracking.statistics.reliability import Noise, pooled_variance, seed_mean
 
 Array = NDArray[np.float64]

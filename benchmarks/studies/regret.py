@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from tracking.statistics.regret import expected_regret
+from tracking.statistics.posterior import expected_regret
 from tracking.statistics.reliability import Noise
 
 _DRAWS = 1000

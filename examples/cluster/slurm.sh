@@ -39,4 +39,4 @@ if ((others > 0)); then
 fi
 
 # Machines that come later join while the sweep runs. Slurm ends Ray's processes with this script.
-python -m sweeps.run "$config" --set "ray=$address"
+lidarplace run "$config" --set "ray=$address"

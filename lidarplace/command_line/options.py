@@ -6,24 +6,6 @@ from typing import Annotated
 import typer
 
 from lidarplace.clouds.profiles import PROFILES
-from lidarplace.logs.boxes import CLASSES
-from lidarplace.rigs.placement import PAPER_PLACEMENTS
-
-
-def paper_placements() -> list[str]:
-    """The paper's placements."""
-    return list(PAPER_PLACEMENTS)
-
-
-def classes() -> list[str]:
-    """The classes of objects."""
-    return list(CLASSES)
-
-
-def splits() -> list[str]:
-    """The splits of a box log."""
-    return ["train", "test"]
-
 
 LogArgument = Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")]
 

@@ -18,7 +18,7 @@ from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.clouds.profiles import PROFILES
 from lidarplace.clouds.recorded import check_rig, recorded_clouds
 from lidarplace.clouds.visibility import ground_truth
-from lidarplace.command_line.options import LogArgument, ProfileOption, paper_placements, splits
+from lidarplace.command_line.options import LogArgument, ProfileOption
 from lidarplace.command_line.terminal import Terminal, say
 from lidarplace.command_line.verbs import (
     FRONT_ROI,
@@ -32,6 +32,8 @@ from lidarplace.command_line.verbs import (
 )
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.logs.boxes import SPLITS
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
 
@@ -55,14 +57,16 @@ def export(
         typer.Option(
             metavar="NAME|FILE",
             help="the paper's by name, an own one as FILE.yaml with `mounts`",
-            autocompletion=paper_placements,
+            autocompletion=lambda: list(PAPER_PLACEMENTS),
         ),
     ],
     profile: ProfileOption = "paper",
     roi: RoiOption = FRONT_ROI,
     split: Annotated[
         str | None,
-        typer.Option(metavar="train|test", help="both by default", autocompletion=splits),
+        typer.Option(
+            metavar="train|test", help="both by default", autocompletion=lambda: list(SPLITS)
+        ),
     ] = None,
     all_around: Annotated[
         bool, typer.Option("--all-around", help="label objects outside the image too")

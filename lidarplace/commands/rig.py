@@ -79,7 +79,8 @@ def rig(
         source.stat()  # raises if it is not there, before its frame is asked for
         known = format_of(source if reads else out, format_)
         start = _start(known, origin, source if reads else out)
-        lidars = _read(source, known, start, only or []) if reads else read_own(source)
+        found = known.read(source, only or []) if reads else read_own(source)
+        lidars = [each.moved(*start) for each in found] if reads else found
         if not reads and only:
             raise ValueError("--only: chooses of what is read of another tool's file")
         check_lidars(lidars, str(source))
@@ -105,10 +106,6 @@ def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
     if not all(abs(value) <= 100 for value in found):
         raise ValueError(f"--origin: must be within 100 m, found {' '.join(map(str, found))}")
     return found
-
-
-def _read(path: Path, known: RigFormat, start: Vector, only: Sequence[str]) -> list[MountedLidar]:
-    return [each.moved(*start) for each in known.read(path, only)]
 
 
 def _with_model(lidars: Sequence[MountedLidar], name: str | None) -> list[MountedLidar]:

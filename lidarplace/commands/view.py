@@ -9,7 +9,7 @@ import typer
 from lidarplace.base.ranges import FRAME
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.profiles import PROFILES, Profile
-from lidarplace.command_line.options import LogArgument, ProfileOption, paper_placements
+from lidarplace.command_line.options import LogArgument, ProfileOption
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import (
     FRONT_ROI,
@@ -23,7 +23,7 @@ from lidarplace.command_line.verbs import (
 )
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
 from lidarplace.viewing.scene import POINTS, draw_frame
@@ -50,7 +50,7 @@ def view(
         typer.Option(
             metavar="NAME|FILE",
             help="the paper's by name, own ones as FILE.yaml with `mounts`; repeatable",
-            autocompletion=paper_placements,
+            autocompletion=lambda: list(PAPER_PLACEMENTS),
         ),
     ] = None,
     profile: ProfileOption = "paper",

@@ -11,7 +11,6 @@ from pydantic import BeforeValidator, Field, Strict, model_validator
 
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings
-from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.pose import rotation
@@ -71,14 +70,11 @@ class VehicleSettings(Settings):
 @lru_cache(maxsize=8)
 def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
     """The vehicle, read again when the file of its mesh was changed."""
-    return Vehicle("vehicle", np.array(settings.boxes), _mesh(settings))
-
-
-def _mesh(settings: VehicleSettings) -> Mesh | None:
-    if settings.mesh is None:
-        return None
-    angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
-    return read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
+    mesh = None
+    if settings.mesh is not None:
+        angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
+        mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
+    return Vehicle("vehicle", np.array(settings.boxes), mesh)
 
 
 def _short(value: Any) -> Any:

@@ -28,7 +28,7 @@ from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.coverage.bits import Bits, empty, pack, turned, unpack
+from lidarplace.coverage.bits import Bits, empty, pack, turned
 from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover_voxels, keep_seen
 from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
@@ -39,12 +39,6 @@ CACHE_BYTES = 2**28
 """Coverage of single sensors that is kept for the next placement; a search moves one at a time."""
 
 _AXES = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}  # axes of the grid whose columns run along one
-
-
-def covered_by_cones(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
-    """Voxels that the beams of `placement` cover, shape (nx, ny, nz); of a pattern, its rays."""
-    bits = cone_bits(placement, roi, Tiles.whole(roi.shape))
-    return unpack(bits, roi.shape[2])
 
 
 def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
@@ -103,7 +97,7 @@ def _farthest(mount: Mount, roi: Roi) -> float:
 
 
 def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
-    """The same as `covered_by_cones`, by the test of every single voxel: slower, always valid."""
+    """The same as `coverage` by cones, by the test of every single voxel: slower, always valid."""
     covered = np.zeros(roi.shape, np.bool_)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
         cover_voxels(_sensor(lidar, mount), roi.minimum, roi.resolution, covered)

@@ -173,7 +173,8 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
             f"{folder / 'boxes.parquet'}: row {row}: frame {boxes['frame'].iloc[row]} is not in "
             "frames.parquet, which lists every frame"
         )
-    rigs = read_rigs(folder / RIG_FILE, boxes)
+    rigs = read_rigs(folder)
+    _check_counted(rigs, boxes, folder / RIG_FILE)
     path = folder / "buildings.parquet"
     if not is_there(path):
         return BoxLog(boxes, frames, rigs=rigs)
@@ -186,23 +187,21 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     return BoxLog(boxes, frames, buildings, rigs)
 
 
-def read_rigs(path: Path, boxes: pd.DataFrame | None = None) -> dict[str, RecordedRig]:
-    """The rigs by scene in a `rig.json`; none without a file.
-
-    With `boxes` they must have every LiDAR that has counts.
-
-    Raises ValueError as `read_box_log` does.
-    """
+def read_rigs(folder: Path) -> dict[str, RecordedRig]:
+    """The rigs by scene alone; none where there is no file. Raises ValueError for a wrong file."""
+    path = folder / RIG_FILE
     if not is_there(path):
         return {}
     try:
-        rigs = _RIGS.validate_python(read_json(path))
+        return _RIGS.validate_python(read_json(path))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))
         raise InputError(first["msg"], place=f"{path}: is no record of rigs", key=key) from None
-    if boxes is None:
-        return rigs
+
+
+def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: Path) -> None:
+    """Raise InputError if a LiDAR has counts but is none of its scene's rig."""
     for name, column in points_of(boxes).items():
         for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
             if scene in rigs and name not in rigs[scene].names:
@@ -213,7 +212,6 @@ def read_rigs(path: Path, boxes: pd.DataFrame | None = None) -> dict[str, Record
                     found=", ".join(rigs[scene].names),
                     fix="convert the log again with its own rig",
                 )
-    return rigs
 
 
 def read_frames(folder: Path) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.atomic import first_line
 from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
 
@@ -71,7 +72,7 @@ def read_mesh(
         except ModuleNotFoundError:
             raise
         except Exception as error:  # readers of formats raise whatever comes
-            raise ValueError(f"{path}: is no mesh that can be read: {_one_line(error)}") from None
+            raise ValueError(f"{path}: is no mesh that can be read: {first_line(error)}") from None
     for record in told:
         if not _LOOKS.search(record.getMessage()):
             raise ValueError(f"{path}: is a damaged mesh: {record.getMessage()}")
@@ -104,7 +105,3 @@ def read_mesh(
             "vehicle; origin is where the file's origin is in the ego frame"
         )
     return mesh
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -142,9 +142,10 @@ def _worst_heading(
     values = by_heading.min(axis=0)
     worst = int(values.argmin())
     x, y = own.positions.points[worst].tolist()
+    may_fail = min(math.floor((1 - wanted.share) * len(values) + 1e-9), len(values) - 1)
     finding = Finding(
         case="",
-        value=float(np.sort(values)[_may_fail(wanted.share, len(values))]),
+        value=float(np.sort(values)[may_fail]),
         enough=float((values >= wanted.least).mean()),
         x=x,
         y=y,
@@ -152,11 +153,6 @@ def _worst_heading(
         at_worst=float(values[worst]),
     )
     return finding, values
-
-
-def _may_fail(share: float, positions: int) -> int:
-    """How many positions need not have enough."""
-    return min(math.floor((1 - share) * positions + 1e-9), positions - 1)
 
 
 def _of_volume(

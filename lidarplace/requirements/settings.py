@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from dataclasses import replace
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -16,13 +17,14 @@ from lidarplace.configuration.settings import (
     Name,
     Probability,
     Settings,
+    short_for,
 )
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.logs.plausible import MOST_SIZE_M
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.placed_object import DARK, STANDARD, PlacedObject
+from lidarplace.requirements.placed_object import STANDARD, PlacedObject
 from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
 from lidarplace.rigs.lidar import Lidar
@@ -134,14 +136,8 @@ class WhatSettings(Settings):
     def placed(self) -> PlacedObject:
         """In the terms of `lidarplace`."""
         known = STANDARD[self.object_class] if self.object_class else PlacedObject(0.0, 0.0, 0.0)
-        return PlacedObject(
-            known.length if self.length is None else self.length,
-            known.width if self.width is None else self.width,
-            known.height if self.height is None else self.height,
-            self.headings,
-            known.object_class,
-            DARK if self.reflectivity is None else self.reflectivity,
-        )
+        given = self.model_dump(exclude={"object_class"}, exclude_none=True)
+        return replace(known, **given)
 
 
 class AtLeastSettings(Settings):
@@ -161,21 +157,14 @@ class AtLeastSettings(Settings):
 
     @model_validator(mode="after")
     def _one(self) -> AtLeastSettings:
-        given = [
-            key for key in ("points", "cells", "probability", "coverage") if getattr(self, key)
-        ]
-        if len(given) != 1:
+        if sum(getattr(self, key) is not None for key in get_args(Measure)) != 1:
             raise ValueError("name one of points, cells, probability and coverage")
         return self
 
     @property
     def measure(self) -> Measure:
         """Which of them."""
-        if self.points is not None:
-            return "points"
-        if self.cells is not None:
-            return "cells"
-        return "coverage" if self.probability is None else "probability"
+        return next(key for key in get_args(Measure) if getattr(self, key) is not None)
 
 
 class MountsOffSettings(OffsetSettings):
@@ -216,19 +205,14 @@ class AlsoWhenSettings(Settings):
         )
 
 
-def _named(key: str) -> BeforeValidator:
-    """A text in place of a mapping is the value of `key`."""
-    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
-
-
 class RequirementSettings(Settings):
     """What has to be seen where."""
 
     name: Name = Field(description="for tables and pictures")
-    where: Annotated[WhereSettings, _named("preset")] = Field(
+    where: Annotated[WhereSettings, short_for("preset")] = Field(
         description="a text is short for preset"
     )
-    what: Annotated[WhatSettings, _named("class")] | None = Field(
+    what: Annotated[WhatSettings, short_for("class")] | None = Field(
         None, description="what stands there; a text is short for class; none for coverage"
     )
     at_least: AtLeastSettings = Field(description="how much of it is needed")

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from pydantic.alias_generators import to_camel
 
 from lidarplace.configuration.record import NoTruth, Number, read_record
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
 
 
@@ -93,9 +93,7 @@ def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
         }
         for number, lidar in enumerate(lidars, 1)
     ]
-    with replacing(path) as partial:
-        text = json.dumps({"lidarSensorViewConfiguration": views}, indent=1)
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, json.dumps({"lidarSensorViewConfiguration": views}, indent=1))
 
 
 def _rays(mounted: MountedLidar) -> dict[str, Any]:

@@ -131,8 +131,15 @@ def count_real_points(
     inside, around = (np.full(len(boxes), np.nan) for _ in range(2))
 
     def sweeps(own: Sequence[int], rig: RecordedRig | None) -> Iterator[Sweep]:
+        numbers: set[int] = set()
         for frame in own:
             sweep = read_sweep(paths[frame], rig, clouds.origin)
+            numbers.add(len(sweep.counts))
+            if len(numbers) > 1:
+                raise InputError(
+                    "column lidar is in some clouds of the scene and not in others",
+                    place=str(paths[frame]),
+                )
             rows = rows_of.get(frame, np.empty(0, np.int64))
             ends = np.cumsum([0, *sweep.counts])
             by_lidar = np.array(

@@ -117,7 +117,7 @@ class LogScene(Settings):
         Raises ValueError if a scene has none, or another one than the others.
         """
         path = self.folder / RIG_FILE
-        rigs = read_rigs(path)
+        rigs = read_rigs(self.folder)
         lacking = set(read_frames(self.folder)["scene"]) - rigs.keys()
         try:
             rig = one_rig(rigs)

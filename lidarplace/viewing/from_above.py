@@ -13,7 +13,7 @@ from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing import style
 from lidarplace.viewing.page import write_page
-from lidarplace.viewing.solids import corners, headings
+from lidarplace.viewing.solids import between, corners, headings
 
 FRAMES = 6
 """Drawn of a log: the first that hold a box."""
@@ -70,9 +70,7 @@ def draw_from_above(log: BoxLog, number: int) -> go.Figure:
     )
     figure.update_xaxes(title="x, forward (m)")
     figure.update_yaxes(title="y, left (m)", scaleanchor="x", constrain="domain")
-    low, high = Vehicle.car().boxes[0]
-    own = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
-    _add(figure, own, "vehicle", style.OUTLINE, [])
+    _add(figure, between(Vehicle.car().boxes[:1]), "vehicle", style.OUTLINE, [])
     colours = style.class_colours(log.boxes["class"].unique())
     for name, of_class in boxes.groupby("class"):
         geometry = of_class[list(GEOMETRY)].to_numpy(np.float64)

@@ -17,7 +17,7 @@ from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
 from lidarplace.viewing.lidars import add_lidars
-from lidarplace.viewing.solids import edges, headings, triangles
+from lidarplace.viewing.solids import between, edges, headings, triangles
 from lidarplace.viewing.vehicle import Surface, vehicle_surface
 
 POINTS = 160_000
@@ -144,8 +144,7 @@ def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping
 
 
 def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface) -> None:
-    low, high = np.array(crop[:3]), np.array(crop[3:])
-    roi = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
+    roi = between(np.reshape(crop, (1, 2, 3)))
     grey: dict[str, Any] = {"color": style.OUTLINE, "hoverinfo": "skip", "showlegend": True}
     figure.add_scatter3d(
         **xyz(edges(roi)),

@@ -23,8 +23,8 @@ from predicting import (
 )
 
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.regret import AT_RANDOM
 from tracking.labels import surrogate_name
+from tracking.report.sections.regret import AT_RANDOM
 
 SHORT = {
     "car07": ("Car", "AP_R40_3D", 0.7),

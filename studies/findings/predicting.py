@@ -16,8 +16,8 @@ from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.ceiling import ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.paired import with_sums
-from tracking.findings.regret import regrets
 from tracking.findings.summary import surrogates_of
+from tracking.report.sections.regret import regrets
 from tracking.statistics.correlation_difference import strength_leads
 
 Target = tuple[str, str, float]

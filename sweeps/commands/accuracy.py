@@ -10,8 +10,6 @@ import typer
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.base.ranges import AZIMUTH_STEPS, FRAMES, RESOLUTION, SHARE
-from lidarplace.command_line.options import classes as classes_of_objects
-from lidarplace.command_line.options import paper_placements
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import (
     JsonOption,
@@ -23,6 +21,7 @@ from lidarplace.command_line.verbs import (
     within,
 )
 from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.logs.boxes import CLASSES
 
 app = new_app()
 
@@ -40,7 +39,7 @@ def accuracy_command(
         typer.Option(
             metavar="NAME",
             help="of the paper's or of --config; repeatable; all by default",
-            autocompletion=paper_placements,
+            autocompletion=lambda: list(PAPER_PLACEMENTS),
         ),
     ] = None,
     class_: Annotated[
@@ -49,7 +48,7 @@ def accuracy_command(
             "--class",
             metavar="NAME",
             help="repeatable; Car by default",
-            autocompletion=classes_of_objects,
+            autocompletion=lambda: list(CLASSES),
         ),
     ] = None,
     resolution: Annotated[

@@ -49,15 +49,15 @@ def failures(
     configuration of the sweep in RUN and its results in the store.
     """
     from tracking.pages.csv_files import FOLDER, write_csv_files
-    from tracking.report.failures import FILE, write_failures
-    from tracking.report.sections.failures import failures_section
+    from tracking.report.failures import write_failures
+    from tracking.report.sections.failures import FILE, counted_failures
     from tracking.run_folders.sweep import RunFolder
 
     with checked_input():
         folder = RunFolder.read(run)
         found = _compared(folder, rigs, where or [])
         shown, lacking = _frames(folder, found)
-        section = failures_section(found, FILE)
+        section = counted_failures(found)
         out.mkdir(parents=True, exist_ok=True)
         write_csv_files(out / FOLDER, [section])
         _write_objects(found, out)
@@ -78,8 +78,8 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
     from tracking.findings.failures import failures
     from tracking.findings.groups import groups
     from tracking.findings.promotion import fully_trained
-    from tracking.report.failures import compared_failures
     from tracking.report.headline import headline_ranking
+    from tracking.report.recommendation import compared_failures
 
     for name in ("objects", "found"):
         if getattr(run, name) is None:

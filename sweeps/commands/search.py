@@ -54,8 +54,7 @@ def search(
         told = command("status", "--json")
         wrong(f"--json: is for --dry-run and --schema; {told} tells how a search goes")
     from sweeps.search.greedy.certificate import check_candidates
-    from sweeps.search.output.dry_run import planned
-    from sweeps.search.output.terminal import print_problem
+    from sweeps.search.output.terminal import planned, print_problem
     from sweeps.search.problem.problem import read_problem
 
     with checked_input():

@@ -16,7 +16,6 @@ from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
 from lidarplace.scenes.kinds import KINDS, source_of
-from sweeps.configuration.error_text import plainly
 from sweeps.configuration.sweep import NAME
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -28,6 +27,15 @@ _VERBS = {
     "exclude": ("a sweep", "run"),
 }
 """Keys that only one kind of file has, and the verb that takes it."""
+
+_WORDS = {
+    "tuple_type": "should be a list",
+    "list_type": "should be a list",
+    "dict_type": "should be a mapping",
+    "model_type": "should be a mapping of keys",
+    "path_type": "should be a path",
+}
+"""Messages in terms of YAML, by pydantic's type of error."""
 
 
 class ConfigError(InputError):
@@ -156,8 +164,18 @@ def check(
             parent = _model_at(model, loc[:-1], data)
             message = unknown_key(str(loc[-1]), parent)
         else:
-            message = what_is_wrong(plainly(first))
+            message = what_is_wrong(_plainly(first))
         raise ConfigError(message, place=str(path), key=key or None) from None
+
+
+def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
+    """One of pydantic's `errors()` with a message in terms of YAML."""
+    said = str(mistake["msg"]).removeprefix("String ")
+    if mistake["type"] in ("too_short", "too_long"):
+        bound, end = ("at least", "min") if mistake["type"] == "too_short" else ("at most", "max")
+        number = mistake["ctx"][f"{end}_length"]
+        said = f"needs {bound} {number} {'item' if number == 1 else 'items'}"
+    return {**mistake, "msg": _WORDS.get(mistake["type"], said)}
 
 
 def _model_at(

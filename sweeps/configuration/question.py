@@ -3,23 +3,50 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from lidarplace.base.number_text import point
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.own_body import check_mounts
-from lidarplace.configuration.mounting import KeepOutSettings, keep_out_boxes
-from lidarplace.configuration.placement import read_placement
-from lidarplace.configuration.vehicle import vehicle_of
+from lidarplace.configuration.mounting import KeepOuts, KeepOutSettings, keep_out_boxes
+from lidarplace.configuration.placement import PlacementSettings, read_placement
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import FilePath, Name, Settings, short_for
+from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.mounting.vehicle import Vehicle, depth_in
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
-from lidarplace.requirements.settings import RequirementSettings
+from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
-from sweeps.configuration.requirements_file import RequirementsFile
+
+
+class RequirementsFile(Settings):
+    """A file of `lidarplace requirements`: rigs, their vehicle, and what has to be seen."""
+
+    lidar: Annotated[SensorSettings, short_for("name")] = Field(
+        SensorSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
+    keep_out: KeepOuts = Field(default={})
+    placements: dict[Name, PlacementSettings] = Field(
+        default={}, description="own placements by name"
+    )
+    rigs: tuple[Name, ...] = Field(
+        (),
+        description="which are asked: own placements, the paper's by name, FILE.yaml with mounts, "
+        "run folders of searches; by default all own ones, or else the paper's eight",
+    )
+    curves: FilePath | None = Field(
+        None,
+        description="detection curves, a file of lidarplace calibrate; those of the package "
+        "if null",
+    )
+    requirements: Requirements = Field(min_length=1, description="what has to be seen")
 
 
 @dataclass(frozen=True)

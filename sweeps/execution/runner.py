@@ -9,14 +9,14 @@ from typing import Protocol, TypeVar
 from rich.console import Console
 
 from lidarplace.command_line.verbs import wrong
+from lidarplace.files.atomic import remove_leftovers
 from sweeps.configuration.sweep import Common
 from sweeps.execution.backends import Backend, backend_for
-from sweeps.store.leftovers import remove_leftovers_of
 from sweeps.store.lock import locked
 from sweeps.store.open import AnyStore
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
-from tracking.mlflow.uri import ui_command
+from tracking.mlflow.uri import sqlite_file, ui_command
 
 T = TypeVar("T")
 
@@ -66,7 +66,7 @@ def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> t
         workers = ExitStack()  # given back before the results are written
         try:
             stack.enter_context(locked(folder, alone=True))
-            remove_leftovers_of(common, store)
+            _remove_leftovers(common, store)
             log = SweepLog(common.tracking_uri, work.open(folder, say), folder=folder, say=say)
             stack.enter_context(store.in_use())
             stack.enter_context(log)
@@ -81,3 +81,15 @@ def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> t
             say(f"\nReport  {report}")
         say(f"MLflow  {ui_command(common.tracking_uri, log.page())}")
     return found, not log.undelivered and not log.refused
+
+
+def _remove_leftovers(common: Common, store: AnyStore) -> None:
+    """Remove what killed runs were writing to the run folder, next to MLflow's database, to the
+    store.
+
+    The store may be shared: what a running process or another host writes stays.
+    """
+    remove_leftovers(common.output / common.name, "**/.*.part*")
+    if (database := sqlite_file(common.tracking_uri)) is not None:
+        remove_leftovers(database.parent)
+    remove_leftovers(store.local.folder, "*/.*.part*")

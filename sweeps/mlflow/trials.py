@@ -10,7 +10,6 @@ import pandas as pd
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
 from sweeps.mlflow.page import datasets, tags
-from sweeps.mlflow.trial_pictures import trial_pictures
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.results.trial_results import (
     surrogate_table,
@@ -105,7 +104,7 @@ class TrialLog:
             curve=curve,
             tags=tags(trial, self._axes),
             datasets=datasets(trial),
-            files=trial_pictures(trial, store, self._pictures),
+            files=_pictures(trial, store, self._pictures),
         )
 
     def _without_results(self, trial: Trial) -> TrialRun:
@@ -135,6 +134,29 @@ class TrialLog:
             **{f"training.{k}": v for k, v in point.training.model_dump(mode="json").items()},
             **{f"scene.{k}": v for k, v in point.scene.model_dump(mode="json").items()},
         }
+
+
+def _pictures(trial: DetectorTrial, store: AnyStore, folder: Path) -> list[Path]:
+    """PNGs of the placement, which trials share, and of precision over recall, if there is any.
+
+    Args:
+        folder: where they are; one that is there is not drawn again.
+    """
+    from tracking.mlflow.pictures import draw_pr_curves, draw_rig
+
+    # Clouds differ where the rig or its vehicle does.
+    placement = folder / trial.collect_test[0].key / "placement.png"
+    curves = folder / trial.key / "precision_recall.png"
+    if not placement.exists():
+        rig = trial.surrogates.params.placement
+        name = trial.grid_point.point.placement
+        draw_rig(placement, name, rig.mounts, rig.lidars, trial.grid_point.vehicle)
+    table = store.read(trial.evaluate, lambda found: found.pr_curves)
+    if table.empty:  # no object of any class in the test frames
+        return [placement]
+    if not curves.exists():
+        draw_pr_curves(curves, trial.label, table)
+    return [placement, curves]
 
 
 def _now_ms() -> int:

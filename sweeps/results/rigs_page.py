@@ -5,10 +5,9 @@ from pathlib import Path
 from sweeps.configuration.grid import Sweep
 from sweeps.results.lidar_models import lidar_models
 from tracking.figures.kit.vehicle_lines import name_of
-from tracking.figures.of_sweeps.rig_views import rig_views
 from tracking.pages.page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section
-from tracking.report.decision.rigs import viewed_rig
+from tracking.report.decision.rigs import rig_views, viewed_rig
 
 MOST_DRAWN = 40
 """Rigs; a page of more is not looked at."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -31,7 +32,6 @@ from sweeps.results.trial_results import (
     Cell,
     axis_values,
     identity,
-    surrogate_identity,
     trial_failure,
     trial_results,
     trial_seconds,
@@ -42,12 +42,13 @@ from sweeps.store.result_folder import R
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
-from tracking.report.failures import failures_to_show
+from tracking.report.recommendation import failures_to_show
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.drawn_vehicle import Triangles
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
+from tracking.run_folders.table import Table
 from training.typical_objects import as_plain
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
@@ -86,21 +87,20 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     tested = with_detector(good)
 
     def gathered(
+        own: Table,
         task_of: Callable[[Trial], Task[R] | None],
         table: Callable[[R], pd.DataFrame | None],
-        trials: Sequence[Trial],
     ) -> pd.DataFrame:
-        """One table of a stage; what several trials share stands there once."""
-        found = {}
-        for trial in trials:
-            task = task_of(trial)
-            if task is not None and task.key in there:
-                columns = surrogate_identity(trial, axes)
-                place = (task.key, *columns.values())
-                own = None if place in found else store.read(task, table)
-                if own is not None:
-                    found[place] = with_columns(own, columns)
-        return _stack(list(found.values()))
+        """One table of a stage."""
+        return _once(
+            own,
+            axes,
+            (
+                (trial, (task,), partial(store.read, task, table))
+                for trial in known
+                if (task := task_of(trial)) is not None and task.key in there
+            ),
+        )
 
     def of_trials(table: Callable[[Evaluated], pd.DataFrame]) -> pd.DataFrame:
         """One table of the evaluations."""
@@ -109,14 +109,23 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     objects, found = object_tables(tested, store, axes)
     surrogates = _stack(
         [
-            gathered(lambda trial: trial.surrogates, lambda own: own.table, known),
-            gathered(lambda trial: trial.recall, lambda own: own.table, known),
+            gathered(contract.SURROGATES, lambda trial: trial.surrogates, lambda own: own.table),
+            gathered(contract.SURROGATES, lambda trial: trial.recall, lambda own: own.table),
         ]
     )
-    by_q = gathered(lambda trial: trial.surrogates, lambda own: own.by_q, known)
-    accuracy = gathered(lambda trial: trial.accuracy, lambda own: own.table, known)
-    estimates = gathered(lambda trial: trial.sampling_error, lambda own: own.estimates, known)
-    resamples = gathered(lambda trial: trial.sampling_error, lambda own: own.resamples, known)
+    by_q = gathered(contract.EXPECTED_IG_BY_Q, lambda trial: trial.surrogates, lambda own: own.by_q)
+    accuracy = gathered(contract.ACCURACY, lambda trial: trial.accuracy, lambda own: own.table)
+    estimates = gathered(
+        contract.SAMPLING_ERROR, lambda trial: trial.sampling_error, lambda own: own.estimates
+    )
+    resamples = gathered(
+        contract.POG_RESAMPLES, lambda trial: trial.sampling_error, lambda own: own.resamples
+    )
+    required = gathered(
+        contract.REQUIREMENTS, lambda trial: trial.requirements, lambda own: own.table
+    )
+    points = ((own, own.collect_test, partial(_points, own, store)) for own in tested)
+    individuals = ((own, own.ground_truths, partial(_individuals, own, store)) for own in tested)
     write_text(folder / "config.yaml", public_yaml(sweep.source))
     write_text(folder / rigs_file.FILE, rigs_file.rigs_yaml(sweep))
     for table, frame in (
@@ -129,14 +138,14 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.LEFT_OUT, of_trials(lambda own: own.left_out)),
         (contract.DISTANCE, of_trials(lambda own: own.by_distance)),
         (contract.SECTOR, of_trials(lambda own: own.by_sector)),
-        (contract.POINTS, _points(tested, store, axes)),
-        (contract.INDIVIDUALS, _individuals(tested, store, axes)),
+        (contract.POINTS, _once(contract.POINTS, axes, points)),
+        (contract.INDIVIDUALS, _once(contract.INDIVIDUALS, axes, individuals)),
         (contract.OBJECTS, objects),
         (contract.FOUND, found),
         (contract.ACCURACY, accuracy),
         (contract.SAMPLING_ERROR, estimates),
         (contract.POG_RESAMPLES, resamples),
-        (contract.REQUIREMENTS, _requirements(known, store, axes)),
+        (contract.REQUIREMENTS, required),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
     ):
@@ -191,58 +200,50 @@ def _curve(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     return with_columns(curve, {"trial": trial.key})
 
 
-def _points(trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
-    """Points per object of the test frames by distance; once for what several trials share."""
-    found: dict[tuple[object, ...], pd.DataFrame] = {}
-    for trial in trials:
-        setting = axis_values(trial, contract.POINTS.axes_of(axes))
-        own = {"placement": trial.grid_point.point.placement} | setting
-        place = (*(task.key for task in trial.collect_test), *own.values())
-        if place in found:
-            continue
-        objects = pd.concat(
-            [store.read(task, lambda truth: truth.objects) for task in trial.ground_truths]
-        )
-        objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
-        counts = [store.read(t, lambda own: own.points_per_object) for t in trial.collect_test]
-        found[place] = with_columns(points_by_distance(objects, pd.concat(counts)), own)
-    return _stack(list(found.values()))
-
-
-def _individuals(
-    trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]
+def _once(
+    own: Table,
+    axes: Sequence[str],
+    found: Iterable[tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]],
 ) -> pd.DataFrame:
-    """In how many frames of a split and a route every object counts; once for what trials share."""
+    """One table of trials; what several trials share is in it once.
+
+    Args:
+        found: trials, the tasks that decide their rows, and what returns these rows, if any.
+    """
+    tables: dict[tuple[object, ...], pd.DataFrame | None] = {}
+    by_placement = any(column.name == "placement" for column in own.columns)
+    for trial, tasks, rows in found:
+        columns: dict[str, Cell] = {}
+        if by_placement:
+            columns["placement"] = trial.grid_point.point.placement
+        columns |= axis_values(trial, own.axes_of(axes))
+        place = (*(task.key for task in tasks), *columns.values())
+        if place not in tables:
+            table = rows()
+            tables[place] = None if table is None else with_columns(table, columns)
+    return _stack([table for table in tables.values() if table is not None])
+
+
+def _points(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+    """Points per object of the test frames by distance."""
+    counts = [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
+    return points_by_distance(_objects(trial, store), pd.concat(counts))
+
+
+def _individuals(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+    """In how many frames of a split and a route every object counts."""
     keys = ["split", "scene", "route", "class", "object_id"]
-    own = contract.INDIVIDUALS.axes_of(axes)
-    found: dict[tuple[object, ...], pd.DataFrame] = {}
-    for trial in trials:
-        setting = axis_values(trial, own)
-        place = (*(task.key for task in trial.ground_truths), *setting.values())
-        if place in found:
-            continue
-        truths = [store.load(task) for task in trial.ground_truths]
-        objects = pd.concat([truth.objects for truth in truths])
-        objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
-        frames = pd.concat([truth.frames for truth in truths])
-        counts = objects.merge(frames[["frame", "route", "split"]], on="frame").value_counts(keys)
-        found[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
-    return _stack(list(found.values()))
+    truths = [store.read(task, lambda truth: truth.frames) for task in trial.ground_truths]
+    frames = pd.concat(truths)[["frame", "route", "split"]]
+    counts = _objects(trial, store).merge(frames, on="frame").value_counts(keys)
+    return counts.sort_index().reset_index(name="boxes")
 
 
-def _requirements(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
-    """What becomes of requirements under every placement; once for what trials share."""
-    own = contract.REQUIREMENTS.axes_of(axes)
-    found: dict[tuple[object, ...], pd.DataFrame] = {}
-    for trial in trials:
-        task = trial.requirements
-        if task is None or not store.has(task):
-            continue
-        columns = {"placement": trial.grid_point.point.placement} | axis_values(trial, own)
-        place = (task.key, *columns.values())
-        if place not in found:
-            found[place] = with_columns(store.read(task, lambda own: own.table), columns)
-    return _stack(list(found.values()))
+def _objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+    """Objects of the trial's classes that count."""
+    truths = [store.read(task, lambda truth: truth.objects) for task in trial.ground_truths]
+    objects = pd.concat(truths)
+    return objects[objects["class"].isin(trial.grid_point.point.classes)]
 
 
 def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:

@@ -12,7 +12,6 @@ from sweeps.store.open import AnyStore
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.kitti_iou import headline_iou
-from tracking.run_folders.sweep_tables import SURROGATES
 
 Cell = int | float | str
 """What a cell of a table holds."""
@@ -70,12 +69,6 @@ def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
     """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
     there = [task for task in trial.scores if store.has(task)]
     return pd.concat([store.read(task, lambda own: own.table) for task in there], ignore_index=True)
-
-
-def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
-    """Columns that tell the surrogates of a trial from those of others."""
-    own: dict[str, Cell] = {"placement": trial.grid_point.point.placement}
-    return own | axis_values(trial, SURROGATES.axes_of(axes))
 
 
 def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:

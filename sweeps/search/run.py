@@ -21,8 +21,7 @@ from sweeps.search.judgement.chosen import choose
 from sweeps.search.judgement.found import Found, baseline_of, best_linear_share
 from sweeps.search.judgement.robustness import in_scene, robustness, with_share
 from sweeps.search.judgement.winners import Judged, best_trials, exact, judge, judge_others
-from sweeps.search.output.mlflow_page import ABOUT, columns
-from sweeps.search.output.mlflow_trials import ended_trials
+from sweeps.search.output.mlflow import ABOUT, columns, ended_trials
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.problem import Problem

@@ -4,8 +4,6 @@ GROUP is data, maps, reports, settings or lines; NAME one of its targets, or a v
 NUMBER runs this case alone and prints all of it.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterator

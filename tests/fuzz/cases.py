@@ -1,7 +1,5 @@
 """Cases from a seed: which file of a target is made wrong, and how."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 from collections.abc import Collection, Iterator, Sequence
@@ -19,7 +17,7 @@ from tests.fuzz import (
 )
 from tests.fuzz.judge import DONE, Outcome, inside, judge_reader, judge_verb
 from tests.fuzz.mutate_bytes import Mutation
-from tests.fuzz.targets import Target
+from tests.fuzz.targets import Target, app_of, parts_of
 
 BY_SUFFIX: dict[str, Sequence[Mutation]] = {
     ".parquet": mutate_tables.ANY,
@@ -57,9 +55,9 @@ class Result:
 def run_case(target: Target, seed: int, number: int, world: Path, place: Path) -> Result:
     """Make one file of a copy of `world` wrong, in the new folder `place`, and read it."""
     random = Random(f"{target.name}/{seed}/{number}")
-    files = sorted(path for pattern in target.files for path in world.glob(pattern))
+    files = sorted(path for pattern in target.files.split() for path in world.glob(pattern))
     chosen = random.choice(files).relative_to(world)
-    parts = {pattern.split("/")[0] for pattern in (str(chosen), *target.needs)}
+    parts = parts_of(f"{chosen} {target.line} {target.needs}", world)
     copied(world, place, parts)
     path = place / chosen
     fitting = BY_SUFFIX.get(path.suffix, ())
@@ -93,8 +91,8 @@ def _outcome(target: Target, path: Path, place: Path) -> Outcome:
         read = target.read
         outcome = judge_reader(lambda: read(place), places)
     else:
-        arguments = [word.format(path.name) for word in target.arguments]
-        outcome = judge_verb(target.app(), arguments, places, target.codes)
+        arguments = target.line.format(path.name).split()[1:]
+        outcome = judge_verb(app_of(target.line), arguments, places, target.codes)
     if outcome.kind == DONE and (nonsense := target.check(place)):
         return Outcome("nonsense was accepted", nonsense)
     return outcome

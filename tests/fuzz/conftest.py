@@ -1,7 +1,5 @@
 """The world of right files, written once a process."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What came of wrong input: done, refused in one line that names the place, or a fault of ours."""
 
-from __future__ import annotations
-
 import re
 import resource
 import signal

@@ -1,7 +1,5 @@
 """Command lines with one wrong value: every verb, every option."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil
@@ -16,7 +14,7 @@ from unittest.mock import patch
 from tests.fuzz.cases import Result, copied
 from tests.fuzz.judge import Outcome, judge_verb
 from tests.fuzz.mutate_options import wrong_line
-from tests.fuzz.targets import QUICK
+from tests.fuzz.targets import MAPPED, QUICK, app_of, parts_of
 
 ACCEPTED = SystemExit(0)
 """A command line was taken; what would follow takes long, or starts servers."""
@@ -27,124 +25,70 @@ class Line:
     """A right command line.
 
     Attributes:
-        module: of the verb.
-        arguments: in the world.
-        needs: what is copied.
+        line: the verb and its arguments in the world.
+        needs: what is copied beside what they name.
         stops_at: function whose call means that the command line was taken.
         codes: exit codes that say no mistake of the input.
     """
 
-    module: str
-    arguments: tuple[str, ...]
-    needs: tuple[str, ...]
+    line: str
     stops_at: str = ""
+    needs: str = ""
     codes: tuple[int, ...] = (0,)
+
+    @property
+    def arguments(self) -> list[str]:
+        return self.line.split()[1:]
 
 
 LINES = {
-    "init": Line("sweeps.commands.init", ("new",), ()),
-    "run": Line("sweeps.commands.run", ("sweep.yaml", "--dry-run"), ("sweep.yaml", "log")),
-    "search": Line("sweeps.commands.search", ("search.yaml", "--dry-run"), ("search.yaml", "log")),
-    "status": Line("sweeps.commands.status", ("sweep.yaml",), ("sweep.yaml", "log")),
-    "clean": Line(
-        "sweeps.commands.clean", ("sweep.yaml",), ("sweep.yaml", "log", "runs"), codes=(0, 1)
-    ),
-    "doctor": Line("sweeps.commands.doctor", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
-    "report": Line(
-        "tracking.report.command", ("run",), ("run",), "tracking.report.build.build_report"
-    ),
+    "init": Line("init new"),
+    "run": Line("run sweep.yaml --dry-run"),
+    "search": Line("search search.yaml --dry-run"),
+    "status": Line("status sweep.yaml"),
+    "clean": Line("clean sweep.yaml", codes=(0, 1), needs="runs"),
+    "doctor": Line("doctor sweep.yaml", codes=(0, 1)),
+    "report": Line("report run", stops_at="tracking.report.build.build_report"),
     "search-report": Line(
-        "tracking.search_report.command",
-        ("found",),
-        ("found",),
-        "tracking.search_report.build.build_search_report",
+        "search-report found", stops_at="tracking.search_report.build.build_search_report"
     ),
-    "dashboard": Line(
-        "tracking.dashboard", ("runs/mlflow.db",), ("runs",), "tracking.dashboard.connect"
-    ),
-    "record": Line(
-        "sweeps.commands.record",
-        ("sweep.yaml", "out"),
-        ("sweep.yaml", "log"),
-        "sweeps.execution.run_tasks.run_tasks",
-    ),
+    "dashboard": Line("dashboard runs/mlflow.db", stops_at="tracking.dashboard.connect"),
+    "record": Line("record sweep.yaml out", stops_at="sweeps.execution.run_tasks.run_tasks"),
     "pretrain": Line(
-        "sweeps.commands.pretrain",
-        ("sweep.yaml", "--out", "base.pt"),
-        ("sweep.yaml", "log"),
-        "sweeps.execution.run_tasks.run_tasks",
+        "pretrain sweep.yaml --out base.pt", stops_at="sweeps.execution.run_tasks.run_tasks"
     ),
     "calibrate": Line(
-        "sweeps.commands.calibrate",
-        ("sweep.yaml", "--out", "curves.json"),
-        ("sweep.yaml", "log"),
-        "sweeps.calibration.observations.rigs_of",
+        "calibrate sweep.yaml --out curves.json", stops_at="sweeps.calibration.observations.rigs_of"
     ),
     "failures": Line(
-        "sweeps.commands.failures",
-        ("run", "--rigs", "center,line", "--where", "seed=1", "--out", "out"),
-        ("run",),
-        "sweeps.commands.failures._compared",
+        "failures run --rigs center,line --where seed=1 --out out",
+        stops_at="sweeps.commands.failures._compared",
     ),
-    "convert table": Line(
-        "lidarplace.commands.convert", ("table", "csv", "out"), ("csv", "classes.yaml")
-    ),
-    "convert a table": Line(
-        "lidarplace.commands.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)
-    ),
-    "convert labels": Line(
-        "lidarplace.commands.convert",
-        ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
-        ("labels",),
-    ),
-    "convert kitti": Line("lidarplace.commands.convert", ("kitti", "kitti", "out"), ("kitti",)),
-    "convert nuscenes": Line(
-        "lidarplace.commands.convert", ("nuscenes", "nuscenes", "out"), ("nuscenes",)
-    ),
-    "convert argoverse": Line("lidarplace.commands.convert", ("argoverse", "av2", "out"), ("av2",)),
-    "convert waymo": Line("lidarplace.commands.convert", ("waymo", "waymo", "out"), ("waymo",)),
-    "convert openlabel": Line(
-        "lidarplace.commands.convert",
-        ("openlabel", "openlabel", "out", "--origin", "0", "0", "0"),
-        ("openlabel",),
-    ),
+    "convert table": Line("convert table csv out"),
+    "convert a table": Line("convert table csv/boxes.csv out --frames 9"),
+    "convert labels": Line(f"convert table labels/labels.csv {MAPPED}"),
+    "convert kitti": Line("convert kitti kitti out"),
+    "convert nuscenes": Line("convert nuscenes nuscenes out"),
+    "convert argoverse": Line("convert argoverse av2 out"),
+    "convert waymo": Line("convert waymo waymo out"),
+    "convert openlabel": Line("convert openlabel openlabel out --origin 0 0 0"),
     "carla": Line(
-        "lidarplace.plugins.carla.command",
-        ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
-        ("carla.yaml",),
-        "lidarplace.plugins.carla.command.collect",
+        "carla carla.yaml out --host 127.0.0.1 --port 1 --timeout 0.1",
+        stops_at="lidarplace.plugins.carla.command.collect",
     ),
-    "sensors": Line("lidarplace.commands.sensors", ("vlp16",), ()),
-    "rig": Line(
-        "lidarplace.commands.rig",
-        ("rig.yaml", "objects.json", "--format", "carla", "--lidar", "vlp16"),
-        ("rig.yaml",),
-    ),
-    "read a rig": Line(
-        "lidarplace.commands.rig",
-        ("rigs/urdf.urdf", "new.yaml", "--origin", "0", "0", "0", "--only", "*"),
-        ("rigs",),
-    ),
-    "describe": Line("lidarplace.commands.describe", ("log",), ("log",)),
-    "view": Line("lidarplace.commands.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
+    "sensors": Line("sensors vlp16"),
+    "rig": Line("rig rig.yaml objects.json --format carla --lidar vlp16"),
+    "read a rig": Line("rig rigs/urdf.urdf new.yaml --origin 0 0 0 --only *"),
+    "describe": Line("describe log"),
+    "view": Line("view log --placement line"),
     "studio": Line(
-        "lidarplace.studio.command",
-        ("rig.yaml", "--log", "log", "--resolution", "0.4"),
-        ("rig.yaml", "log"),
-        "lidarplace.studio.page.server.serving",
+        "studio rig.yaml --log log --resolution 0.4",
+        stops_at="lidarplace.studio.page.server.serving",
     ),
-    "export": Line(
-        "lidarplace.commands.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")
-    ),
-    "requirements": Line(
-        "sweeps.commands.requirements", ("needs.yaml",), ("needs.yaml",), codes=(0, 1)
-    ),
-    "accuracy": Line("sweeps.commands.accuracy", ("log", *QUICK), ("log", "sweep.yaml")),
-    "accuracy of a table": Line(
-        "sweeps.commands.accuracy",
-        ("csv/boxes.csv", "--frames", "9", *QUICK),
-        ("csv", "sweep.yaml", "log"),
-    ),
+    "export": Line("export log out --placement line"),
+    "requirements": Line("requirements needs.yaml", codes=(0, 1)),
+    "accuracy": Line(f"accuracy log {QUICK}"),
+    "accuracy of a table": Line(f"accuracy csv/boxes.csv --frames 9 {QUICK}"),
 }
 """By verb."""
 
@@ -153,9 +97,8 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
     """One wrong command line, in the new folder `place`."""
     line = LINES[name]
     random = Random(f"{name}/{seed}/{number}")
-    app = import_module(line.module).app
-    words, parameter = wrong_line(app, line.arguments, random)
-    copied(world, place, line.needs)
+    words, parameter = wrong_line(app_of(line.line), line.arguments, random)
+    copied(world, place, parts_of(f"{line.line} {line.needs}", world))
     os.mkfifo(place / "pipe")
     (place / "loop").symlink_to("loop")
     (place / "nothing").symlink_to("gone")
@@ -178,7 +121,7 @@ def outcome_of_line(
         import_module(line.stops_at.rpartition(".")[0])
         stop = patch(line.stops_at, side_effect=ACCEPTED)
     with contextlib.chdir(place), stop:
-        return judge_verb(import_module(line.module).app, words, places, line.codes)
+        return judge_verb(app_of(line.line), words, places, line.codes)
 
 
 def run_lines(

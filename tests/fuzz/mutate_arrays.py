@@ -1,7 +1,5 @@
 """Wrong arrays: `.npz` and `.npy` with other names, shapes and types."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 

@@ -1,7 +1,5 @@
 """Wrong files, whatever is in them: cut, emptied, overwritten, gone, and no files at all."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

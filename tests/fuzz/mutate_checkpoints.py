@@ -1,7 +1,5 @@
 """Wrong checkpoints: tensors of other types and layouts, other keys, other content."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 

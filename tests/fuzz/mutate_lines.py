@@ -1,7 +1,5 @@
 """Wrong text of lines and fields: labels, calibrations, lists."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 

@@ -1,7 +1,5 @@
 """Wrong command lines: values that no option expects, by its type."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from random import Random
 from typing import Any

@@ -1,7 +1,5 @@
 """Wrong tables: cells, columns, types and rows of Parquet, CSV and Feather."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 from typing import Any

@@ -1,7 +1,5 @@
 """Wrong values in JSON and YAML: a place of the tree is replaced, left out, doubled, wrapped."""
 
-from __future__ import annotations
-
 import copy
 import json
 from collections.abc import Iterator

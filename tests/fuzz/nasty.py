@@ -1,7 +1,5 @@
 """Values that no reader expects."""
 
-from __future__ import annotations
-
 import math
 from random import Random
 from typing import Any

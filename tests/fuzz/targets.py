@@ -1,7 +1,6 @@
 """Everything that reads input: verbs with their command lines, and readers that no verb reaches."""
 
-from __future__ import annotations
-
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sweeps.command_line import VERBS
 from tests.fuzz.world import CROP, FRAMES
 
 
@@ -21,28 +21,32 @@ class Target:
     """Something that reads files of the world.
 
     Attributes:
-        name: for the table of counts; `verb` and what it reads.
-        module: of the verb, "" for a reader.
-        arguments: of its command line, relative to the world.
-        read: the reader, given the world.
+        name: for the table of counts; the verb and what it reads.
         files: what is made wrong, patterns in the world.
-        needs: what is copied beside it.
+        line: the verb's command line in the world, "" for a reader.
+        needs: what is copied beside what `line` names.
+        read: the reader, given the world.
         codes: exit codes that say no mistake of the input.
         check: of what was done; returns what is nonsense in it.
     """
 
     name: str
-    files: tuple[str, ...]
-    module: str = ""
-    arguments: tuple[str, ...] = ()
+    files: str
+    line: str = ""
+    needs: str = ""
     read: Callable[[Path], object] | None = None
-    needs: tuple[str, ...] = ()
     codes: tuple[int, ...] = (0,)
     check: Callable[[Path], str] = field(default=lambda world: "")
 
-    def app(self) -> Any:
-        """Of the verb."""
-        return import_module(self.module).app
+
+def app_of(line: str) -> Any:
+    """Of the verb of a command line."""
+    return import_module(VERBS[line.split()[0]].module).app
+
+
+def parts_of(line: str, world: Path) -> set[str]:
+    """What of the world a command line names, and the log, which configurations name."""
+    return {"log"} | {word.split("/")[0] for word in line.split()} & {*os.listdir(world)}
 
 
 def _nonsense(name: str, world: Path) -> str:
@@ -150,151 +154,77 @@ def _map(name: str, world: Path) -> object:
     return drive(scene, scene.town_runs()[0])
 
 
-AT_ORIGIN = ("--origin", "0", "0", "0", "--only", "*")
-LOG = ("log/*.parquet",)
-CONVERT = "lidarplace.commands.convert"
-SOUND = partial(_nonsense, "log")
-QUICK = (
-    "--config",
-    "sweep.yaml",
-    "--placement",
-    "mine",
-    "--resolution",
-    "2",
-    "--azimuth-steps",
-    "9",
-)
+LOG = "log/*.parquet"
+KITTI = "kitti/training/label_2/*.txt kitti/training/calib/*.txt kitti/ImageSets/*.txt"
+RUN, FOUND = "run/*.parquet run/*.npz", "found/*.parquet found/*.npz"
+MAPPED = "out --mapping labels/map.yaml"
+SOUND, WHOLE = partial(_nonsense, "log"), partial(_nonsense, "out")
+QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 """A LiDAR of few rays, and large voxels."""
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
-    Target("recorded log", ("recorded/rig.json", "recorded/boxes.parquet"), read=_recorded_log),
-    Target("describe", LOG, "lidarplace.commands.describe", ("log",), check=SOUND),
-    Target("view", LOG, "lidarplace.commands.view", ("log", "--placement", "line"), check=SOUND),
+    Target("recorded log", "recorded/rig.json recorded/boxes.parquet", read=_recorded_log),
+    Target("describe", LOG, "describe log", check=SOUND),
+    Target("view", LOG, "view log --placement line", check=SOUND),
+    Target("export", LOG, "export log out --placement line", check=SOUND),
+    Target("accuracy", LOG, f"accuracy log {QUICK}", check=SOUND),
+    Target("accuracy of a table", "csv/boxes.csv", f"accuracy csv/boxes.csv --frames 9 {QUICK}"),
+    Target("run", LOG, "run sweep.yaml --dry-run"),
+    Target("convert table", "csv/*.csv", "convert table csv out", check=WHOLE),
     Target(
-        "export",
-        LOG,
-        "lidarplace.commands.export",
-        ("log", "out", "--placement", "line"),
-        check=SOUND,
-    ),
-    Target(
-        "accuracy",
-        LOG,
-        "sweeps.commands.accuracy",
-        ("log", *QUICK),
-        needs=("sweep.yaml",),
-        check=SOUND,
-    ),
-    Target(
-        "accuracy of a table",
-        ("csv/boxes.csv",),
-        "sweeps.commands.accuracy",
-        ("csv/boxes.csv", "--frames", "9", *QUICK),
-        needs=("sweep.yaml", "log"),
-    ),
-    Target(
-        "run", LOG, "sweeps.commands.run", ("sweep.yaml", "--dry-run"), needs=("sweep.yaml", "log")
-    ),
-    Target(
-        "convert table",
-        ("csv/*.csv",),
-        CONVERT,
-        ("table", "csv", "out"),
-        check=partial(_nonsense, "out"),
-    ),
-    Target(
-        "convert table of Parquet",
-        ("parquet/*.parquet",),
-        CONVERT,
-        ("table", "parquet", "out"),
-        check=partial(_nonsense, "out"),
+        "convert table of Parquet", "parquet/*.parquet", "convert table parquet out", check=WHOLE
     ),
     Target(
         "convert table with a number",
-        ("csv/boxes.csv",),
-        CONVERT,
-        ("table", "csv/boxes.csv", "out", "--frames", "9"),
-        check=partial(_nonsense, "out"),
+        "csv/boxes.csv",
+        "convert table csv/boxes.csv out --frames 9",
+        check=WHOLE,
     ),
     Target(
         "convert table --mapping",
-        ("labels/labels.csv",),
-        CONVERT,
-        ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
-        needs=("labels",),
-        check=partial(_nonsense, "out"),
+        "labels/labels.csv",
+        f"convert table labels/labels.csv {MAPPED}",
+        check=WHOLE,
     ),
     Target(
         "convert table --mapping of Parquet",
-        ("labels/labels.parquet",),
-        CONVERT,
-        ("table", "labels/labels.parquet", "out", "--mapping", "labels/map.yaml"),
-        needs=("labels",),
-        check=partial(_nonsense, "out"),
+        "labels/labels.parquet",
+        f"convert table labels/labels.parquet {MAPPED}",
+        check=WHOLE,
     ),
     Target(
         "convert table --propose",
-        ("labels/labels.csv",),
-        CONVERT,
-        ("table", "labels/labels.csv", "--propose", "guess.yaml"),
+        "labels/labels.csv",
+        "convert table labels/labels.csv --propose guess.yaml",
     ),
-    Target(
-        "convert kitti",
-        ("kitti/training/label_2/*.txt", "kitti/training/calib/*.txt", "kitti/ImageSets/*.txt"),
-        CONVERT,
-        ("kitti", "kitti", "out"),
-        check=partial(_nonsense, "out"),
-    ),
-    Target(
-        "convert kitti --skip-bad",
-        ("kitti/training/label_2/*.txt", "kitti/training/calib/*.txt", "kitti/ImageSets/*.txt"),
-        CONVERT,
-        ("kitti", "kitti", "out", "--skip-bad"),
-        check=partial(_nonsense, "out"),
-    ),
-    Target(
-        "convert nuscenes",
-        ("nuscenes/*.json",),
-        CONVERT,
-        ("nuscenes", "nuscenes", "out"),
-        check=partial(_nonsense, "out"),
-    ),
+    Target("convert kitti", KITTI, "convert kitti kitti out", check=WHOLE),
+    Target("convert kitti --skip-bad", KITTI, "convert kitti kitti out --skip-bad", check=WHOLE),
+    Target("convert nuscenes", "nuscenes/*.json", "convert nuscenes nuscenes out", check=WHOLE),
     Target(
         "convert argoverse",
-        ("av2/val/log-1/*.feather", "av2/val/log-1/calibration/*.feather"),
-        CONVERT,
-        ("argoverse", "av2", "out"),
-        check=partial(_nonsense, "out"),
+        "av2/val/log-1/*.feather av2/val/log-1/calibration/*.feather",
+        "convert argoverse av2 out",
+        check=WHOLE,
     ),
     Target(
         "convert argoverse --clouds",
-        ("av2/val/log-1/sensors/lidar/*.feather",),
-        CONVERT,
-        ("argoverse", "av2", "out", "--clouds", "av2"),
-        needs=("av2",),
-        check=partial(_nonsense, "out"),
+        "av2/val/log-1/sensors/lidar/*.feather",
+        "convert argoverse av2 out --clouds av2",
+        check=WHOLE,
     ),
-    Target(
-        "convert waymo",
-        ("waymo/training/*/s.parquet",),
-        CONVERT,
-        ("waymo", "waymo", "out"),
-        check=partial(_nonsense, "out"),
-    ),
+    Target("convert waymo", "waymo/training/*/s.parquet", "convert waymo waymo out", check=WHOLE),
     Target(
         "convert openlabel",
-        ("openlabel/drive.json",),
-        CONVERT,
-        ("openlabel", "openlabel", "out", "--origin", "0", "0", "0"),
-        check=partial(_nonsense, "out"),
+        "openlabel/drive.json",
+        "convert openlabel openlabel out --origin 0 0 0",
+        check=WHOLE,
     ),
     *(
         Target(
             f"rig {name}",
-            (f"rigs/{name}{files}",),
-            "lidarplace.commands.rig",
-            (f"rigs/{name}{suffix}", "out.yaml", "--format", name, *AT_ORIGIN),
+            f"rigs/{name}{files}",
+            f"rig rigs/{name}{suffix} out.yaml --format {name} --origin 0 0 0 --only *",
         )
         for name, suffix, files in (
             ("nuscenes", "", "/*.json"),
@@ -304,124 +234,44 @@ DATA: tuple[Target, ...] = (
             ("osi", ".json", ".json"),
         )
     ),
-    Target(
-        "KITTI clouds", ("kitti/training/velodyne/*.bin",), read=_kitti_clouds, needs=("kitti",)
-    ),
-    Target("recorded clouds", ("clouds/route/*.npy",), read=_recorded),
-    Target("rig of clouds", ("clouds/placement.json",), read=_rig),
-    Target("checkpoint", ("base.pt",), read=_checkpoint),
-    Target("run folder", ("run/*.parquet", "run/*.npz", "run/config.yaml"), read=_run_folder),
-    Target("search folder", ("found/*.parquet", "found/*.npz"), read=_search_folder),
-    Target("failures", ("failed/*.json",), read=_failures),
+    Target("KITTI clouds", "kitti/training/velodyne/*.bin", read=_kitti_clouds),
+    Target("recorded clouds", "clouds/route/*.npy", read=_recorded),
+    Target("rig of clouds", "clouds/placement.json", read=_rig),
+    Target("checkpoint", "base.pt", read=_checkpoint),
+    Target("run folder", f"{RUN} run/config.yaml", read=_run_folder),
+    Target("search folder", FOUND, read=_search_folder),
+    Target("failures", "failed/*.json", read=_failures),
 )
 """Data of all kinds."""
 
 MAPS: tuple[Target, ...] = tuple(
-    Target(f"map {name}", (f"maps/{name}",), read=partial(_map, name))
+    Target(f"map {name}", f"maps/{name}", read=partial(_map, name))
     for name in ("block.net.xml", "street.xodr")
 )
 """They start SUMO."""
 
 REPORTS: tuple[Target, ...] = (
-    Target("report", ("run/*.parquet", "run/*.npz"), "tracking.report.command", ("run",)),
-    Target(
-        "search-report",
-        ("found/*.parquet", "found/*.npz"),
-        "tracking.search_report.command",
-        ("found",),
-    ),
+    Target("report", RUN, "report run"),
+    Target("search-report", FOUND, "search-report found"),
 )
 """Whole reports: a second each."""
 
 SETTINGS: tuple[Target, ...] = (
-    Target(
-        "run", ("sweep.yaml",), "sweeps.commands.run", ("sweep.yaml", "--dry-run"), needs=("log",)
-    ),
-    Target(
-        "search",
-        ("search.yaml",),
-        "sweeps.commands.search",
-        ("search.yaml", "--dry-run"),
-        needs=("log",),
-    ),
-    Target(
-        "status",
-        ("sweep.yaml", "search.yaml"),
-        "sweeps.commands.status",
-        ("{}", "--json"),
-        needs=("log",),
-    ),
-    Target(
-        "doctor",
-        ("sweep.yaml",),
-        "sweeps.commands.doctor",
-        ("sweep.yaml",),
-        needs=("log",),
-        codes=(0, 1),
-    ),
-    Target(
-        "clean",
-        ("sweep.yaml", "search.yaml"),
-        "sweeps.commands.clean",
-        ("{}", "--dry-run"),
-        needs=("log", "runs"),
-    ),
-    Target(
-        "requirements",
-        ("needs.yaml",),
-        "sweeps.commands.requirements",
-        ("needs.yaml",),
-        codes=(0, 1),
-    ),
-    Target(
-        "accuracy --config",
-        ("sweep.yaml",),
-        "sweeps.commands.accuracy",
-        ("log", *QUICK),
-        needs=("log",),
-    ),
-    Target(
-        "view --placement",
-        ("rig.yaml",),
-        "lidarplace.commands.view",
-        ("log", "--placement", "rig.yaml"),
-        needs=("log",),
-    ),
-    Target(
-        "export --placement",
-        ("rig.yaml",),
-        "lidarplace.commands.export",
-        ("log", "out", "--placement", "rig.yaml"),
-        needs=("log",),
-    ),
-    Target(
-        "rig",
-        ("rig.yaml",),
-        "lidarplace.commands.rig",
-        ("rig.yaml", "out.urdf", "--origin", "0", "0", "0"),
-    ),
-    Target("correction", ("correction.yaml",), read=_correction),
-    Target(
-        "convert --class-map",
-        ("classes.yaml",),
-        CONVERT,
-        ("table", "csv", "out", "--class-map", "classes.yaml"),
-        needs=("csv",),
-    ),
-    Target(
-        "mapping",
-        ("labels/map.yaml",),
-        CONVERT,
-        ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
-        needs=("labels",),
-    ),
-    Target(
-        "carla",
-        ("carla.yaml",),
-        "lidarplace.plugins.carla.command",
-        ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
-    ),
-    Target("run folder's sweep.json", ("run/sweep.json",), read=_run_folder),
-    Target("search folder's search.json", ("found/search.json",), read=_search_folder),
+    Target("run", "sweep.yaml", "run sweep.yaml --dry-run"),
+    Target("search", "search.yaml", "search search.yaml --dry-run"),
+    Target("status", "sweep.yaml search.yaml", "status {} --json"),
+    Target("doctor", "sweep.yaml", "doctor sweep.yaml", codes=(0, 1)),
+    Target("clean", "sweep.yaml search.yaml", "clean {} --dry-run", needs="runs"),
+    Target("requirements", "needs.yaml", "requirements needs.yaml", codes=(0, 1)),
+    Target("accuracy --config", "sweep.yaml", f"accuracy log {QUICK}"),
+    Target("view --placement", "rig.yaml", "view log --placement rig.yaml"),
+    Target("export --placement", "rig.yaml", "export log out --placement rig.yaml"),
+    Target("rig", "rig.yaml", "rig rig.yaml out.urdf --origin 0 0 0"),
+    Target("correction", "correction.yaml", read=_correction),
+    Target("convert --class-map", "classes.yaml", "convert table csv out --class-map classes.yaml"),
+    Target("mapping", "labels/map.yaml", f"convert table labels/labels.csv {MAPPED}"),
+    Target("carla", "carla.yaml", "carla carla.yaml out --host 127.0.0.1 --port 1 --timeout 0.1"),
+    Target("run folder's sweep.json", "run/sweep.json", read=_run_folder),
+    Target("search folder's search.json", "found/search.json", read=_search_folder),
 )
 """Settings that people write, and what results say of them."""

@@ -26,7 +26,7 @@ def faults(targets, seed, count, world, folder):
 def test_right_data_is_done(target, world, tmp_path):
     place = tmp_path / "world"
     shutil.copytree(world, place)
-    path = min(place.glob(target.files[0]))
+    path = min(place.glob(target.files.split()[0]))
     assert outcome_of(target, path, place).kind == DONE
 
 

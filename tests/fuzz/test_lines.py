@@ -6,6 +6,7 @@ from tests.fuzz.cases import copied
 from tests.fuzz.judge import DONE
 from tests.fuzz.lines import LINES, outcome_of_line, run_lines
 from tests.fuzz.table import table
+from tests.fuzz.targets import parts_of
 
 
 def faults(names, seed, count, world, folder):
@@ -18,7 +19,7 @@ def faults(names, seed, count, world, folder):
 @pytest.mark.parametrize("name", LINES)
 def test_a_right_line_is_taken(name, world, tmp_path):
     line, place = LINES[name], tmp_path / "world"
-    copied(world, place, line.needs)
+    copied(world, place, parts_of(f"{line.line} {line.needs}", world))
     outcome = outcome_of_line(line, line.arguments, (), place)
     assert outcome.kind == DONE, outcome.told
 

@@ -1,7 +1,5 @@
 """Right files, tiny, of every kind that something reads. A case takes a copy and makes it wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Label files in a company's manner: a box log under other names, units and origins."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

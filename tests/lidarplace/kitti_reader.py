@@ -5,8 +5,6 @@ the bottom, and the angle about y by which the box's length turned from x. A poi
 at P2 · R0_rect · Tr_velo_to_cam · (x, y, z, 1) in the image.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from pathlib import Path

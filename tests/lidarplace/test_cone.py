@@ -10,12 +10,7 @@ from hypothesis import strategies as st
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import coverage
 from lidarplace.coverage.bits import unpack
-from lidarplace.coverage.cone import (
-    cone_bits,
-    covered_by_cones,
-    covered_voxel_by_voxel,
-    sensor_bits,
-)
+from lidarplace.coverage.cone import cone_bits, covered_voxel_by_voxel, sensor_bits
 from lidarplace.coverage.tiles import Tiles
 
 # Several tiles of columns, and more than 64 voxels along z, with the last of each cut short.
@@ -69,9 +64,7 @@ def lidars(draw, limited):
 
 def assert_columns_and_voxels_agree(mount, lidar, roi):
     placement = Placement("one", [mount], lidar=lidar)
-    np.testing.assert_array_equal(
-        covered_by_cones(placement, roi), covered_voxel_by_voxel(placement, roi)
-    )
+    np.testing.assert_array_equal(coverage(placement, roi), covered_voxel_by_voxel(placement, roi))
 
 
 @given(mounts, lidars(limited=False))
@@ -89,7 +82,7 @@ def test_columns_and_voxels_differ_by_ties_alone():
     1e-8 m, 40 hairs, meets other voxels there by the test of single voxels itself."""
     mount, lidar = Mount(0.0, 3.0, 0.0, roll=1e-10, pitch=1.0), Lidar((0.0,), 720)
     one = Placement("one", [mount], lidar=lidar)
-    differ = covered_by_cones(one, ROI) != covered_voxel_by_voxel(one, ROI)
+    differ = coverage(one, ROI) != covered_voxel_by_voxel(one, ROI)
     shifts = 1e-8 * np.concatenate([np.eye(3), -np.eye(3)])
     moved = [
         Mount(*(mount.position + shift).tolist(), roll=mount.roll, pitch=mount.pitch)
@@ -120,9 +113,7 @@ def test_columns_and_voxels_agree_over_several_tiles_and_words(mount, lidar):
 def test_columns_and_voxels_agree_for_the_papers_sensors(name):
     roi = Roi(x=(0, 12), y=(-6, 6), z=(0, 4), resolution=0.2)
     placement = PAPER_PLACEMENTS[name]
-    np.testing.assert_array_equal(
-        covered_by_cones(placement, roi), covered_voxel_by_voxel(placement, roi)
-    )
+    np.testing.assert_array_equal(coverage(placement, roi), covered_voxel_by_voxel(placement, roi))
 
 
 def seen_points(mount, lidar, azimuths, distances):
@@ -190,7 +181,7 @@ def test_only_tiles_that_matter_are_filled():
         matters = np.zeros(WIDE.shape, bool)
         matters[20:30, 40:60, 3:50] = True
         tilted = Placement("t", [Mount(1, 0, 2.2, roll=axis_tilt)], lidar=placement.lidar)
-        whole = covered_by_cones(tilted, WIDE)
+        whole = coverage(tilted, WIDE)
         part = unpack(cone_bits(tilted, WIDE, Tiles.of_voxels(matters)), WIDE.shape[2])
         np.testing.assert_array_equal(part[matters], whole[matters])
         assert np.count_nonzero(part) < np.count_nonzero(whole)

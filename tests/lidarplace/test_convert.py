@@ -56,22 +56,6 @@ def test_class_map(tmp_path, nuscenes):
     result = convert(*arguments)
     assert ["Cyclist", "2"] in words(result.stdout)
     assert "bus" not in result.stdout
-    for text, message in (
-        ("vehicle.car: my car\n", "vehicle.car: a class has a name of letters, digits, _, - and ."),
-        (
-            "vehicle.car:\n",
-            "vehicle.car: a class has a name of letters, digits, _, - and ., at most",
-        ),
-        ("3: Car\n", "a category must be text, found 3"),
-        ("- Car\n", "must have lines `category: class`, found ['Car']"),
-        ("", "must have lines `category: class`, found None"),
-        ("a: Car\nb: [\n", "line 3, column 1: is not YAML"),
-    ):
-        own.write_text(text)
-        result = convert(*arguments)
-        assert result.exit_code == 2
-        assert f"map.yaml: {message}" in result.stderr
-        assert result.stderr.count("\n") == 1
 
 
 def test_argoverse(tmp_path):
@@ -99,31 +83,11 @@ def test_table(tmp_path):
     assert read_box_log(tmp_path / "log").frames["frame"].tolist() == [0, 1]
 
 
-def test_a_table_in_another_unit_is_refused(tmp_path):
+def test_a_table_with_values_at_the_limits(tmp_path):
     path = tmp_path / "boxes.csv"
     head = "frame,class,x,y,z,length,width,height,yaw\n"
     path.write_text(head + "1,Car,9,0,1,4,2,1.5,-6.3\n2,Car,9,0,1,50,2,1.5,12.5\n")
     assert convert("table", path, tmp_path / "log", "--frames", 9).stderr == ""
-    for number, (rows, message) in enumerate(
-        (
-            (
-                "4,Car,9,0,1,4,2,1.5,90\n3,Car,9,0,1,4,2,1.5,-180\n",
-                "column yaw: yaw is in radians; over two turns: 2 of 4 boxes (50.0%), the first in "
-                "frame 3 with -180; mend units.angle of a mapping (--propose begins one)",
-            ),
-            (
-                "4,Car,9,0,1,420,180,150,0\n",
-                "column length: sizes are in metres; over 50 m: 1 of 3 boxes (33.3%), the first in "
-                "frame 4 with 420 x 180 x 150; mend units.size of a mapping (--propose begins one)",
-            ),
-        )
-    ):
-        other = tmp_path / f"{number}.csv"
-        other.write_text(path.read_text() + rows)
-        result = convert("table", other, tmp_path / f"log-{number}", "--frames", 9)
-        assert result.exit_code == 2
-        assert result.stderr == f"{other}: {message}\n"
-        assert not (tmp_path / f"log-{number}").exists()
 
 
 def test_a_data_set_of_large_objects_is_converted_with_a_warning(tmp_path):
@@ -136,25 +100,6 @@ def test_a_data_set_of_large_objects_is_converted_with_a_warning(tmp_path):
         "warning: sizes are in metres; over 50 m: 1 of 1 boxes (100.0%), the first in frame 0 with "
         "60 x 2 x 1.5\n"
     )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("table", "none.csv"), "none.csv: no such file"),
-        (("table", "none.csv", "--class-map", "none.yaml"), "none.yaml"),
-        (("nuscenes", "none"), "none: must hold scene.json"),
-        (("nuscenes", "none", "--test-scenes", "val.txt"), "val.txt"),
-        (("argoverse", "none"), "none: must hold a folder train or val"),
-    ],
-)
-def test_a_mistake_is_one_line(tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    result = convert(*arguments[:2], "log", *arguments[2:])
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "log").exists()
 
 
 LABEL = "Car 0.00 0 0.00 600.00 170.00 640.00 200.00 1.50 1.80 4.20 0.00 1.65 {z} -1.57"

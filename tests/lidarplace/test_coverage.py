@@ -69,15 +69,3 @@ def test_a_beam_that_misses_the_roi_covers_nothing():
     up = Placement("up", [Mount(0.0, 0.0, 3.0)], lidar=Lidar((0.3, 0.6), 360))
     for method in ("cone", "dda", "bresenham"):
         assert not coverage(up, ROI, method).any()
-
-
-def test_one_voxel():
-    roi = Roi(x=(0, 1), y=(0, 1), z=(0, 1), resolution=1.0)
-    inside = Placement("inside", [Mount(0.5, 0.5, 0.5)], lidar=Lidar((0.1,), 8))
-    for method in ("cone", "dda", "bresenham"):
-        assert coverage(inside, roi, method).all()
-
-
-def test_unknown_method():
-    with pytest.raises(ValueError, match="one of cone, dda, bresenham"):
-        coverage(PAPER_PLACEMENTS["line"], ROI, "rays")

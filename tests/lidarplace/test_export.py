@@ -1,9 +1,5 @@
 """`lidarplace export`, its result read by code that is not the exporter's."""
 
-from __future__ import annotations
-
-import re
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -100,34 +96,3 @@ def test_split_region_profile_and_own_placement(tmp_path, log) -> None:
     points = read_frame(out, "000005").points
     assert 0 < len(points) <= 4000
     assert np.abs(points[:, 0]).max() <= 10
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--placement", "roof"], "--placement roof: allowed are line, .* and a FILE.yaml"),
-        (
-            ["--placement", "line", "--profile", "x"],
-            "--profile x: allowed are paper, released-code",
-        ),
-        (["--placement", "line", "--split", "dev"], "log: no frame of split dev; found test"),
-        (["--placement", "line", "--roi", *"100404"], "--roi: x needs min < max"),
-        (["--placement", "none.yaml"], r"none\.yaml"),
-    ],
-)
-def test_wrong_options_are_one_line(tmp_path, log, options, message) -> None:
-    result = CliRunner().invoke(app, [str(tmp_path / "log"), str(tmp_path / "kitti"), *options])
-    assert result.exit_code == 2
-    assert len(result.stderr.splitlines()) == 1
-    assert re.search(message, result.stderr)
-    assert not (tmp_path / "kitti").exists()
-
-
-def test_wrong_folders_are_one_line(tmp_path, log) -> None:
-    for arguments, message in (
-        ((tmp_path / "nothing", tmp_path / "kitti"), "boxes.parquet"),
-        ((tmp_path / "log", tmp_path / "log"), "is there already"),
-    ):
-        result = CliRunner().invoke(app, [*map(str, arguments), "--placement", "line"])
-        assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
-        assert message in result.stderr

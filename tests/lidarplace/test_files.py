@@ -1,7 +1,5 @@
 """Files that appear in one step: what is in the way stays, what a killed process left goes."""
 
-from __future__ import annotations
-
 import os
 import socket
 import stat

@@ -1,7 +1,5 @@
 """Labels and files in KITTI's layout, read by code that is not the exporter's."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

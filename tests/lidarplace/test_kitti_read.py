@@ -1,7 +1,5 @@
 """KITTI-format folders as box logs and clouds."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording for Foxglove, read by MCAP's own library and decoded by the schemas in the file."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

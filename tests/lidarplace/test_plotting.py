@@ -1,7 +1,5 @@
 """How the things of the library show themselves, and what is refused before it is computed."""
 
-from __future__ import annotations
-
 import math
 import warnings
 

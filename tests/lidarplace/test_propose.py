@@ -132,19 +132,6 @@ def test_separators_and_decimal_commas(tmp_path, separator, decimal):
     np.testing.assert_allclose(boxes[["x", "y"]], log.boxes[["x", "y"]])
 
 
-@pytest.mark.parametrize("separator", ["|", ":", " "])
-@pytest.mark.parametrize("command", ["--propose guess.yaml", "log --frames 9"])
-def test_a_wrong_separator_is_named(tmp_path, monkeypatch, separator, command):
-    monkeypatch.chdir(tmp_path)
-    write_in_manner(traffic(), Manner()).to_csv("labels.csv", index=False, sep=separator)
-    result = convert("labels.csv", *command.split())
-    assert result.exit_code == 2
-    assert result.stderr == (
-        "labels.csv: is no CSV file: expected columns separated by commas, semicolons or tabs, "
-        f"found {separator!r}\n"
-    )
-
-
 def convert(*arguments):
     return CliRunner().invoke(app, ["table", *map(str, arguments)])
 
@@ -249,10 +236,8 @@ def test_missing_cells_are_no_reason_to_stop(tmp_path, column, named):
     assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["columns"]
 
 
-def test_tables_without_rows_or_numbers(tmp_path):
+def test_tables_without_numbers(tmp_path):
     path = tmp_path / "labels.csv"
-    path.write_text("x,yaw\n")
-    assert "has no row" in convert(path, "--propose", tmp_path / "guess.yaml").stderr
     path.write_text("x,yaw\nleft,\n")
     guess = parse_yaml(propose_mapping(path))
     assert guess["columns"]["x"] == "x"

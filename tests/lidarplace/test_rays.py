@@ -199,12 +199,6 @@ def test_a_field_of_view_takes_part_of_the_rays():
     assert seen.min() == 6
 
 
-def test_a_beam_that_misses_the_roi_covers_nothing():
-    up = Placement("up", [Mount(0.0, 0.0, 3.0)], lidar=Lidar((0.3, 0.6), 360))
-    for method in ("dda", "bresenham"):
-        assert not covered_by_rays(up, ROI, method).any()
-
-
 FRAMES = 1000
 
 

@@ -141,6 +141,13 @@ def test_clouds_of_another_rig_are_refused(tmp_path, change, message):
         count_real_points(log_of(), write(tmp_path, on_sides(log_of()).assign(**change)))
 
 
+def test_lidars_are_known_in_all_clouds_of_a_scene_or_in_none(tmp_path):
+    clouds = write(tmp_path, on_sides(log_of()))
+    write(tmp_path, on_sides(log_of()).drop(columns="lidar"), "4.parquet")
+    with refused("column lidar is in some clouds of the scene and not in others", "4.parquet"):
+        count_real_points(log_of(), clouds)
+
+
 def test_lidars_may_have_names(tmp_path):
     cloud = on_sides(log_of()).assign(lidar=["left"] * 480)
     counted, _ = count_real_points(log_of(), write(tmp_path, cloud))

@@ -240,95 +240,15 @@ def test_calibrations_of_nuscenes(tmp_path):
     assert lidar.name == "LIDAR_TOP"
 
 
-OSI = '{"lidarSensorViewConfiguration": [{"mountingPosition": %s}]}'
-ROBOT = '<robot name="c"><joint name="j" type="fixed">%s<child link="l"/></joint></robot>'
-NODE = '<launch><node pkg="tf2_ros" exec="static_transform_publisher" args="%s"/></launch>'
-WRONG = [
-    ("a.urdf", "", "line 1, column 1: is no XML: no element found"),
-    ("a.urdf", "<launch/>", "is no URDF: its root is launch, not robot"),
-    ("a.urdf", '<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "has a document type, which is not read"),
-    ("a.urdf", '<robot xmlns:x="http://ros.org/wiki/xacro"><x:arg/></robot>', "has xacro in it"),
-    ("a.urdf", ROBOT % "", "joint j: no parent with a link"),
-    (
-        "a.urdf",
-        ROBOT % '<parent link="b"/><origin rpy="0 -15 90"/>',
-        "joint j: pitch of a mount (radians; ",
-    ),
-    (
-        "a.urdf",
-        ROBOT % '<parent link="b"/><origin xyz="1 2"/>',
-        "joint j: xyz must be 3 finite numbers, found '1 2'",
-    ),
-    ("a.urdf", ROBOT % '<parent link="l"/>', "no frame base_link, and not one root; found none"),
-    ("a.launch", "<launch/>", "no node static_transform_publisher of tf2_ros"),
-    ("a.launch", NODE % "1 2 3", "found 3 arguments"),
-    ("a.launch", NODE % "--x 1 --qx", "transform 0: --qx has no value"),
-    ("a.launch", NODE % "--z one --frame-id a --child-frame-id b", "z must be a finite number"),
-    ("a.launch", NODE % "$(var x) 0 0 0 0 0 a b", "are decided by a launch; write them out"),
-    ("a.launch", NODE % "0 0 0 0 0 0 0 base_link l", "a quaternion of length 0"),
-    ("a.launch", NODE % "0 0 0 0 0 0 base_link l", "which frames are LiDARs?"),
-    ("a.launch", NODE % "0 0 0 90 0 0 base_link l", "transform 0: yaw of a mount (radians; "),
-    ("carla", "[]", "is no list of objects of CARLA's ROS bridge"),
-    ("carla", '{"objects": []}', "no LiDAR"),
-    ("carla", '{"objects": 3}', "objects: found 3; should be a valid list"),
-    ("osi", "{", "line 1: no JSON"),
-    ("osi", OSI % '{"position": {"x": true}}', "position.x: found True; should be a number"),
-    ("osi", OSI % f'{{"position": {{"x": {"1" * 5000}}}}}', "a number of more than 4,300 digits"),
-    (
-        "carla",
-        '{"objects": [{"type": "t", "id": "i", "channels": true}]}',
-        "objects[0].channels: found True; should be a number",
-    ),
-    ("osi", OSI % '{"orientation": {"roll": -15}}', "lidar_0: roll of a mount (radians; "),
-    ("osi", OSI % '{"position": {"x": "a"}}', "mountingPosition.position.x: found 'a'"),
-]
-
-
-@pytest.mark.parametrize(("kind", "text", "told"), WRONG, ids=[told for _, _, told in WRONG])
-def test_a_wrong_file_is_one_line(kind, text, told, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    name = kind if "." in kind else "rig.json"
-    Path(name).write_text(text)
-    more = [] if "." in kind else ["--format", kind]
-    done = CliRunner().invoke(app, [name, "out.yaml", "--origin", "0", "0", "0", *more])
-    assert done.exit_code == 2
-    assert done.stderr.startswith(f"{name}: ")
-    assert told in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not Path("out.yaml").exists()
-
-
-LINES = [
-    (["rig.yaml", "other.yaml"], "rig.yaml and other.yaml: one of the two is a YAML file with"),
-    (["rig.yaml", "a.json"], "a.json: name its format: --format nuscenes|urdf|ros2|carla|osi"),
-    (["rig.yaml", "a.json", "--format", "x"], "--format x: allowed are nuscenes, urdf"),
-    (["rig.yaml", "a.urdf"], "a.urdf: its vehicle frame may start anywhere; say where"),
-    (["rig.yaml", "a.json", "--format", "carla"], "left: no LiDAR model; --lidar names one of"),
-    (["none.urdf", "b.yaml"], "none.urdf: No such file"),
-    (["a.urdf", "b.yaml", "--origin", "0", "0", "nan"], "--origin: must be within 100 m"),
-    (["rig.yaml", "nu", "--format", "nuscenes", "--lidar", "vlp61"], "did you mean vlp16"),
-    (["twins.yaml", "nu", "--format", "nuscenes"], "two LiDARs are called a; names must differ"),
-    (["rig.yaml", "nu", "--format", "nuscenes", "--only", "a"], "--only: chooses of what is read"),
-    (["side.yaml", "a.json", "--format", "carla"], "s: azimuth_deg is [0, 90]; CARLA's LiDARs see"),
-]
-
-
-@pytest.mark.parametrize(("line", "told"), LINES, ids=[told for _, told in LINES])
-def test_a_wrong_line_is_one_line(line, told, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("rig.yaml").write_text("mounts: [{name: left, z: 2}]")
-    Path("twins.yaml").write_text("mounts: [{name: a, z: 2}, {name: a, z: 3}]")
-    Path("a.urdf").write_text("<robot/>")
-    Path("side.yaml").write_text("mounts: [{name: s, z: 2, lidar: {azimuth_deg: [0, 90]}}]")
-    done = CliRunner().invoke(app, line)
-    assert done.exit_code == 2
-    assert told in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
 def test_a_lidar_under_the_ground_is_told(tmp_path):
     source = DATA / "sensor_view_configuration.json"
     done = found_by_command(
         source, tmp_path / "rig.yaml", "--format", "osi", "--origin", 0, 0, -1.6
     )
     assert "warning: lidar_7 is 0.1 m under the ground" in done.stderr
+
+
+def test_a_number_that_python_does_not_read(tmp_path):
+    (tmp_path / "rig.json").write_text('{"lidarSensorViewConfiguration": [%s]}' % ("1" * 5000))
+    with pytest.raises(ValueError, match="a number of more than 4,300 digits"):
+        FORMATS["osi"].read(tmp_path / "rig.json", [])

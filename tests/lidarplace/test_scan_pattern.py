@@ -278,27 +278,3 @@ def test_a_pattern_of_ones_own_takes_the_rest_of_a_name(tmp_path):
     own.write_text("azimuth_deg,elevation_deg\n0,5\n10,6\n")
     lidar = SensorSettings(name="vlp16", pattern=own).lidar()
     assert (lidar.rays, lidar.range) == (2, Lidar.named("vlp16").range)
-
-
-@pytest.mark.parametrize(
-    ("keys", "text", "told"),
-    [
-        ({}, "azimuth,elevation\n1,2\n", "needs columns azimuth_deg and elevation_deg"),
-        ({}, "azimuth_deg,elevation_deg\n", "needs 1 rows, one frame"),
-        ({"pattern_rays": 2}, "azimuth_deg,elevation_deg\n1,2\n", "needs 2 rows.*found 1"),
-        ({}, "azimuth_deg,elevation_deg\n1,2\n1,x\n", "row 2: elevation_deg must be.*found x"),
-        ({}, "azimuth_deg,elevation_deg\n1,2\n1,91\n", "row 2: elevation_deg 91 is no angle"),
-        ({}, "Azimuth/deg,Zenith/deg\n1,-2\n", "row 1: Zenith/deg -2 is no angle"),
-        ({}, "", "no CSV file"),
-        ({}, None, "No such file"),
-        ({"beams": 16}, "azimuth_deg,elevation_deg\n1,2\n", "beams: a pattern has it"),
-        ({"pattern": None, "pattern_rays": 5}, "", "pattern_rays: is of a pattern's file"),
-        ({"pattern": None, "name": "mid70", "beams": 3}, "", "beams: mid70 has a pattern"),
-    ],
-)
-def test_wrong_settings_name_file_row_and_key(tmp_path, keys, text, told):
-    path = tmp_path / "pattern.csv"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(ValueError, match=told):
-        SensorSettings(**{"pattern": path, **keys})

@@ -7,7 +7,6 @@ from lidarplace import (
     PAPER_PLACEMENTS,
     Lidar,
     Mount,
-    OccupancyGrid,
     Placement,
     Roi,
     evaluate,
@@ -19,6 +18,7 @@ from lidarplace import (
 from lidarplace.coverage import count_covered
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
+from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
@@ -27,13 +27,7 @@ NAMES = ("expected_points", "expected_ig")
 
 @pytest.fixture(scope="module")
 def grids():
-    rng = np.random.default_rng(3)
-    grids = {}
-    for name, most in (("Car", 60), ("Pedestrian", 9)):
-        counts = rng.integers(0, most, ROI.shape).astype(np.int32)
-        counts[counts > most // 2] = 0
-        grids[name] = OccupancyGrid(ROI, name, counts, 100)
-    return grids
+    return random_grids(ROI)
 
 
 def numbers(result):

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from pydantic import ValidationError
 
 from lidarplace.clouds.shapes import OWN_BODY
 from lidarplace.logs.box_log import BoxLog, write_box_log
@@ -322,27 +321,6 @@ def test_rectangles_meet(a, b, meet):
     first, second = np.array([a], np.float64), np.array([b], np.float64)
     assert rectangles_meet(first, half, second, half).tolist() == [meet]
     assert rectangles_meet(second, half, first, half).tolist() == [meet]
-
-
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ({"density": 0}, "density"),
-        ({"routes": 0}, "routes"),
-        ({"frame_stride": 0}, "frame_stride"),
-        ({"split": "random"}, "'route' or 'paper'"),
-        ({"warmup_s": math.inf}, "warmup_s"),
-        ({"towns": []}, "towns"),
-        ({"towns": ["city.osm"]}, "'city.osm' is no town; allowed are 'generated', a path"),
-        ({"test_towns": ["Town 03"]}, "'Town 03' is no town"),
-        ({"min_travel_m": -1}, "min_travel_m"),
-        ({"egos_per_run": 0}, "egos_per_run"),
-        ({"speed": 3}, "speed\n.*[Ee]xtra"),
-    ],
-)
-def test_bad_settings_are_named(setting, message):
-    with pytest.raises(ValidationError, match=message):
-        SumoScene(**setting)
 
 
 def test_more_routes_than_cars():

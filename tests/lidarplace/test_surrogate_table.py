@@ -7,19 +7,11 @@ import numpy as np
 import pytest
 from mypy import api
 
-from lidarplace import (
-    Lidar,
-    Mount,
-    OccupancyGrid,
-    Placement,
-    Roi,
-    evaluate,
-    evaluate_classes,
-    sum_over_classes,
-)
+from lidarplace import Lidar, Mount, Placement, Roi, evaluate, evaluate_classes, sum_over_classes
 from lidarplace.base import plotting
 from lidarplace.pog.surrogates import result
 from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES, SURROGATES
+from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.25)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0])), azimuth_steps=180)
@@ -28,13 +20,7 @@ MOUNTS = [Mount(y=y, z=2.2, roll=roll) for y, roll in ((-0.6, 0.2), (0.6, -0.2),
 
 @pytest.fixture(scope="module")
 def grids():
-    rng = np.random.default_rng(3)
-    grids = {}
-    for name, most in (("Car", 60), ("Pedestrian", 9)):
-        counts = rng.integers(0, most, ROI.shape).astype(np.int32)
-        counts[counts > most // 2] = 0
-        grids[name] = OccupancyGrid(ROI, name, counts, 100)
-    return grids
+    return random_grids(ROI)
 
 
 @pytest.mark.parametrize("occlusion", [False, True])

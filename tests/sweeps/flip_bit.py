@@ -1,7 +1,5 @@
 """Damage a file as a bad disk does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -1,7 +1,5 @@
 """A box log of four classes, two of them no class of KITTI: cars, trucks, scooters, pedestrians."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Start sweeps, kill their processes at random moments, and compare what they leave."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

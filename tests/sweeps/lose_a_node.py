@@ -3,8 +3,6 @@
 Call: python lose_a_node.py FOLDER
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -4,7 +4,8 @@ import copy
 from pathlib import Path
 
 import yaml
-from small_log import write_small_log
+
+from tests.sweeps.small_log import write_small_log
 
 SEARCH = {
     "classes": ["Car"],

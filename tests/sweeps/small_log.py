@@ -1,7 +1,5 @@
 """A box log of three frames to train and one to test, with cars on an open plane."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

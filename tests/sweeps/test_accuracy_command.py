@@ -1,7 +1,5 @@
 """`lidarplace accuracy`: what it writes, and one line for a mistake."""
 
-import re
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -75,29 +73,3 @@ def test_tables_and_figure_are_written(files, log):
     page = (files / "out" / "found.html").read_text()
     assert "Error against run time" in page
     assert not list((files / "out").glob("*.part"))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("nowhere",), "nowhere: no such file or folder"),
-        (
-            ("boxes.csv",),
-            "boxes.csv: boxes alone do not tell the number of frames; name --frames T",
-        ),
-        (("boxes.csv", "--frames", 3), "boxes.csv: has boxes of 10 frames, more than 3"),
-        (("grid.yaml", "--frames", 12), "grid.yaml: must end in .parquet or .csv"),
-        (("log", "--class", "Dog"), "no box is of class 'Dog'; there are Car"),
-        (("log", "--placement", "nix"), "--placement nix: allowed are line, center, square"),
-        (("log", "--resolution", 0.3), "no multiple of the resolution 0.3 m"),
-        (("log", "--frames-share", 2), r"--frames-share: must be within 0.0 and 1.0, found 2"),
-    ],
-)
-def test_a_mistake_is_one_line(files, arguments, message):
-    path, *options = arguments
-    done = run(files, files / path, *options)
-    assert done.exit_code == 2
-    assert not (files / "out").exists()
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1
-    assert re.search(message, lines[0])

@@ -1,7 +1,5 @@
 """The best weights as an MLflow model: loaded by a fresh process, it finds the same boxes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import partial

@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+import yaml
 from search_files import write_search
 
 from lidarplace import ExpectedRecall, OccupancyGrid
@@ -93,74 +94,61 @@ def best_of_all(problem, traffic):
     return best
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"lidars": 2},
-        {"lidars": [1, 3], "roll_deg": 0, "objective": "covered_entropy"},
-        {"lidars": 2, "constraints": {"distance": 0.7}},
-        {"lidars": 2, "objective": "expected_recall"},
-        {"lidars": [1, 3], "symmetric": True, "roll_deg": 0, "objective": "expected_recall.Car"},
-        {"lidars": 2, "fixed": [{"x": 2.4, "z": 0.6}], "roll_deg": 0},
-        {"lidars": [2, 3], "symmetric": True},
-        {
-            "lidars": 3,
-            "roll_deg": 0,
-            "zones": {"side": {"x": 0, "y": [0.2, 0.6], "z": 2}},
-            "greedy": COARSE | {"position_step": 0.2},
-        },
-        {
-            "lidars": [1, 2],
-            "roll_deg": 0,
-            "models": {"only": {"beams": 4, "azimuth_steps": 90, "price": 5}},
-            "fixed": [{"x": 2.4, "z": 0.6}],
-            "constraints": {"price": 12},
-        },
-        {
-            "lidars": 3,
-            "roll_deg": 0,
-            "models": {
-                "small": {"beams": 2, "azimuth_steps": 45, "price": 1},
-                "large": {"beams": 8, "azimuth_steps": 90, "price": 3},
-            },
-            "constraints": {"price": 5},
-        },
-        {
-            "lidars": 3,
-            "roll_deg": 0,
-            "models": {
-                "small": {"beams": 2, "azimuth_steps": 45, "power": 4},
-                "large": {"beams": 8, "azimuth_steps": 90, "power": 9.5},
-            },
-            "constraints": {"power": 18},
-        },
-        {"lidars": 2, "roll_deg": 0, "keep_out": {"hatch": HATCH}},
-        {"lidars": [1, 2], "roll_deg": 0, "requirements": [BESIDE]},
-        {"zones": COUNTED, "roll_deg": 0, "models": MODELS},
-        {"zones": COUNTED, "roll_deg": 0, "models": MODELS, "constraints": {"price": 9}},
-        {
-            "models": {
-                "turn": {"beams": 2, "azimuth_steps": 90},
-                "front": {"beams": 6, "azimuth_steps": 120, "azimuth_deg": [-60, 60]},
-            },
-            "azimuth_stride": 6,
-        },
-    ],
-    ids=[
-        *("two", "range", "distance", "recall", "recall of pairs", "fixed", "symmetric"),
-        *(
-            "step",
-            "fixed price",
-            "price",
-            "power",
-            "keep out",
-            "requirements",
-            "zones",
-            "zones and price",
-            "views",
-        ),
-    ],
-)
+CASES = yaml.safe_load(
+    """
+two: {lidars: 2}
+range: {lidars: [1, 3], roll_deg: 0, objective: covered_entropy}
+distance: {lidars: 2, constraints: {distance: 0.7}}
+recall: {lidars: 2, objective: expected_recall}
+recall of pairs:
+  {lidars: [1, 3], symmetric: true, roll_deg: 0, objective: expected_recall.Car}
+fixed: {lidars: 2, fixed: [{x: 2.4, z: 0.6}], roll_deg: 0}
+symmetric: {lidars: [2, 3], symmetric: true}
+step:
+  zones: {side: {x: 0, y: [0.2, 0.6], z: 2}}
+  greedy: {position_step: 0.2, angle_step_deg: 10.0, bound_seconds: 2.0, refine: 0}
+  lidars: 3
+  roll_deg: 0
+fixed price:
+  models: {only: {beams: 4, azimuth_steps: 90, price: 5}}
+  fixed: [{x: 2.4, z: 0.6}]
+  constraints: {price: 12}
+  lidars: [1, 2]
+  roll_deg: 0
+price:
+  models:
+    small: {beams: 2, azimuth_steps: 45, price: 1}
+    large: {beams: 8, azimuth_steps: 90, price: 3}
+  constraints: {price: 5}
+  lidars: 3
+  roll_deg: 0
+power:
+  models:
+    small: {beams: 2, azimuth_steps: 45, power: 4}
+    large: {beams: 8, azimuth_steps: 90, power: 9.5}
+  constraints: {power: 18}
+  lidars: 3
+  roll_deg: 0
+views:
+  models:
+    turn: {beams: 2, azimuth_steps: 90}
+    front: {beams: 6, azimuth_steps: 120, azimuth_deg: [-60, 60]}
+  azimuth_stride: 6
+"""
+) | {
+    "keep out": {"lidars": 2, "roll_deg": 0, "keep_out": {"hatch": HATCH}},
+    "requirements": {"lidars": [1, 2], "roll_deg": 0, "requirements": [BESIDE]},
+    "zones": {"zones": COUNTED, "roll_deg": 0, "models": MODELS},
+    "zones and price": {
+        "zones": COUNTED,
+        "roll_deg": 0,
+        "models": MODELS,
+        "constraints": {"price": 9},
+    },
+}
+
+
+@pytest.mark.parametrize("changes", CASES.values(), ids=CASES)
 def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
     problem = problem_of(tmp_path, **changes)
     traffic = traffic_of(problem)

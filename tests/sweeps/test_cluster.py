@@ -1,7 +1,5 @@
 """Sweeps on clusters: nodes on this machine, which die and come, and which have no code."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets
@@ -129,7 +127,8 @@ def cluster(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "kind", ["local", pytest.param("host:port", marks=pytest.mark.long), "ray://"]
+    "kind",
+    ["local", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("host:port", "ray://"))],
 )
 def test_what_runs_ends_with_its_driver(request, tmp_path, kind):
     address, env = kind, environment()

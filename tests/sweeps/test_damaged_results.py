@@ -1,7 +1,5 @@
 """A bad disk changes a bit of a result: the same command names it, and goes on to the same end."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """All networks, as small as they come, through the plan and the store of one sweep."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import yaml

@@ -1,7 +1,5 @@
 """What a sweep is said to take is what it takes."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """A sweep whose disk is full stops with the reason, and goes on when there is space."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 

@@ -172,37 +172,6 @@ def test_a_mistake_of_any_size_is_one_line(config, key, changes):
     assert len(str(error.value)) < 1000
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("seed: [1", r"line \d+, column \d+: "),
-        ("seed: 1\nseed: 2", "line 2, column 1: key 'seed' is given twice"),
-        ("", "found nothing; a mapping of keys is expected"),
-        ("- 1", "found list; a mapping of keys is expected"),
-        ("a: !!python/object:os.system {}", r"line 1, column 4: tag .*os\.system' is not taken"),
-    ],
-)
-def test_bad_yaml(tmp_path, text, message):
-    path = tmp_path / "grid.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=message):
-        read_sweep(path)
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("seed", "expected KEY=VALUE"),
-        ("seed=3", r"seed is an axis of the grid; use grid.seed=\[…\]"),
-        ("sed=3", "did you mean seed"),
-        ("training=[", "the value: .*: is not YAML"),
-    ],
-)
-def test_bad_overrides(config, override, message):
-    with pytest.raises(ConfigError, match=message):
-        read_sweep(config(), [override])
-
-
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read: No such file"):
         read_sweep(tmp_path / "nowhere.yaml")

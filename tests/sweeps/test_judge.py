@@ -7,9 +7,8 @@ from small_log import write_small_log
 
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
-from sweeps.plan.judging import judge_task
 from sweeps.plan.plan import make_plan
-from sweeps.search.trials.by_generalist import judged_metrics
+from sweeps.search.trials.by_generalist import judge_task, judged_metrics
 from sweeps.store.local import Store
 from sweeps.tasks.stages import FUNCTIONS
 from tests.sweeps.toy import result

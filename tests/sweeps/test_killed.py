@@ -1,7 +1,5 @@
 """Sweeps that are killed at random moments end as those that were left alone."""
 
-from __future__ import annotations
-
 import json
 import os
 import random
@@ -45,6 +43,7 @@ def kill_often(folder, ray, kills, seconds, reference):
     return every
 
 
+@pytest.mark.long
 def test_a_driver_killed_a_few_times(tmp_path, reference):
     assert len(kill_often(tmp_path, "debug", 2, reference[1], reference[0])) >= 2
 

@@ -1,7 +1,5 @@
 """A sweep whose store and MLflow have passwords: none is in what it leaves or says."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

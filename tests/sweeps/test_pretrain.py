@@ -1,7 +1,5 @@
 """A base checkpoint of mixed placements, through the plan and the store of a sweep."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`promote`: who goes on, who is pruned, and that nothing else decides it."""
 
-from __future__ import annotations
-
 import math
 
 import pandas as pd

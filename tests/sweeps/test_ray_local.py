@@ -1,7 +1,5 @@
 """Ray on this machine alone: where it listens, and who can read its token."""
 
-from __future__ import annotations
-
 import ipaddress
 import os
 import subprocess

@@ -171,35 +171,6 @@ def test_training_rigs_are_of_the_space_and_of_every_number(tmp_path):
     assert rigs != training_rigs(problem.space, problem.models, 9, 1)
 
 
-@pytest.mark.parametrize(
-    ("search", "message"),
-    [
-        ({"objective": ["generalist", "recall"]}, "one judge for all of them"),
-        ({"objective": "generalist.expected_ig"}, "expected_ig is not measured by a detector"),
-        ({"objective": "generalist", "rungs": [{"training.epochs": 1}]}, "rungs: are shorter"),
-        ({"objective": "expected_ig"}, "traffic: is for an objective that a generalist measures"),
-        ({"traffic": {}}, r"search\.traffic\.search: name a log for it"),
-        ({"traffic": {"search": {"scene.seed": 1}, "choice": {"roi.x": [0, 20]}}}, "allowed are"),
-        ({"traffic": {"search": {"scene.seed": 1}, "choice": {"scene.seed": 1}}}, "different"),
-        ({"traffic": {"search": [{"scene.seed": 1}] * 2}}, "each traffic once"),
-        (
-            {
-                "traffic": {
-                    "search": [{"scene.seed": 1}, {"scene.seed": 2}],
-                    "choice": {"scene.seed": 2},
-                }
-            },
-            "different",
-        ),
-        ({"over": "worst"}, "over: worst needs several"),
-        ({"objective": "expected_ig", "traffic": {}, "vehicles": 2}, "vehicles: is for"),
-    ],
-)
-def test_what_a_generalist_cannot_answer_is_refused(tmp_path, search, message):
-    with pytest.raises(ConfigError, match=message):
-        read_problem(written(tmp_path, search=search))
-
-
 def test_simulated_traffic_is_of_other_towns_also_where_its_amount_is_told(tmp_path):
     settings = TINY | {
         "scene": {"seed": 3},

@@ -233,21 +233,3 @@ def test_zones_that_may_all_be_empty(tmp_path):
     trials = SearchFolder.read(tmp_path / "runs/small").trials
     assert set(trials.loc[~trials["possible"], "lidars"]) <= {0}
     assert trials["possible"].any()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"requirements": [], "objective": "margin"}, "margin is that of search.requirements"),
-        ({"requirements": [AROUND, AROUND]}, "each name once"),
-        ({"requirements": [AROUND | {"where": {"x": [0, 0.1], "y": 0}}]}, "requirements"),
-        (
-            {"requirements": [AROUND | {"where": {"x": [0, 0.1], "y": [0, 0.1]}}]},
-            r"search\.requirements\[0\] 'somebody around'",
-        ),
-        ({"objective": ["margin", "expected_ig", "recall"]}, "cannot be searched at once"),
-    ],
-)
-def test_requirements_that_cannot_be_are_refused(tmp_path, changes, message):
-    with pytest.raises(ConfigError, match=message):
-        problem_of(tmp_path, **changes)

@@ -1,7 +1,5 @@
 """The vehicle of a search goes along: into copies of its configuration, verification and clouds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

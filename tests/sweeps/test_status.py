@@ -1,7 +1,5 @@
 """Where a sweep stands, told from what lies on the disk."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The store of a configuration, and what a sweep is called there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What reaches MLflow: every trial with a result once, whoever finished it, and failures."""
 
-from __future__ import annotations
-
 import struct
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Two drivers at once: on one sweep the second is refused, of two sweeps each gets its results."""
 
-from __future__ import annotations
-
 import pandas as pd
 from killing import Sweep
 

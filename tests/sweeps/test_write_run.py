@@ -1,7 +1,5 @@
 """Tables of the run folder that say which objects were behind the numbers."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Objects of a made-up run, and which of them each trial found."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

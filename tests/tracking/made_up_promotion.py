@@ -1,7 +1,5 @@
 """A made-up run folder of a sweep that promoted placements."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A made-up run folder: every file that a sweep leaves, small, with known structure."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from itertools import product

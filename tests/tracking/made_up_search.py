@@ -1,7 +1,5 @@
 """A made-up folder of a search: every file that it leaves, small, with known structure."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What a tracking server has of a sweep, to compare with what was logged."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -6,8 +6,12 @@ import pytest
 from scipy import special, stats
 
 from tracking.statistics.all_pairs import AllPairs
-from tracking.statistics.jackknife import LEAST_OWN_UNITS, sample_error
-from tracking.statistics.moderated_variance import _inverse_trigamma, moderated
+from tracking.statistics.jackknife import (
+    LEAST_OWN_UNITS,
+    _inverse_trigamma,
+    moderated,
+    sample_error,
+)
 from tracking.statistics.reliability import Noise
 
 

@@ -6,9 +6,8 @@ import pytest
 from result_tables import tables
 from scipy import stats
 
-from tracking.findings.ceiling import beside, ceilings
+from tracking.findings.ceiling import beside, ceiling, ceilings
 from tracking.findings.correlation import correlate
-from tracking.statistics.ceiling import ceiling
 from tracking.statistics.reliability import Noise, reliability, seed_mean
 
 

@@ -1,7 +1,5 @@
 """The dashboard: MLflow's own server shows the runs of a sweep, as its page asks for them."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The decision page of made-up runs."""
 
-from __future__ import annotations
-
 import html
 import json
 import shutil
@@ -15,14 +13,14 @@ from made_up_run import write_run
 from test_report import Page
 
 from lidarplace.rigs.placement import Mount
-from tracking.figures.of_sweeps.by_bin import Bins
-from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.numbers import percent
 from tracking.report.build import build_report
-from tracking.report.decision.recommendation import recommended
+from tracking.report.decision.rigs import ViewedRig, rig_views
 from tracking.report.decision.where_blind import _Binned, _limits, bin_table
+from tracking.report.recommendation import recommended
+from tracking.report.sections.binned import Bins
 from tracking.run_folders.sweep import RunFolder
 
 

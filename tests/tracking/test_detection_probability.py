@@ -54,13 +54,3 @@ def test_placements_that_are_alike_for_a_q(gains):
     gains[QS[0]] = 1.0
     ap = 70 + 0.004 * gains[QS[4]]
     assert fit_detection_probability(gains, ap).q == QS[4]
-
-
-def test_bad_arguments(gains):
-    ap = pd.Series(70.0, PLACEMENTS)
-    with pytest.raises(ValueError, match="same placements"):
-        fit_detection_probability(gains, ap.rename({"a": "z"}))
-    with pytest.raises(ValueError, match="at least 4 placements are needed, found 3"):
-        fit_detection_probability(gains[:3], ap[:3])
-    with pytest.raises(ValueError, match="finite"):
-        fit_detection_probability(gains, ap.where(ap.index != "a"))

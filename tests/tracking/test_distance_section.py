@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tracking.findings.groups import groups
+from tracking.report.analysis import Analysis
 from tracking.report.sections.binned import by_distance_section, by_sector_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.run_folders.sweep import RunFolder
@@ -17,7 +17,7 @@ def run(made_up_run):
 
 
 def test_every_placement_has_a_line_in_its_ring(run):
-    section = by_distance_section(run, list(groups(run)))
+    section = by_distance_section(Analysis(run))
     points, ap = section.figures[0], section.figures[-1]
     assert points.layout.title.text == "Points per object · Car"
     assert ap.layout.title.text == "AP by distance · Pedestrian"
@@ -34,7 +34,7 @@ def test_every_placement_has_a_line_in_its_ring(run):
 
 
 def test_its_tables_hold_the_raw_numbers(run):
-    section = by_distance_section(run, list(groups(run)))
+    section = by_distance_section(Analysis(run))
     table = next(t for t in section.tables if t.name == "ap-by-distance-car")
     assert table.head == ("placement", "0–10 m", "10–20 m")
     assert len(table.rows) == len(run.placements)
@@ -45,7 +45,7 @@ def test_its_tables_hold_the_raw_numbers(run):
 
 
 def test_recall_by_direction_goes_from_left_to_right(run):
-    section = by_sector_section(run, list(groups(run)))
+    section = by_sector_section(Analysis(run))
     car = next(p for p in section.figures if p.layout.title.text == "Recall by direction · Car")
     assert car.layout.xaxis.ticktext == ("front left", "front", "front right")
     assert len(car.data) == len(run.placements)
@@ -58,11 +58,11 @@ def test_recall_by_direction_goes_from_left_to_right(run):
     row = next(r for r in table.rows if r[0] == "line")
     assert row[2].startswith(f"{means['front']:.1f} ± ")
     for missing in (None, run.sector.iloc[:0]):
-        assert by_sector_section(replace(run, sector=missing), list(groups(run))) is None
+        assert by_sector_section(Analysis(replace(run, sector=missing))) is None
 
 
 def test_maps_of_all_placements_share_their_scales(run):
-    section = coverage_section(run, list(run.placements))
+    section = coverage_section(Analysis(run))
     assert len(section.figures) == len(run.placements)
     limits = {
         tuple(trace.zmax for trace in plot.data if trace.type == "heatmap")
@@ -72,15 +72,15 @@ def test_maps_of_all_placements_share_their_scales(run):
 
 
 def test_rigs_are_drawn_without_maps(run):
-    section = rigs_section(replace(run, maps=None), list(run.placements))
+    section = rigs_section(Analysis(replace(run, maps=None)))
     (picture,) = section.figures
     assert len(picture.layout.updatemenus[0].buttons) == len(run.placements)
 
 
 def test_what_the_sweep_did_not_make_is_said(run):
-    bare = replace(run, points=None, distance=None, maps=None)
-    for section in (by_distance_section(bare, []), coverage_section(bare, [])):
+    bare = Analysis(replace(run, points=None, distance=None, maps=None))
+    for section in (by_distance_section(bare), coverage_section(bare)):
         assert not section.figures
         assert section.notes[0].startswith("The run folder has no")
     alone = replace(run, trials=run.trials.assign(detector=""))
-    assert by_distance_section(alone, []) is None
+    assert by_distance_section(Analysis(alone)) is None

@@ -1,7 +1,5 @@
 """Pages of a sweep draw the vehicle of its configuration."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +10,12 @@ import pytest
 from lidarplace import Lidar, Mount
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.kit.vehicle_in_space import vehicle_in_space
-from tracking.findings.groups import groups
+from tracking.figures.kit.vehicle_lines import vehicle_in_space
 from tracking.mlflow.pictures import draw_rig
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import recommendations
+from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import rigs_section as decision_rigs_section
-from tracking.report.headline import headline_ranking
+from tracking.report.recommendation import recommendations
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.run_folders.drawn_vehicle import MOST_DRAWN, Triangles, drawn_vehicle
@@ -41,11 +38,10 @@ def sections_of(run: Path, **keys) -> list[Section]:
     """Those that draw a vehicle, of a run folder with further keys in `sweep.json`."""
     told = json.loads((run / SweepResult.FILE).read_text()) | keys
     whole = replace(RunFolder.read(run), sweep=SweepResult.model_validate(told))
-    ranked = [*whole.placements]
-    rankings = [(group, headline_ranking(whole, group)) for group in groups(whole)]
-    (found, *_) = recommendations(rankings)
-    sections = [section(whole, ranked) for section in (rigs_section, coverage_section)]
-    return [*sections, clouds_section(whole, ranked), decision_rigs_section(whole, found)]
+    found = Analysis(whole)
+    (best, *_) = recommendations(found.rankings)
+    sections = [make(found) for make in (rigs_section, coverage_section, clouds_section)]
+    return [*sections, decision_rigs_section(whole, best)]
 
 
 def outlines(sections: list[Section]) -> set[tuple[float, ...]]:

@@ -22,7 +22,7 @@ from tracking.findings.evidence import (
 from tracking.findings.groups import groups
 from tracking.report.build import build_report
 from tracking.report.cautions import cautions
-from tracking.report.decision.recommendation import answer, headline, recommended
+from tracking.report.recommendation import answer, headline, recommended
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
 

@@ -1,7 +1,5 @@
 """What one rig finds and another one misses: counted by hand, and shown."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from base64 import b64decode
@@ -21,7 +19,8 @@ from tests.tracking.test_drawn_vehicle import SURFACE
 from tracking.findings.failures import Failures, _within_bounds, failures
 from tracking.findings.groups import groups
 from tracking.report.build import build_report
-from tracking.report.failures import FOUND, failures_to_show, frame_in_space
+from tracking.report.failures import FOUND, frame_in_space
+from tracking.report.recommendation import failures_to_show
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import SweepResult
 

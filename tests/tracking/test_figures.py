@@ -1,7 +1,5 @@
 """What the figures show, in numbers."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
@@ -27,7 +25,7 @@ from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title
 from tracking.report.sections.accuracy import accuracy_figure
 from tracking.report.sections.clouds import POINTS, point_clouds
-from tracking.report.sections.coverage import SeenFrom, coverage_maps, densest
+from tracking.report.sections.coverage import coverage_maps, densest
 from tracking.report.sections.where_time_went import times
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_arrays import Frame
@@ -51,14 +49,13 @@ def test_maps_keep_their_mean_and_their_place():
 
 def test_maps_of_coverage_and_residual_share_their_scales():
     roi = Roi(x=(0, 20), y=(-10, 10), z=(0, 4), resolution=0.5)
-    above = SeenFrom(np.zeros((40, 40), np.float32), np.zeros((40, 40), np.float32))
-    side = SeenFrom(np.zeros((40, 8), np.float32), np.zeros((40, 8), np.float32))
-    above.covered[0, 3] = 0.5
-    above.residual[7, 1] = 3.0
-    side.residual[7, 2] = 2.0
-    most = densest([above.residual, above.residual * 2], roi, roi.y)
+    above, side = np.zeros((2, 40, 40), np.float32), np.zeros((2, 40, 8), np.float32)
+    above[0, 0, 3], above[1, 7, 1], side[1, 7, 2] = 0.5, 3.0, 2.0
+    most = densest([above[1], above[1] * 2], roi, roi.y)
     assert most == pytest.approx(6 / 0.25), "nats a square metre"
-    plot = coverage_maps(above, side, roi, None, "line", [Mount(x=1, y=2, z=3)], (most, 9.0))
+    plot = coverage_maps(
+        (*above,), (*side,), roi, None, "line", [Mount(x=1, y=2, z=3)], (most, 9.0)
+    )
     heats = [trace for trace in plot.data if trace.type == "heatmap"]
     assert [heat.zmax for heat in heats] == [100, most, 100, 9]
     cells = [np.asarray(heat.z) for heat in heats]

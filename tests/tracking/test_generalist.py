@@ -94,7 +94,7 @@ def test_slopes_and_biases_hold_the_truth():
         said = rng.normal(70, 5, 8)
         own = 20 + 0.7 * said + rng.normal(0, 2, 8)
         found = calibration(said, own)
-        held.append(found.slope_low <= 0.7 <= found.slope_high)
+        held.append(found["slope_low"] <= 0.7 <= found["slope_high"])
     assert np.mean(held) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400))
     assert calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
     assert calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None

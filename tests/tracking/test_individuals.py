@@ -7,12 +7,10 @@ import pandas as pd
 import pytest
 
 from tracking.findings.evidence import LEAST_INDIVIDUALS
-from tracking.findings.groups import groups
 from tracking.findings.individuals import count_individuals
-from tracking.findings.summary import seed_means
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.cautions import cautions
-from tracking.report.headline import headline_ranking
 from tracking.report.sections.best import best_section
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
@@ -100,10 +98,7 @@ def test_the_report_tells_the_spread_of_the_test_objects(made_up_run):
     new = RunFolder.read(made_up_run)
     tables, notes = [], []
     for run in (new, replace(new, left_out=None)):
-        (group,) = groups(run)
-        rankings = [(group, headline_ranking(run, group))]
-        means = seed_means(run.results, run.axes, run.left_out)
-        section = best_section(run, rankings, means)
+        section = best_section(Analysis(run))
         tables.append(section.tables[0].data)
         notes.append(section.notes)
     ours, before = tables

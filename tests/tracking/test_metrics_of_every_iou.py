@@ -15,6 +15,7 @@ from sweeps.search.trials.by_detectors import weighted_value
 from tracking.findings.summary import seed_means, summary_table
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.mlflow.content import trial_metrics
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.sections.reliability import reliability_section
 from tracking.run_folders.sweep import RunFolder
@@ -127,7 +128,7 @@ def test_the_report_tells_how_reliable_each_metric_is(run):
             parts.append(own.assign(unit="half", left_out=side, value=own["value"] + noise))
     halves = pd.concat(parts).drop(columns="difficulty")
     together = replace(run, left_out=pd.concat([run.left_out, halves]))
-    section = reliability_section(together)
+    section = reliability_section(Analysis(together))
     (table,) = section.tables
     reliable = {}
     for (metric, iou), own in halves.groupby(["metric", "iou"]):
@@ -146,6 +147,6 @@ def test_the_report_tells_how_reliable_each_metric_is(run):
     assert section.notes[1].startswith(
         f"Car: {shown[1]} is most reliable, {values[1]:.2f}; 3D AP @ 0.7 has {values[0]:.2f}"
     )
-    assert reliability_section(run) is None, "without halves"
+    assert reliability_section(Analysis(run)) is None, "without halves"
     means = [seed_means(r.results, r.axes, r.left_out) for r in (run, together)]
     pd.testing.assert_frame_equal(*means)  # halves are no units of the jackknife

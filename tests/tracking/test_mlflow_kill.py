@@ -1,7 +1,5 @@
 """A driver killed anywhere in the log, and the next one that goes on."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import random

@@ -1,7 +1,5 @@
 """A sweep in MLflow: found again, completed, never logged twice."""
 
-from __future__ import annotations
-
 import shlex
 import socket
 import sys

@@ -1,7 +1,5 @@
 """PostgreSQL as MLflow's database, written by the driver itself and through a tracking server."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """A tracking server that is away at the start, killed in the middle, and started again."""
 
-from __future__ import annotations
-
 import os
 import signal
 

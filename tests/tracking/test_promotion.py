@@ -1,7 +1,5 @@
 """What promotion saved and risked, by hand for a made-up run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +7,19 @@ import pandas as pd
 import pytest
 from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
 
-from tracking.figures.of_sweeps.promotion import error_over_seconds, ranks_by_stage
-from tracking.findings.promotion import FULL_TRAINING, is_full, promoted, stage_ranks
-from tracking.findings.promotion_agreement import agreement
-from tracking.findings.promotion_savings import rung_costs, savings
+from tracking.findings.promotion import (
+    FULL_TRAINING,
+    agreement,
+    is_full,
+    promoted,
+    rung_costs,
+    savings,
+    stage_ranks,
+)
 from tracking.findings.training_cost import summarise_cost, training_cost
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
-from tracking.report.sections.promotion import promotion_section
+from tracking.report.sections.promotion import error_over_seconds, promotion_section, ranks_by_stage
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
 
@@ -155,7 +159,7 @@ def test_a_placement_without_a_value_has_no_rank(run):
 def test_equal_full_trainings_judge_no_rung(run):
     results = run.results.copy()
     results.loc[results[EPOCHS] == FULL, "value"] = 0.0
-    section = promotion_section(replace(run, results=results), run.promotions)
+    section = promotion_section(Analysis(replace(run, results=results)))
     assert sum("Several full trainings are equally best" in note for note in section.notes) == 2
     assert not any("was ranked" in note for note in section.notes)
     assert len(section.figures) == 2 * 2  # no share of pairs without a coefficient
@@ -181,7 +185,7 @@ def test_nothing_is_estimated_when_no_full_training_finished(run):
     assert [len(group.ap) for group in groups] == [0, 0]
     assert savings(groups, ())["without"].isna().all()
     assert agreement(groups[0])["to_full"].tolist() == [False]
-    section = promotion_section(replace(run, trials=trials, results=results), run.promotions)
+    section = promotion_section(Analysis(replace(run, trials=trials, results=results)))
     assert len(section.figures) == 2  # ranks of both detectors
     assert any("No full training finished" in note for note in section.notes)
 

@@ -7,6 +7,7 @@ from made_up_run import write_run
 from scipy import stats
 
 from tracking.findings.recorded_clouds import rank_agreement, side_by_side
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.sections.recorded_clouds import recorded_clouds_section
 from tracking.run_folders.sweep import RunFolder
@@ -51,8 +52,8 @@ def test_a_subset_without_its_simulated_twin_has_no_part(run):
 @pytest.mark.parametrize("kind", BOTH)
 def test_no_section_without_both(run, made_up_run, kind):
     alone = RunFolder(**vars(run) | {"results": run.results[run.results["scene.clouds"] == kind]})
-    assert recorded_clouds_section(alone) is None
-    assert recorded_clouds_section(RunFolder.read(made_up_run)) is None
+    for other in (alone, RunFolder.read(made_up_run)):
+        assert recorded_clouds_section(Analysis(other)) is None
 
 
 def test_three_subsets_have_ranks_and_no_interval(tmp_path):

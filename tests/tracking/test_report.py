@@ -1,7 +1,5 @@
 """The report of a made-up run."""
 
-from __future__ import annotations
-
 import html
 import json
 import re
@@ -16,11 +14,8 @@ import pytest
 from made_up_run import NAMES, write_run
 from typer.testing import CliRunner
 
-from tracking.findings.best_surrogate import best_surrogates
-from tracking.findings.ceiling import beside, ceilings
-from tracking.findings.correlation import correlate
-from tracking.findings.leave_one_out import leave_one_out
 from tracking.labels import surrogate_name
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.command import app
 from tracking.report.sections.predictors import predictors_section
@@ -151,11 +146,8 @@ def test_the_surrogate_that_a_finding_names_is_in_its_figures(built):
     perfect = means.assign(**{"class": "Car", "surrogate": "log_points"})
     others = run.surrogates.query("surrogate == 's_mig'")
     others = others.assign(value=np.random.default_rng(0).permutation(others["value"]))
-    tables = run.results, pd.concat([others, perfect])
-    coefficients = correlate(*tables)
-    tests = beside(coefficients, ceilings(run.results, run.left_out))
-    errors = leave_one_out(*tables)
-    section = predictors_section(run, tests, errors, best_surrogates(*tables, coefficients, errors))
+    own = replace(run, surrogates=pd.concat([others, perfect]))
+    section = predictors_section(Analysis(own))
     name = surrogate_name("log_points")
     assert f"The strongest is {name}" in section.notes[0]
     assert [name in figure.to_json() for figure in section.figures[:2]] == [True, True]
@@ -263,10 +255,10 @@ def test_efficiency_is_told_by_stage(built, page):
 def test_without_times_or_cores_there_is_no_efficiency(made_up_run):
     run = RunFolder.read(made_up_run)
     before = replace(run, tasks=run.tasks.assign(started=np.nan, ended=np.nan))
-    assert where_time_went(before).notes[-1] == "No task ran, so no efficiency."
+    assert where_time_went(Analysis(before)).notes[-1] == "No task ran, so no efficiency."
     older = replace(run, sweep=run.sweep.model_copy(update={"cores": None}))
-    assert "does not say how many cores" in where_time_went(older).notes[-1]
-    assert not where_time_went(older).tables
+    assert "does not say how many cores" in where_time_went(Analysis(older)).notes[-1]
+    assert not where_time_went(Analysis(older)).tables
 
 
 def test_the_clock_is_that_of_the_last_command(made_up_run):
@@ -276,9 +268,9 @@ def test_the_clock_is_that_of_the_last_command(made_up_run):
         f"{clock} It found 1 of the 22 results in place, so this is not the time of the "
         "whole sweep."
     )
-    assert where_time_went(run).notes[0] == resumed
+    assert where_time_went(Analysis(run)).notes[0] == resumed
     fresh = replace(run, tasks=run.tasks.assign(cached=False))
-    assert where_time_went(fresh).notes[0] == clock
+    assert where_time_went(Analysis(fresh)).notes[0] == clock
 
 
 def test_a_smaller_batch_is_a_warning(tmp_path):

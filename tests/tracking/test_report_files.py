@@ -1,7 +1,5 @@
 """What lies beside a report: Markdown, CSV files; and the limit of the page."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

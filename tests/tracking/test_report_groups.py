@@ -1,7 +1,5 @@
 """Sections of a sweep with several detectors and densities."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -9,21 +7,14 @@ import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
 
-from tracking.findings.best_surrogate import best_surrogates
-from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate
-from tracking.findings.groups import groups
-from tracking.findings.leave_one_out import leave_one_out
-from tracking.findings.summary import seed_means
 from tracking.pages.section import Section
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.sections.density import density_section
 from tracking.report.sections.detectors import detectors_section
 from tracking.report.sections.predictors import MOST_SENTENCES, counted, predictors_section
-from tracking.report.sections.published_surrogates import (
-    add_published_surrogates,
-    published_density_table,
-)
+from tracking.report.sections.published import add_published_surrogates, published_density_table
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -41,11 +32,7 @@ def run(tmp_path_factory) -> RunFolder:
 
 
 def predictors(run: RunFolder) -> Section:
-    sample = (run.results, run.surrogates)
-    correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
-    correlations = beside(correlations, ceilings(run.results, run.left_out, run.axes), run.axes)
-    found = best_surrogates(*sample, correlations, errors, run.axes)
-    section = predictors_section(run, correlations, errors, found)
+    section = predictors_section(Analysis(run))
     assert section is not None
     return section
 
@@ -68,14 +55,12 @@ def test_many_findings_are_counted_and_a_legend_stays_short(run):
 
 
 def test_it_is_counted_in_how_many_cases_nothing_could_be_shown(run):
-    sample = (run.results, run.surrogates)
-    correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
-    found = best_surrogates(*sample, correlations, errors, run.axes)
-    enough = correlations.assign(n=8, spearman_tests=100)
-    assert "perfect order" not in counted(run, found, enough)
+    own = Analysis(run)
+    enough = own.correlations.assign(n=8, spearman_tests=100)
+    assert "perfect order" not in counted(run, own.predicted, enough)
     some = enough.assign(n=enough["n"].mask(enough["detector"] == "second", 4))
     said = " With 4 placements and 100 tests in 9 of them not even a perfect order could be shown."
-    assert counted(run, found, some).endswith(said)
+    assert counted(run, own.predicted, some).endswith(said)
 
 
 def test_more_verdicts_than_cards_keep_their_finding_on_the_first_screen(tmp_path):
@@ -104,7 +89,7 @@ def test_a_few_findings_name_detector_and_setting(run):
 
 
 def test_the_most_sensitive_is_named_with_its_setting_and_compared_at_equal_ones(run):
-    section = detectors_section(run, list(groups(run)), seed_means(run.results, run.axes))
+    section = detectors_section(Analysis(run))
     said = [note for note in section.notes if note.startswith("Car: ")]
     assert "the most of 6 detectors and settings" in said[0]
     assert "density = " in said[0]
@@ -112,14 +97,14 @@ def test_the_most_sensitive_is_named_with_its_setting_and_compared_at_equal_ones
 
 
 def test_the_change_of_entropy_is_computed(run):
-    section = density_section(run, list(groups(run)), seed_means(run.results, run.axes))
+    section = density_section(Analysis(run))
     said = "From density 40 to 120 H_POG changed: +200.0 % for Car"
     assert any(note.startswith(said) for note in section.notes)
     assert "published-density" in [table.name for table in section.tables]
 
 
 def test_surrogates_by_density_are_in_the_order_of_the_sweep(run):
-    section = density_section(run, list(groups(run)), seed_means(run.results, run.axes))
+    section = density_section(Analysis(run))
     (table,) = (t for t in section.tables if t.caption == "Car · surrogates by density")
     assert [row[1] for row in table.rows[: len(NAMES)]] == list(NAMES)
 

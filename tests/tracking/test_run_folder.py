@@ -1,7 +1,5 @@
 """The run folder is read whole, or the error names what is wrong."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

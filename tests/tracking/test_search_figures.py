@@ -1,7 +1,5 @@
 """What the figures of a search show, in numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
@@ -10,11 +8,9 @@ import pytest
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
+from tracking.figures.of_searches.against_baseline import robustness_figure, unseen, verified_figure
 from tracking.figures.of_searches.pareto import pareto_fronts
-from tracking.figures.of_searches.robustness import robustness_figure
 from tracking.figures.of_searches.search_history import search_history
-from tracking.figures.of_searches.uncovered import unseen
-from tracking.figures.of_searches.verified import verified_figure
 from tracking.run_folders.search_json import Objective, Rig, Zone
 from tracking.search_report.cautions import at_the_edge
 

@@ -1,7 +1,5 @@
 """What the reader of a search's folder refuses, and how."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """The page of a made-up search."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """AP against seconds of training, in numbers, in the figure and in the report."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +14,7 @@ from tracking.findings.training_cost import (
     training_cost,
     varied_cost_axes,
 )
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.sections.training_cost import training_cost_figure, training_cost_section
 from tracking.run_folders.sweep import RunFolder
@@ -107,10 +106,10 @@ def test_the_figure_has_a_mark_a_trial_and_lines_over_epochs(run):
 def test_the_report_has_the_cost_of_training_where_it_varied(tmp_path, trainings):
     folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=trainings)
     run = RunFolder.read(folder)
-    section = training_cost_section(run)
+    section = training_cost_section(Analysis(run))
     assert (section is not None) == bool(varied_cost_axes(run.results)) == bool(trainings)
     if section is not None:
-        without = training_cost_section(replace(run, curves=None))
+        without = training_cost_section(Analysis(replace(run, curves=None)))
         assert "has no curves.parquet" in " ".join(without.notes)
 
 

@@ -1,7 +1,5 @@
 """Compare a detector with one anchor head with OpenPCDet's: outputs, detections, training."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -5,8 +5,6 @@ one unit in the last place off for 17 % of float32 numbers) nor the order in whi
 adds up.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode

@@ -11,8 +11,6 @@ of the stages in evaluation mode, `raw/…` of the heads: `<name>/full`, or samp
 `train/…`: losses and norms of gradients with batch norm in evaluation mode.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

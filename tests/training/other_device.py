@@ -7,8 +7,6 @@ ends. Unlike a GPU it has the CPU's kernels: it rounds and orders as they do and
 result. Row numbers on the CPU, which a GPU would copy for itself, are an error here.
 """
 
-from __future__ import annotations
-
 import weakref
 from collections import Counter
 from contextlib import contextmanager
@@ -97,7 +95,7 @@ class OtherTensor(Tensor):
     __torch_function__ = torch._C._disabled_torch_function_impl
 
     @staticmethod
-    def __new__(cls, held: Tensor) -> OtherTensor:
+    def __new__(cls, held: Tensor) -> "OtherTensor":
         self = Tensor._make_wrapper_subclass(
             cls,
             held.shape,

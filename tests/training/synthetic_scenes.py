@@ -1,9 +1,8 @@
 """Point clouds of boxes on a plane, without a ray caster: enough for a detector to learn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
+import torch
 
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.logs.boxes import GEOMETRY
@@ -52,6 +51,26 @@ def scenes(
         np.arange(frames), ((cloud, [len(cloud)]) for cloud in clouds), (0, -20, -1, 40, 20, 5)
     )
     return packed, table
+
+
+def batch(seed: int = 0, fewest: int = 6):
+    """Points, boxes and labels of two frames of cars, as a network takes them."""
+    clouds, truth = scenes(2, seed, objects=8, fewest=fewest)
+    boxes = [
+        torch.tensor(truth.loc[truth.frame == i, list(GEOMETRY)].to_numpy(), dtype=torch.float32)
+        for i in range(2)
+    ]
+    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
+    return [torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels
+
+
+def assert_all_parameters_learn(model, loss):
+    """Every gradient of the loss is finite and not 0 everywhere."""
+    loss.backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is not None, name
+        assert torch.isfinite(parameter.grad).all(), name
+        assert parameter.grad.abs().sum() > 0, name
 
 
 def _near_sides(random, centre, size, yaw, density):

@@ -1,7 +1,5 @@
 """What holds for every network: OpenPCDet's state_dict, odd clouds, bad input, precision, seeds."""
 
-from __future__ import annotations
-
 import copy
 import math
 from functools import cache

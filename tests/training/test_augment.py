@@ -1,7 +1,5 @@
 """Random changes to training frames: points stay with their boxes, and the seed decides."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

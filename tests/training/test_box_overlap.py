@@ -1,7 +1,5 @@
 """Overlap of boxes as tensors: the path for GPUs against numba's exact clipping."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Weights from files: what is loaded, converted, kept fresh, and every refusal."""
 
-from __future__ import annotations
-
 import collections
 import copy
 import struct

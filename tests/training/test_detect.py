@@ -1,7 +1,5 @@
 """Tables of what a network predicts: frames, classes, heights, and boxes of a second stage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

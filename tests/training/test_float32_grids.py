@@ -1,7 +1,5 @@
 """Grids to the bit as OpenPCDet computes them: its range is float32, its cell sizes are not."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -3,8 +3,6 @@
 Everything runs on the device that stands for a GPU, and where there is one, on that as well.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from functools import cache
@@ -260,7 +258,9 @@ TOLERANCES = {
 }
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    "dtype", [pytest.param(torch.float32, marks=pytest.mark.long), torch.float64]
+)
 @pytest.mark.parametrize("network", NETWORKS)
 def test_networks_are_those_of_the_cpu(network, dtype, device):
     """One step and the best boxes of a trained network."""

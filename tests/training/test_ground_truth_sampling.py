@@ -1,7 +1,5 @@
 """Objects of other frames in a frame: which, where, and with whose points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

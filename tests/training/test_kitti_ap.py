@@ -7,8 +7,6 @@ strict in both); paper_fork_no_min_height, the same without the rule of minimum 
 the same overlap for all classes, 0.7 and 0.5. Metric aos: average orientation similarity.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

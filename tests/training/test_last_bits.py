@@ -3,8 +3,6 @@
 The comparisons of other files that use the fixture `last_bits` run under such changes too.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

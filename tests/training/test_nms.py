@@ -1,7 +1,5 @@
 """Suppression of overlapping boxes: OpenPCDet, the definition, both paths."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

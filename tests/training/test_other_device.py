@@ -1,7 +1,5 @@
 """The device that stands for a GPU refuses what a GPU refuses, and computes what it would."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Heads on points: their targets, residuals and losses by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -4,8 +4,6 @@ tests/data/training_ops.npz: inputs and outputs of OpenPCDet's CUDA kernels, rec
 8cacccec (Apache-2.0). Each search has a path for CPUs and one for GPUs; both are tested here.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The range of a network: the ROI's, its own heights in a sensor's frame, whole cells."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

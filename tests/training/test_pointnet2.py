@@ -1,7 +1,5 @@
 """Set abstraction and feature propagation against their plain form, and the choice of points."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from torch import nn

@@ -4,8 +4,6 @@ tests/data/openpcdet/pointpillar.npz, see openpcdet_reference; `cells` and `coun
 frame * ny * nx + iy * nx + ix and the number of points.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

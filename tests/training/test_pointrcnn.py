@@ -1,13 +1,11 @@
 """PointRCNN and PointRCNN-IoU against OpenPCDet."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
 import torch
 from openpcdet_reference import points, reference, weights, worst_error
-from synthetic_scenes import scenes
+from synthetic_scenes import batch
 
 from training import build_detector
 from training.detectors.heads.pointrcnn_head import ScoredPoints
@@ -137,21 +135,10 @@ def test_pooled_points_are_in_the_frame_of_their_proposal():
     assert (pooled[1:] == 0).all()  # no point, or only in the other frame
 
 
-def batch():
-    clouds, truth = scenes(2, seed=1, objects=8, fewest=6)
-    columns = ["x", "y", "z", "length", "width", "height", "yaw"]
-    boxes = [
-        torch.tensor(truth.loc[truth.frame == i, columns].to_numpy(), dtype=torch.float32)
-        for i in range(2)
-    ]
-    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
-    return [torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels
-
-
 def test_losses_and_where_their_gradients_go():
     torch.manual_seed(0)
     model = build_detector("pointrcnn_tiny", ["Car"]).double().train()
-    losses = model.loss(*batch())
+    losses = model.loss(*batch(seed=1))
     parts = {"point_cls", "point_box", "rcnn_cls", "rcnn_reg", "rcnn_corner"}
     assert set(losses) == {"loss", *parts}
     assert losses["loss"].dtype == torch.float64

@@ -3,8 +3,6 @@
 tests/data/training_ops.npz: see test_point_ops.py.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

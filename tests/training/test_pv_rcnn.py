@@ -8,8 +8,6 @@ OpenPCDet's reference run says nothing about the second stage: random weights ma
 variance 0 and the outputs are rounding errors times 1e5.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A training that was stopped goes on as if it had not been."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from synthetic_scenes import scenes

@@ -1,7 +1,5 @@
 """Proposals, their sample, boxes in RoIs and the losses of a second stage, against brute force."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

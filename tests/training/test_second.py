@@ -1,7 +1,5 @@
 """SECOND and what all voxel networks share: against OpenPCDet, voxels, mixed precision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """SECOND-IoU against OpenPCDet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -11,7 +9,7 @@ from anchor_reference import (
     network_and_first_stage,
 )
 from openpcdet_reference import reference, worst_error
-from synthetic_scenes import scenes
+from synthetic_scenes import assert_all_parameters_learn, batch
 
 from training import build_detector
 from training.detectors.heads.second_iou_head import bev_pool
@@ -110,22 +108,12 @@ def test_the_head_knows_the_cells_of_its_image(preset):
 
 def test_losses_reach_all_parameters():
     torch.manual_seed(0)
-    clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
     model = build_detector("second_iou_tiny", CLASSES).train()
-    boxes = [
-        torch.tensor(truth[truth.frame == i].iloc[:, 2:9].to_numpy(), dtype=torch.float32)
-        for i in range(2)
-    ]
-    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
-    losses = model.loss([torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels)
+    losses = model.loss(*batch())
     assert set(losses) == {"loss", "classification", "location", "direction", "rcnn_cls"}
     parts = losses["classification"] + losses["location"] + losses["direction"]
     torch.testing.assert_close(losses["loss"], parts + losses["rcnn_cls"])
     losses["rcnn_cls"].backward(retain_graph=True)
     # As in OpenPCDet: the second stage does not train the first.
     assert all(p.grad is None for n, p in model.named_parameters() if "roi_head" not in n)
-    losses["loss"].backward()
-    for name, parameter in model.named_parameters():
-        assert parameter.grad is not None, name
-        assert torch.isfinite(parameter.grad).all(), name
-        assert parameter.grad.abs().sum() > 0, name
+    assert_all_parameters_learn(model, losses["loss"])

@@ -1,7 +1,5 @@
 """Sparse convolution against dense convolution, finite differences and a second way to pair."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

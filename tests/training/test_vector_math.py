@@ -1,7 +1,5 @@
 """MKL has chosen its kernels when a network can be run; the race itself is too rare to test."""
 
-from __future__ import annotations
-
 from training import build_detector
 from training.vector_math import settle_vector_math
 

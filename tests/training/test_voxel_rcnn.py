@@ -1,7 +1,5 @@
 """Voxel R-CNN against OpenPCDet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -11,7 +9,7 @@ from anchor_reference import (
     network_and_first_stage,
 )
 from openpcdet_reference import reference, worst_error
-from synthetic_scenes import scenes
+from synthetic_scenes import assert_all_parameters_learn, batch
 
 from training import build_detector
 from training.detectors.heads.proposals import Proposals
@@ -115,16 +113,11 @@ def test_a_cloud_without_voxels_is_pooled():
 
 def test_losses_reach_all_parameters():
     torch.manual_seed(0)
-    clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
     model = build_detector("voxel_rcnn_tiny", ["Car", "Cyclist"]).train()
-    boxes = [
-        torch.tensor(truth[truth.frame == i].iloc[:, 2:9].to_numpy(), dtype=torch.float32)
-        for i in range(2)
-    ]
-    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
+    points, boxes, labels = batch()
     # Untrained, hardly a proposal would be near enough to an object to learn its box.
     model.roi_head.propose = lambda *_: propose_objects(boxes)
-    losses = model.loss([torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels)
+    losses = model.loss(points, boxes, labels)
     second = {"rcnn_cls", "rcnn_reg", "rcnn_corner"}
     assert set(losses) == {"loss", "classification", "location", "direction"} | second
     parts = [losses[name] for name in ("classification", "location", "direction", *second)]
@@ -132,11 +125,7 @@ def test_losses_reach_all_parameters():
     torch.stack([losses[name] for name in second]).sum().backward(retain_graph=True)
     # The second stage trains the sparse backbone too.
     assert model.backbone_3d.conv_input[0].weight.grad.abs().sum() > 0
-    losses["loss"].backward()
-    for name, parameter in model.named_parameters():
-        assert parameter.grad is not None, name
-        assert torch.isfinite(parameter.grad).all(), name
-        assert parameter.grad.abs().sum() > 0, name
+    assert_all_parameters_learn(model, losses["loss"])
 
 
 def propose_objects(boxes):

@@ -1,7 +1,5 @@
 """Keypoints and their features against loops; without points."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

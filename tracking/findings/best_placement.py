@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tracking.statistics.all_pairs import AllPairs
 from tracking.statistics.jackknife import NOTHING, SampleError, combined, sample_error
-from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.posterior import probability_of_best
 from tracking.statistics.reliability import Noise, seed_mean
 
 
@@ -25,7 +25,7 @@ class BestPlacement:
         others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
             and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
         sure: index placement, best mean first: the probability that its expected metric is the
-            highest (`tracking.statistics.probability_of_best`).
+            highest (`tracking.statistics.posterior`).
         sd: of one seed's value, as far as it changes differences between placements.
         seed_sd: of what a seed adds to all placements alike; NaN where they have different seeds.
         sample: error of a placement against the others by the choice of the test objects; None
@@ -80,10 +80,7 @@ class BestPlacement:
 
 
 def best_placement(
-    results: pd.DataFrame,
-    seed: int = 0,
-    left_out: pd.DataFrame | None = None,
-    generalist: bool = False,
+    results: pd.DataFrame, left_out: pd.DataFrame | None = None, generalist: bool = False
 ) -> BestPlacement | None:
     """Compare all placements with the best.
 
@@ -98,7 +95,6 @@ def best_placement(
     Args:
         results: placement, seed, value: rows of one class, detector, setting, metric, IoU and
             difficulty. NaN where a training failed or there was no ground truth.
-        seed: of the draws from the posterior.
         left_out: the same without each unit of the test objects, see
             `tracking.statistics.jackknife.sample_error`.
         generalist: whether a seed is a detector that has judged all placements. With one of them
@@ -145,7 +141,7 @@ def best_placement(
         best=str(y.index[0]),
         mean=float(shown[0]),
         others=others.iloc[1:],
-        sure=pd.Series(probability_of_best(means, noise, seed), y.index, name="sure"),
+        sure=pd.Series(probability_of_best(means, noise), y.index, name="sure"),
         sd=float(np.sqrt(of_seeds.variance)),
         seed_sd=of_seeds.seed_sd,
         sample=sample,

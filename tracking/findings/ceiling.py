@@ -5,13 +5,12 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.statistics.ceiling import ceiling
-from tracking.statistics.confidence_interval import to_normal
+from tracking.statistics.confidence_interval import from_normal, to_normal
 from tracking.statistics.jackknife import SampleError, combined, sample_error
 from tracking.statistics.reliability import Noise, reliability, reliability_of_mean, seed_mean
 
@@ -35,7 +34,7 @@ def ceilings(
 ) -> pd.DataFrame:
     """Spearman's rho that a surrogate without error or noise is expected to reach.
 
-    By what the metric's means are unsure of (`tracking.statistics.ceiling`):
+    By what the metric's means are unsure of (`tracking.findings.ceiling`):
 
     - seeds: the variance over seeds. Where all placements have the same seeds two of these agree
       by ICC(3), since what one adds to all alike is no noise, elsewhere by ICC(1); their mean is
@@ -169,3 +168,20 @@ def _between_detectors(
         rhos = [rank_agreement(pair.iloc[:, 0], pair.iloc[:, 1])[0] for pair in pairs]
         found |= dict.fromkeys(group, float(np.mean(rhos)) if rhos else np.nan)
     return found
+
+
+def ceiling(reliable: ArrayLike, coefficient: str = "spearman") -> NDArray[np.float64]:
+    """The coefficient of a metric of this reliability with what predicts it perfectly.
+
+    Noise lowers a correlation by the root of the product of both reliabilities (attenuation,
+    Spearman 1904), and a perfect predictor has neither noise nor error: sqrt(reliability), on the
+    scale of a normal population's Pearson correlation, from where it becomes the coefficient's.
+    It is what is expected: by luck a sample may exceed it.
+
+    Args:
+        reliable: in [0, 1], of any shape.
+
+    Returns:
+        The same shape, in [0, 1].
+    """
+    return np.asarray(from_normal(np.sqrt(np.asarray(reliable, np.float64)), coefficient))

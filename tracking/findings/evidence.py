@@ -11,6 +11,7 @@ import pandas as pd
 
 from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.configuration.yaml import parse_yaml
+from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
 from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.kitti_iou import headline_iou, judged
@@ -61,17 +62,13 @@ def weaknesses(run: RunFolder, group: Group) -> list[Weakness]:
         *_learned_little(run, group),
         *_short_training(run, group),
     ]
-    return sorted(found, key=_heaviest)
-
-
-def _heaviest(weakness: Weakness) -> float:
-    return -weakness.shortfall
+    return sorted(found, key=lambda own: -own.shortfall)
 
 
 def grade(found: Iterable[Weakness]) -> str:
     """The two kinds of weaknesses that weigh most, a sentence; "" without any."""
     worst: dict[str, str] = {}
-    for weakness in sorted(found, key=_heaviest):
+    for weakness in sorted(found, key=lambda own: -own.shortfall):
         worst.setdefault(weakness.kind, weakness.clause)
     return f"Not enough evidence: {' and '.join([*worst.values()][:2])}." if worst else ""
 
@@ -253,3 +250,22 @@ def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
 def _set(run: RunFolder, key: str, value: int) -> dict[str, Any]:
     """A key, or the axis of the grid that it is."""
     return {f"grid.{key}": [value]} if key in run.axes else {key: value}
+
+
+def ray_counting_caution(share: float) -> str | None:
+    """What to know about `expected_ig` of this `linear_share`; None if there is nothing to say."""
+    if not share > MOSTLY_LINEAR:
+        return None
+    return (
+        f"Expected IG counts rays here: it is {100 * share:.0f} % of what it were if every ray "
+        "counted by itself, so a ray through voxels that others have seen is worth as much as one "
+        "through new ones. More lidar.azimuth_steps (lidar.cloud_share thins the clouds alone), a "
+        "greater surrogate.detection_probability or a coarser surrogate.resolution change that."
+    )
+
+
+def largest_linear_share(surrogates: pd.DataFrame) -> float:
+    """Of `surrogates.parquet`; NaN if there is no `expected_ig`, and of older run folders."""
+    if "linear_share" not in surrogates:
+        return float("nan")
+    return float(surrogates["linear_share"].max())

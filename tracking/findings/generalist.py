@@ -1,7 +1,6 @@
 """Does one detector for all rigs rank them as detectors do that were trained for each?"""
 
 from collections.abc import Hashable, Mapping
-from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from tracking.findings.groups import GENERALIST, JUDGE
+from tracking.findings.groups import GENERALIST, JUDGE, at
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import judged, judged_by_all
 from tracking.labels import metric_name
@@ -28,6 +27,8 @@ def judgement_name(metric: str) -> str:
 
 JUDGEMENTS = tuple(judgement_name(name) for name in _OF_A_CLASS)
 """What the generalist says of a placement, by name."""
+CALIBRATION = ("bias", "bias_low", "bias_high", "slope", "slope_low", "slope_high")
+"""Columns of `compare` by `calibration`."""
 
 
 def judgements(run: RunFolder) -> pd.DataFrame:
@@ -63,27 +64,18 @@ def with_judgements(run: RunFolder) -> pd.DataFrame:
     return run.surrogates if added.empty else pd.concat([run.surrogates, added], ignore_index=True)
 
 
-@dataclass(frozen=True)
-class Calibration:
+def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> dict[str, float] | None:
     """The generalist's values against those of the placements' own detectors.
 
-    Attributes:
-        bias, bias_low, bias_high: mean difference, the generalist's less their own, with Student's
-            95 % interval over placements.
-        slope, slope_low, slope_high: of the least-squares line of their own over the generalist's:
-            1 if a point of the one is a point of the other. The generalist's noise lowers it.
+    Args:
+        said, own: means over seeds, shape (n,).
+
+    Returns:
+        By `CALIBRATION`: bias, the mean difference, the generalist's less their own, with Student's
+        95 % interval over placements; and slope of the least-squares line of their own over the
+        generalist's: 1 if a point of the one is a point of the other. The generalist's noise lowers
+        it. None for fewer than 3 or without any spread.
     """
-
-    bias: float
-    bias_low: float
-    bias_high: float
-    slope: float
-    slope_low: float
-    slope_high: float
-
-
-def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> Calibration | None:
-    """Of means over seeds, each of shape (n,); None for fewer than 3 or without any spread."""
     n = len(said)
     if n < 3 or np.ptp(said) == 0:
         return None
@@ -91,14 +83,9 @@ def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> Calibrat
     half = stats.t.ppf(0.975, n - 1) * difference.std(ddof=1) / np.sqrt(n)
     bias, line = difference.mean(), stats.linregress(said, own)
     wide = stats.t.ppf(0.975, n - 2) * line.stderr
-    return Calibration(
-        float(bias),
-        float(bias - half),
-        float(bias + half),
-        float(line.slope),
-        float(line.slope - wide),
-        float(line.slope + wide),
-    )
+    of_line = (line.slope, line.slope - wide, line.slope + wide)
+    found = (bias, bias - half, bias + half, *of_line)
+    return dict(zip(CALIBRATION, map(float, found), strict=True))
 
 
 def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataFrame:
@@ -112,10 +99,8 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
     Returns:
         Index placement: said and own, percent; said_half and own_half of their 95 % intervals.
     """
-    known = means[means["seeds"] > 0]
-    for key, value in group.items():
-        if key != JUDGE:
-            known = known[known[key].isna() if pd.isna(value) else known[key] == value]
+    place = {key: value for key, value in group.items() if key != JUDGE}
+    known = at(means[means["seeds"] > 0], place)
     parts = {
         name: known[known[JUDGE] == judge].set_index("placement")[["mean", "half"]]
         for name, judge in (("said", GENERALIST), ("own", group[JUDGE]))
@@ -135,8 +120,8 @@ def compare(
         correlations: `tracking.findings.ceiling.beside` of the run and its `judgements`.
 
     Returns:
-        The rows of `correlations` of the same metric at the headline's IoU, with the fields of
-        `Calibration`, NaN for fewer than 3 placements; and for each of them `side_by_side`.
+        The rows of `correlations` of the same metric at the headline's IoU, with
+        `CALIBRATION`, NaN for fewer than 3 placements; and for each of them `side_by_side`.
     """
     same = correlations["surrogate"] == correlations["metric"].map(judgement_name)
     known = correlations[same & (correlations["n"] > 0)]
@@ -145,8 +130,7 @@ def compare(
     keys = group_columns(run.axes)
     pairs = [side_by_side(means, row) for row in rows[keys].to_dict("records")]
     found = [calibration(pair["said"].to_numpy(), pair["own"].to_numpy()) for pair in pairs]
-    names = [field.name for field in fields(Calibration)]
-    table = pd.DataFrame([asdict(one) if one else {} for one in found], columns=names)
+    table = pd.DataFrame([one or {} for one in found], columns=CALIBRATION)
     return rows.join(table.astype("float64")), pairs
 
 

@@ -1,6 +1,6 @@
 """The parts of a sweep within which placements can be compared."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,10 +46,15 @@ class Group:
 
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
         """The rows of `table` that belong to this group, by those of its columns that tell."""
-        for axis, value in self.place.items():
-            if axis in table:
-                table = table[table[axis].isna() if pd.isna(value) else table[axis] == value]
-        return table
+        return at(table, self.place)
+
+
+def at(table: pd.DataFrame, place: Mapping[Any, Any]) -> pd.DataFrame:
+    """The rows of `table` with the values of `place`, by those of its columns that tell."""
+    for axis, value in place.items():
+        if axis in table:
+            table = table[table[axis].isna() if pd.isna(value) else table[axis] == value]
+    return table
 
 
 def has_detectors(run: RunFolder) -> bool:

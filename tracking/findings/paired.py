@@ -1,6 +1,6 @@
 """Surrogates and metrics of the same placements, brought side by side."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,16 +65,16 @@ def paired(
     _need(surrogates, ["placement", "class", "surrogate", "value"], "surrogates")
     depends = _depends(surrogates, axes)
     predictors = with_sums(surrogates, axes)
-    matching: dict[tuple[object, ...], pd.DataFrame] = {}  # every metric of a class has the same
+    tables: dict[tuple[object, ...], pd.DataFrame] = {}  # every metric of a class has the same
     for key, rows in results.groupby(keys, dropna=False, sort=True, observed=True):
         group = dict(zip(keys, key, strict=True))
         metric = _pivot(rows, "seed", "results")
         setting = tuple(group[name] for name in ("class", *depends))
-        if setting not in matching:
-            own = _matching(predictors, group, depends)
-            matching[setting] = _pivot(own, "surrogate", "surrogates")
+        if setting not in tables:
+            own = matching(predictors, dict(zip(("class", *depends), setting, strict=True)))
+            tables[setting] = _pivot(own, "surrogate", "surrogates")
         metric = metric[metric.notna().any(axis=1)].dropna(axis="columns", how="all")
-        yield Paired(group, matching[setting], metric)
+        yield Paired(group, tables[setting], metric)
 
 
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
@@ -99,14 +99,14 @@ def _depends(surrogates: pd.DataFrame, axes: Sequence[str]) -> list[str]:
     return [key for key in ("detector", *axes) if key in surrogates.columns]
 
 
-def _matching(
-    predictors: pd.DataFrame, group: dict[str, object], depends: list[str]
-) -> pd.DataFrame:
-    """Rows of the class and of the axes' values in `group`; a missing value matches any."""
-    match = predictors["class"] == group["class"]
-    for axis in depends:
-        match &= (predictors[axis] == group[axis]) | predictors[axis].isna()
-    return predictors[match]
+def matching(surrogates: pd.DataFrame, setting: Mapping[str, object]) -> pd.DataFrame:
+    """Rows with the values of `setting` in those columns that are there; a missing value matches
+    any."""
+    for axis, value in setting.items():
+        if axis in surrogates.columns:
+            of = surrogates[axis]
+            surrogates = surrogates[(of == value) | of.isna()]
+    return surrogates
 
 
 def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:

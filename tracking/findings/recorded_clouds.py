@@ -51,9 +51,8 @@ def rank_agreement(run: RunFolder) -> pd.DataFrame:
     rows = []
     for key, own in pairs.groupby(keys, dropna=False, sort=False):
         found = calibration(*(own[kind].to_numpy(np.float64) for kind in KINDS[::-1]))
-        bias = (np.nan,) * 3 if found is None else (found.bias, found.bias_low, found.bias_high)
-        rows.append((*key, *bias))
-    biases = pd.DataFrame(rows, columns=[*keys, "bias", "bias_low", "bias_high"])
+        rows.append(dict(zip(keys, key, strict=True)) | (found or {}))
+    biases = pd.DataFrame(rows).reindex(columns=[*keys, "bias", "bias_low", "bias_high"])
     return table.merge(biases, on=keys, how="left")
 
 

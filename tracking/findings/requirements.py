@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from lidarplace.requirements.tables import worst_cases
+from tracking.findings.groups import at
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -17,10 +18,7 @@ def verdicts(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
     cases = run.requirements
     if cases is None or cases.empty:
         return pd.DataFrame(columns=["placement", "requirement", "met"])
-    for axis, value in setting.items():
-        if axis in cases.columns:
-            cases = cases[cases[axis] == value]
-    return worst_cases(cases, ["placement"])
+    return worst_cases(at(cases, setting), ["placement"])
 
 
 def met(verdicts: pd.DataFrame) -> pd.Series:

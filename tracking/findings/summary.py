@@ -11,7 +11,7 @@ from scipy import stats
 from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
 from tracking.findings.groups import GENERALIST, judges
-from tracking.findings.paired import group_columns
+from tracking.findings.paired import group_columns, matching
 from tracking.findings.requirements import met, verdicts
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
@@ -156,11 +156,8 @@ def surrogates_of(
 
     A missing value in an axis column stands for any value.
     """
-    match = surrogates["class"] == object_class
-    for axis, value in setting.items():
-        if axis in surrogates.columns:
-            match &= (surrogates[axis] == value) | surrogates[axis].isna()
-    return surrogates[match].pivot(index="placement", columns=columns, values=values)
+    own = matching(surrogates, {"class": object_class, **setting})
+    return own.pivot(index="placement", columns=columns, values=values)
 
 
 def deciding_surrogate(surrogates: pd.DataFrame) -> str:

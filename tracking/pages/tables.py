@@ -9,10 +9,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tracking.labels import metric_label, surrogate_name
-from tracking.numbers import DASH, digits
+from tracking.numbers import DASH, digits, interval, signed, span
 
 MOST_ROWS = 50
 """Placements and trials that a table shows; a page must stay small."""
@@ -42,6 +43,26 @@ def numbers(head: str, key: str, form: str | Callable[[float], str]) -> Column:
     """What the data hold under `key`, by a format of `digits` or a function."""
     show = partial(digits, form=form) if isinstance(form, str) else form
     return Column(head, lambda row: show(row[key]))
+
+
+def coefficient(head: str, key: str) -> Column:
+    """A coefficient under `key` with its interval, of `key` with `_low` and `_high`."""
+
+    def cell(row: Mapping[Any, Any]) -> str:
+        value, low, high = (row[f"{key}{suffix}"] for suffix in ("", "_low", "_high"))
+        return DASH if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
+
+    return Column(head, cell)
+
+
+def in_points(head: str, keys: tuple[str, str, str], form: str) -> Column:
+    """Points with their interval in brackets, by the keys of value, low and high."""
+
+    def cell(row: Mapping[Any, Any]) -> str:
+        value, low, high = (row[key] for key in keys)
+        return DASH if np.isnan(low) else f"{digits(value, form)} ({span(low, high, form)})"
+
+    return Column(head, cell)
 
 
 PERCENT = dict.fromkeys(("mean", "sd", "low", "high"), "%")

@@ -1,8 +1,7 @@
 """What makes the numbers of a report weak, one plain sentence each."""
 
-from tracking.findings.evidence import weaknesses
+from tracking.findings.evidence import largest_linear_share, ray_counting_caution, weaknesses
 from tracking.findings.groups import groups
-from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.permutation import smallest_p
 

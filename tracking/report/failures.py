@@ -1,8 +1,7 @@
 """Build the page of what one rig finds and another one misses, with frames to look at."""
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +19,13 @@ from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.solids import edges, headings
 from lidarplace.viewing.vehicle import vehicle_surface
 from tracking.figures.kit.style import OUTLINE, text
-from tracking.figures.kit.vehicle_in_space import vehicle_in_space
-from tracking.findings.best_placement import BestPlacement
-from tracking.findings.failures import Failures, failures
-from tracking.findings.groups import Group
+from tracking.figures.kit.vehicle_lines import vehicle_in_space
+from tracking.findings.failures import Failures
 from tracking.numbers import digits
 from tracking.pages.page import figure_json, write_page
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import recommendations, recommended
-from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_arrays import FailureFrames
 
-FILE = "failures.html"
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
 """Colours of objects, and of the points in them, by what became of them."""
 DETECTION = "#009E73"
@@ -43,47 +37,6 @@ _CLOSE = {
     "up": {"x": 0.0, "y": 0.0, "z": 1.0},
 }
 """Plotly's camera behind an object."""
-
-
-@dataclass(frozen=True)
-class _Shown:
-    """A frame to click at.
-
-    Attributes:
-        rig: place of the one that found more in it.
-        what, fate: the object that it is shown for, and what became of it.
-        where: scene, route and frame.
-        figures: under each rig, as JSON.
-        view: plotly's scene around the object, as JSON.
-    """
-
-    rig: int
-    what: str
-    fate: str
-    where: str
-    figures: tuple[str, str]
-    view: str
-
-
-def compared_failures(
-    run: RunFolder, rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]]
-) -> Failures | None:
-    """What the recommended rig and the next one behind it found, where both is known.
-
-    Args:
-        run: distinct rigs, trained as long as they get.
-        rankings: groups with their `headline_ranking`.
-    """
-    for group, ranked in rankings:
-        for found in recommendations([(group, ranked)]):
-            return failures(run, group, found.compared) if found.compared else None
-    return None
-
-
-def failures_to_show(folder: Path) -> Failures | None:
-    """The `compared_failures` of a run folder. Raises as `RunFolder.read`."""
-    run, found = recommended(RunFolder.read(folder))
-    return compared_failures(run, ((own.group, own.ranked) for own in found))
 
 
 def write_failures(
@@ -100,7 +53,7 @@ def write_failures(
 
     Args:
         frames: of the same two rigs; None where there are none to show.
-        section: `tracking.report.sections.failures.failures_section`, whose tables are written.
+        section: `tracking.report.sections.failures.counted_failures`, whose tables are written.
         vehicle: carries them; None for a sedan.
         extent: how much was compared, in one line.
         links: to other pages, by address.
@@ -122,7 +75,9 @@ def write_failures(
     )
 
 
-def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
+def _shown(found: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
+    """Frames to click at: `rig`, the place of the one that found more in it; `what` it is shown for
+    and its `fate`; `where` it is; `figures` under each rig and plotly's `view`, as JSON."""
     number = {int(own): row for row, own in enumerate(found.objects["object"])}
     shown = []
     for place, own in enumerate(frames.objects.tolist()):
@@ -138,16 +93,17 @@ def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
             )
             for rig in range(2)
         ]
-        box = at[list(GEOMETRY)].to_numpy(np.float64)
+        middle = at[["x", "y", "z"]].to_numpy(np.float64)
+        around = equal_axes(np.stack([middle - NEAR_M, middle + NEAR_M]), longest=1.9)
         shown.append(
-            _Shown(
-                rig=int(found.shares[1, row] > found.shares[0, row]),
-                what=f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
-                fate=_fate(found, row),
-                where=f"{at['scene']}, route {at['route']}, frame {at['frame']}",
-                figures=(figure_json(figures[0]), figure_json(figures[1])),
-                view=json.dumps(view_around(box)),
-            )
+            {
+                "rig": int(found.shares[1, row] > found.shares[0, row]),
+                "what": f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
+                "fate": _fate(found, row),
+                "where": f"{at['scene']}, route {at['route']}, frame {at['frame']}",
+                "figures": [figure_json(figure) for figure in figures],
+                "view": json.dumps(around | {"camera": _CLOSE}),
+            }
         )
     return shown
 
@@ -202,12 +158,6 @@ def frame_in_space(
         showlegend=False,
     )
     return plot
-
-
-def view_around(box: NDArray[np.float64]) -> dict[str, Any]:
-    """Plotly's scene around one of boxes (7,), seen from behind and above."""
-    corners = np.stack([box[:3] - NEAR_M, box[:3] + NEAR_M])
-    return equal_axes(corners, longest=1.9) | {"camera": _CLOSE}
 
 
 def view_of(roi: Roi, vehicle: Vehicle | None) -> dict[str, Any]:

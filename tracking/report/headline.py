@@ -13,7 +13,6 @@ from tracking.findings.best_surrogate import Predictors
 from tracking.findings.evidence import Weakness, grade, weaknesses
 from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.paired import with_sums
-from tracking.findings.sampling_error import separated
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, some, surrogate_name, surrogate_unit
@@ -191,26 +190,3 @@ def _without_entropy(table: pd.DataFrame, name: str) -> str:
     if "h_pog" not in table.columns or not (table["h_pog"] == 0).all():
         return ""
     return f"H_POG is 0: no {name} was seen, or always in the same voxels."
-
-
-def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
-    """Does the POG's sampling error blur the ranking of the placements? None for one placement.
-
-    Args:
-        pairs: `tracking.findings.sampling_error.paired_differences` of one class and setting.
-        title: of the class and setting.
-    """
-    own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
-    if own.empty:
-        return []
-    kept = separated(own).groupby(own["surrogate"], sort=False).agg(["sum", "size"])
-    counts = [
-        f"{surrogate_name(str(name))} {row['sum']} of {row['size']}"
-        for name, row in kept.iterrows()
-    ]
-    blurred = bool((kept["sum"] < kept["size"]).any())
-    verdict = "blurs" if blurred else "does not blur"
-    return [
-        f"{title}: the POG's sampling error {verdict} the ranking of the placements. Pairs whose "
-        f"order other frames would keep (paired difference, 95 %): {', '.join(counts)}."
-    ]

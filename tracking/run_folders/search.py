@@ -16,15 +16,7 @@ from lidarplace.files.regular import is_there
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult
-from tracking.run_folders.search_tables import (
-    BOUND,
-    CHOSEN,
-    GREEDY,
-    REQUIREMENTS,
-    ROBUSTNESS,
-    TRIALS,
-    VERIFIED,
-)
+from tracking.run_folders.search_tables import TABLES, TRIALS
 from tracking.run_folders.table import Column, DType
 
 _OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")
@@ -122,12 +114,7 @@ class SearchFolder:
             config=read_text(config) if is_there(config) else "",
             roi=search.roi,
             trials=_trials(search, path).sort_values("number", ignore_index=True),
-            bound=BOUND.read_if_there(path),
-            greedy=GREEDY.read_if_there(path),
-            robustness=ROBUSTNESS.read_if_there(path),
-            requirements=REQUIREMENTS.read_if_there(path),
-            chosen=CHOSEN.read_if_there(path),
-            verified=VERIFIED.read_if_there(path),
+            **{t.name: t.read_if_there(path) for t in TABLES if t is not TRIALS},
             pog=maps.pog,
             unseen=maps.unseen,
             grounds=Grounds.read(path),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tracking.findings.ray_counting import ray_counting_caution
+from tracking.findings.evidence import ray_counting_caution
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig, Zone
 from tracking.search_report.headline import best_of_paper, with_unit

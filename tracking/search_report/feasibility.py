@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from tracking.numbers import digits
+from tracking.numbers import DASH, digits
 from tracking.pages.tables import Table
 from tracking.run_folders.search import SearchFolder
 
@@ -105,7 +105,7 @@ def constraint_table(run: SearchFolder) -> Table:
         (
             constraint.name,
             f"{constraint.sense} {_amount(constraint.limit, constraint.unit)}",
-            *(_measure(search.rigs[name].measures.get(constraint.name)) for name in shown),
+            *(_amount(search.rigs[name].measures.get(constraint.name), "") for name in shown),
             _broken(run.trials[f"violation.{constraint.name}"].dropna()),
         )
         for constraint in search.constraints
@@ -120,10 +120,8 @@ def _broken(violation: pd.Series) -> str:
     return f"{count:,} of {len(violation):,} ({100 * count / len(violation):.0f} %)"
 
 
-def _measure(value: float | None) -> str:
-    return "–" if value is None else _amount(value, "")
-
-
-def _amount(value: float, unit: str) -> str:
-    """A value that keeps no more digits than it has, with its unit."""
+def _amount(value: float | None, unit: str) -> str:
+    """A value that keeps no more digits than it has, with its unit; a dash for None."""
+    if value is None:
+        return DASH
     return f"{digits(value, ',.4g' if abs(value) < 1e4 else ',.0f')} {unit}".rstrip()

@@ -35,9 +35,8 @@ def summary(search: SearchResult) -> str:
 
 def cards(run: SearchFolder) -> list[Card]:
     """What was found, and what the search did."""
-    search = run.search
-    first = _found(run) if search.best else _nothing_found(run)
-    return [first, _effort(search)]
+    nothing = Card("Result", nothing_found(run), tuple(infeasible_sentences(run)))
+    return [_found(run) if run.search.best else nothing, _effort(run.search)]
 
 
 def change(objective: Objective, value: float, base: float) -> str:
@@ -150,10 +149,6 @@ def of_objective(measured: pd.DataFrame, objective: Objective) -> pd.DataFrame:
     """Rows of `chosen` or `verified` that hold what an objective is made of."""
     weighed = measured["class"].isin(objective.weights or {})
     return measured[(measured["metric"] == objective.by) & weighed]
-
-
-def _nothing_found(run: SearchFolder) -> Card:
-    return Card("Result", nothing_found(run), tuple(infeasible_sentences(run)))
 
 
 def _against_bound(search: SearchResult) -> list[str]:

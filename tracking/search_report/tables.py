@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -146,18 +146,9 @@ def robustness_table(rows: pd.DataFrame) -> Table:
 def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> Table:
     """`verified.parquet` as text."""
 
-    def difference(row: Mapping[Any, Any]) -> str:
-        return digits(row["difference"], "+.2f")
-
-    def its_interval(row: Mapping[Any, Any]) -> str:
-        return span(row["difference_low"], row["difference_high"], "+.2f")
-
-    def of_others(cell: Callable[[Mapping[Any, Any]], str]) -> Callable[[Mapping[Any, Any]], str]:
-        """A dash for the baseline itself, and where it has no value."""
-        return lambda row: (
-            "–" if row["rig"] == baseline or np.isnan(row["difference"]) else cell(row)
-        )
-
+    differing = ["difference", "difference_low", "difference_high"]
+    rows = rows.copy()
+    rows.loc[(rows["rig"] == baseline) | rows["difference"].isna(), differing] = np.nan
     columns = [
         words("rig"),
         words("role"),
@@ -167,8 +158,8 @@ def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> T
         numbers(objective.label, "surrogate", number),
         numbers("value (%)", "value", ".2f"),
         Column("95 %", lambda row: span(row["low"], row["high"], ".2f")),
-        Column(f"difference to {baseline}", of_others(difference)),
-        Column("95 %", of_others(its_interval)),
+        numbers(f"difference to {baseline}", "difference", "+.2f"),
+        Column("95 %", lambda row: span(row["difference_low"], row["difference_high"], "+.2f")),
     ]
     return Table.of("Means over seeds", rows, columns, wide=True)
 

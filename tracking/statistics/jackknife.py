@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import optimize, special
 
-from tracking.statistics.moderated_variance import moderated
 from tracking.statistics.reliability import Noise
 
 NOTHING = "nothing"
@@ -65,7 +65,7 @@ class SampleError:
 
         Placements may differ in how much the test objects matter for them, so each pair has a
         variance of its own, moderated by those of the others
-        (`tracking.statistics.moderated_variance`), where there are `LEAST_OWN_UNITS`. Of fewer
+        (`tracking.statistics.jackknife`), where there are `LEAST_OWN_UNITS`. Of fewer
         units all have the pooled one.
 
         Returns:
@@ -114,21 +114,17 @@ def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
         return None
     if paired and placements < 2:
         return None
-    covariance = _covariance(values.to_numpy(np.float64), units, paired)
+    matrix = values.to_numpy(np.float64)
+    deviations = matrix - matrix.mean(axis=0)
+    if paired:
+        deviations -= deviations.mean(axis=1, keepdims=True)
+    covariance = (units - 1) / units * (deviations.T @ deviations)
     total = float(np.trace(covariance))
     degrees = effective = max(counts.sum() ** 2 / (counts**2).sum() - 1, 1.0)
     if paired and total > 0:
         degrees *= max(total**2 / float((covariance**2).sum()), 1.0)
     of_placements = pd.DataFrame(covariance, values.columns, values.columns)
     return SampleError(total / (placements - paired), degrees, unit, effective, of_placements)
-
-
-def _covariance(values: NDArray[np.float64], units: int, paired: bool) -> NDArray[np.float64]:
-    """Jackknife covariance of the placements' values, from (left out, placements)."""
-    deviations = values - values.mean(axis=0)
-    if paired:
-        deviations -= deviations.mean(axis=1, keepdims=True)
-    return np.asarray((units - 1) / units * (deviations.T @ deviations))
 
 
 def combined(noise: Noise, error: SampleError | None) -> Noise:
@@ -145,3 +141,43 @@ def combined(noise: Noise, error: SampleError | None) -> Noise:
     freedom = whole**2 / (variance**2 / noise.degrees + other**2 / error.degrees)
     alone = whole / (variance / counts + error.variance)
     return Noise(alone, whole, math.floor(max(freedom, 1.0)), noise.seed_sd)
+
+
+MOST_DEGREES = 1e4
+"""Of what the variances have in common: beyond, they are equal for every purpose."""
+
+
+def moderated(variances: NDArray[np.float64], degrees: float) -> tuple[NDArray[np.float64], float]:
+    """Posterior variances under a scaled inverse chi-square prior that is fitted to them.
+
+    Empirical Bayes of Smyth (2004), section 6.2: the prior's degrees of freedom follow from how
+    much the logarithms of the variances differ beyond chance. Equal variances are pooled; where
+    they differ much each stays almost as it was estimated.
+
+    Args:
+        variances: shape (m,), not negative; zeros stay, and are in no fit.
+        degrees: of each, more than 0.
+
+    Returns:
+        The variances, and their degrees of freedom: those given and those of the prior.
+    """
+    known = variances > 0
+    if np.count_nonzero(known) < 2:
+        return variances, degrees
+    logs = np.log(variances[known])
+    beyond = float(logs.var(ddof=1) - special.polygamma(1, degrees / 2))
+    prior = min(2 * _inverse_trigamma(beyond), MOST_DEGREES) if beyond > 0 else MOST_DEGREES
+    common = np.exp(logs.mean() - _bias(degrees) + _bias(prior))
+    whole = prior + degrees
+    return np.where(known, (prior * common + degrees * variances) / whole, 0.0), whole
+
+
+def _bias(degrees: float) -> float:
+    """Expectation of the logarithm of an estimate of a variance of 1."""
+    return float(special.digamma(degrees / 2) - np.log(degrees / 2))
+
+
+def _inverse_trigamma(value: float) -> float:
+    """1 / x < trigamma(x) < 1 / x + 1 / x^2 brackets the root."""
+    low, high = 1 / value, 1 / value + 1 / np.sqrt(value)
+    return float(optimize.brentq(lambda x: special.polygamma(1, x) - value, low, high))

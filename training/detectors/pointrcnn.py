@@ -1,7 +1,5 @@
 """PointRCNN (Shi et al., CVPR 2019)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -46,7 +44,7 @@ class PointRCNNPreset:
     second_stage: PointRoiSettings
     selection: Selection
 
-    def with_typical(self, typical: Sequence[TypicalObject]) -> PointRCNNPreset:
+    def with_typical(self, typical: Sequence[TypicalObject]) -> "PointRCNNPreset":
         """The preset with the sizes of these objects for their classes."""
         return replace(self, sizes={**self.sizes, **{item.name: item.size for item in typical}})
 

@@ -119,10 +119,7 @@ class ScoredKeypoints:
 class PvRcnn(TwoStageVoxelDetector):
     """SECOND's first stage; keypoints with features of all its scales; RoIs refined from them.
 
-    Args:
-        classes: names of the classes, keys of the preset's anchors.
-        preset: the network.
-        point_range: see VoxelDetector.
+    Arguments as of `VoxelDetector`.
     """
 
     def __init__(

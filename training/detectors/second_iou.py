@@ -59,10 +59,7 @@ PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 class SecondIou(TwoStageVoxelDetector):
     """SECOND and a second stage that scores its boxes with their IoU.
 
-    Args:
-        classes: names of the classes, keys of the preset's anchors.
-        preset: the network.
-        point_range: see VoxelDetector.
+    Arguments as of `VoxelDetector`.
     """
 
     def __init__(

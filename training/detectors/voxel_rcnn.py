@@ -91,10 +91,7 @@ PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 class VoxelRcnn(TwoStageVoxelDetector):
     """SECOND's first stage and a second one that looks at the voxels around its boxes.
 
-    Args:
-        classes: names of the classes, keys of the preset's anchors.
-        preset: the network.
-        point_range: see VoxelDetector.
+    Arguments as of `VoxelDetector`.
     """
 
     def __init__(

@@ -6,8 +6,6 @@ position's weights; then every output row sums its products. The sum is taken in
 that the result is the same in every run, on a GPU too.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -39,7 +37,7 @@ class SparseTensor:
     frames: int
     tables: dict[Triple, Rules] = field(default_factory=dict, repr=False, compare=False)
 
-    def with_features(self, features: Tensor) -> SparseTensor:
+    def with_features(self, features: Tensor) -> "SparseTensor":
         """Other features (N, C') at the same sites."""
         return replace(self, features=features)
 

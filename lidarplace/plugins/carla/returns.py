@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.clouds import Crop
-from lidarplace.plugins.carla.handedness import right_handed
 from lidarplace.rigs.lidar import HAIR, Lidar
 from lidarplace.rigs.placement import Mount
 
@@ -29,12 +28,12 @@ def ego_points(
         crop: what is kept, its faces included.
         body: the ego's length, width and height; its box stands on the origin.
     """
-    mirror, _ = right_handed(np.eye(3), np.zeros((3, 3)))
+    mirror = np.diag([1.0, -1.0, 1.0])  # from the left-handed frame
     low, high = lidar.azimuth
     points = np.empty((len(returns), 4), np.float32)
     count = _ego_points(
         returns,
-        mount.rotation @ mirror.T,
+        mount.rotation @ mirror,
         mount.position,
         (-math.inf if lidar.full_turn else low - HAIR, high - low),
         np.array(crop),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.scenes.routes import STEP_S
@@ -79,14 +79,11 @@ def load_town(client: carla.Client, town: str) -> carla.World:
         )
     world = client.load_world(town)
     if hasattr(world, "enable_environment_objects"):
-        labels = [getattr(carla.CityObjectLabel, n) for n in _PARKED if n in _names(carla)]
+        kinds = carla.CityObjectLabel
+        labels = [getattr(kinds, name) for name in _PARKED if hasattr(kinds, name)]
         parked = {item.id for label in labels for item in world.get_environment_objects(label)}
         world.enable_environment_objects(parked, False)
     return world
-
-
-def _names(carla: Any) -> Collection[str]:
-    return tuple(carla.CityObjectLabel.names)
 
 
 @contextmanager

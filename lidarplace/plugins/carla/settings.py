@@ -1,14 +1,20 @@
 """Settings of a scene that a CARLA server simulates, and the routes that it consists of."""
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from lidarplace.base.class_names import fault_of_name
 from lidarplace.clouds.clouds import Crop
-from lidarplace.configuration.settings import Count, CountFromOne, Length, Seconds, Seed, Text
+from lidarplace.configuration.settings import (
+    ClassName,
+    Count,
+    CountFromOne,
+    Length,
+    Seconds,
+    Seed,
+    Text,
+)
 from lidarplace.scenes.routes import Part, RouteSettings, seed_of
 
 PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")
@@ -81,7 +87,7 @@ class CarlaScene(RouteSettings):
         (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0),
         description="x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out",
     )
-    classes: dict[str, str] = Field(
+    classes: dict[str, ClassName] = Field(
         {}, description="blueprint -> class, such as Truck, before the built-in rules"
     )
 
@@ -92,14 +98,6 @@ class CarlaScene(RouteSettings):
             raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
         return crop
 
-    @field_validator("classes")
-    @classmethod
-    def _known(cls, classes: dict[str, str]) -> dict[str, str]:
-        for blueprint, name in classes.items():
-            if (fault := fault_of_name(name)) is not None:
-                raise ValueError(f"{blueprint}: {fault}")
-        return classes
-
     def plan(self) -> tuple[Route, ...]:
         """The routes of the scene, training first; each can be recorded on its own."""
         tests = self.towns if self.test_towns is None else self.test_towns
@@ -107,19 +105,15 @@ class CarlaScene(RouteSettings):
             *(("train", town) for town in self.towns for _ in range(self.routes)),
             *(("test", town) for town in tests for _ in range(self.test_routes)),
         ]
-        started: Counter[str] = Counter()
-        routes = []
-        for number, (part, town) in enumerate(places):
-            routes.append(
-                Route(
-                    number=number,
-                    name=f"route-{number:03d}",
-                    town=town,
-                    part=part,
-                    start=started[town],
-                    first_frame=number * self.frames_per_route,
-                    seed=seed_of(self.seed, 1, number),
-                )
+        return tuple(
+            Route(
+                number=number,
+                name=f"route-{number:03d}",
+                town=town,
+                part=part,
+                start=[before for _, before in places[:number]].count(town),
+                first_frame=number * self.frames_per_route,
+                seed=seed_of(self.seed, 1, number),
             )
-            started[town] += 1
-        return tuple(routes)
+            for number, (part, town) in enumerate(places)
+        )

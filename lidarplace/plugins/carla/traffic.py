@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
-from lidarplace.plugins.carla.handedness import Array, right_handed
-from lidarplace.rigs.pose import rotation
+from lidarplace.rigs.pose import from_carla, rotation
 from lidarplace.scenes.routes import KEEP_M
+
+Array = NDArray[np.float64]
 
 EGO = 0
 """The ego's number among the actors."""
@@ -101,11 +103,17 @@ def _turned(rotations: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", rotations, vectors))
 
 
+def _right_handed(position: Array, degrees: Array) -> tuple[Array, Array]:
+    """`from_carla` on arrays: metres and degrees, (N, 3) each, to metres and radians."""
+    convert: Any = from_carla  # written for numbers, but its arithmetic is elementwise
+    pose = np.stack(convert(*position.T, *np.radians(degrees.T)), axis=1)
+    return pose[:, :3], pose[:, 3:]
+
+
 def _pose(poses: pd.DataFrame) -> tuple[Array, Array]:
     """Rotations (N, 3, 3) and places (N, 3) in a right-handed world, of CARLA's poses."""
-    place, angles = right_handed(
-        poses[["x", "y", "z"]].to_numpy(), poses[["roll", "pitch", "yaw"]].to_numpy()
-    )
+    place, angles = np.split(poses[list(POSE)].to_numpy(np.float64), 2, axis=1)
+    place, angles = _right_handed(place, angles)
     turn: Any = rotation  # (3, 3, N) for arrays of angles
     return np.moveaxis(turn(*angles.T), -1, 0), place
 
@@ -114,6 +122,6 @@ def _boxes(where: pd.DataFrame) -> tuple[Array, Array]:
     """Centres of the boxes and directions of their lengths in their actors' frames, (N, 3) each."""
     degrees = np.zeros((len(where), 3))
     degrees[:, 2] = where["box_yaw"]
-    centre, angles = right_handed(where[["box_x", "box_y", "box_z"]].to_numpy(), degrees)
+    centre, angles = _right_handed(where[list(BOX[:3])].to_numpy(np.float64), degrees)
     yaw = angles[:, 2]
     return centre, np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=1)

@@ -174,19 +174,13 @@ class OccupancyGrid(Plottable):
     @cached_property
     def h_pog(self) -> float:
         """Entropy of the POG in nats, the sum of H over the ROI."""
-        return self.entropy_of_levels(self.levels.total)
+        # Integers are exact and few terms remain: the sum has no error to speak of.
+        return math.fsum(self.levels.total * self.entropy_of_level)
 
     @cached_property
     def entropy_of_level(self) -> NDArray[np.float64]:
         """H in nats of a voxel of every level, shape (levels,)."""
         return entropy_of_counts(self.levels.counts, self.frames)
-
-    def entropy_of_levels(self, number: NDArray[np.int64]) -> float:
-        """Sum of H over `number[n]` voxels of level n, in nats.
-
-        The integers are exact and few terms remain, so the sum has no error to speak of.
-        """
-        return math.fsum(number * self.entropy_of_level)
 
 
 def _check_class(name: str, boxes: pd.DataFrame) -> None:

@@ -14,7 +14,7 @@ from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.selection.voxel_gain import SATURATED, Shape
-from lidarplace.pog.surrogates.evaluate import occupied_layers, occupied_tiles
+from lidarplace.pog.surrogates.evaluate import common_roi, occupied_layers, occupied_tiles
 from lidarplace.pog.surrogates.formulas import log_miss_of_ray
 from lidarplace.rigs.placement import Placement
 
@@ -52,10 +52,7 @@ class Tracing:
         azimuth_stride: int,
     ) -> None:
         self.grids, self.method, self.azimuth_stride = grids, method, azimuth_stride
-        rois = {grid.roi for grid in grids.values()}
-        if len(rois) != 1:
-            raise ValueError(f"the grids must share one ROI, found {len(rois)}")
-        self.roi = rois.pop()
+        self.roi = common_roi(grids)
         self.tiles: Tiles = occupied_tiles(grids)
         self.occupied: Roi = occupied_layers(self.roi, self.tiles, rays_of(method))
         self.detection_probability = detection_probability

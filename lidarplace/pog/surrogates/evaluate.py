@@ -126,7 +126,7 @@ def evaluate_classes(
     _check_names(surrogates)
     check_method(method)
     _check_probability(detection_probability)
-    roi = _common_roi(grids)
+    roi = common_roi(grids)
     if azimuth_steps is not None:
         placement = placement.with_lidar(
             [
@@ -266,7 +266,7 @@ def expected_ig_by_q(
     """
     for q in detection_probabilities:
         _check_probability(q)
-    roi = occupied_layers(_common_roi(grids), occupied_tiles(grids), "dda")
+    roi = occupied_layers(common_roi(grids), occupied_tiles(grids), "dda")
     rays = ray_counts(placement, roi, "dda", azimuth_stride)
     weight = ray_weight(placement, azimuth_stride)
     gains = {}
@@ -302,7 +302,8 @@ def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:
     return by_q[q] / (by_q[FAINT_Q] * (q / FAINT_Q))
 
 
-def _common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
+def common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
+    """The ROI of all classes. Raises ValueError if they differ."""
     rois = {grid.roi for grid in grids.values()}
     if len(rois) != 1:
         raise ValueError(f"the grids must share one ROI, found {len(rois)}")

@@ -24,7 +24,7 @@ from lidarplace.files.columns import (
 )
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
-from lidarplace.logs.box_log import RIG_FILE, BoxLog, checked_buildings, read_rigs
+from lidarplace.logs.box_log import BoxLog, checked_buildings, read_rigs
 from lidarplace.logs.boxes import (
     BOX_COLUMNS,
     CLOUD,
@@ -36,6 +36,7 @@ from lidarplace.logs.boxes import (
     SPLITS,
     count_columns,
 )
+from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
 
 SUFFIXES = (".parquet", ".csv")
@@ -80,11 +81,12 @@ def read_tabular(
         ValueError: a column is missing, a value is wrong, or nothing tells the frames.
     """
     class_map = merged(BOX_LOG, class_map)
-    buildings, record = None, None
+    buildings = None
+    rigs: dict[str, RecordedRig] = {}
     if source.is_dir():
         if is_there(path := source / "buildings.parquet"):
             buildings = checked_buildings(read_parquet(path), str(path))
-        record = source / RIG_FILE
+        rigs = read_rigs(source)
         folder, source = source, _found(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
@@ -108,9 +110,7 @@ def read_tabular(
     counter: Counter[str] = Counter() if ignored is None else ignored
     boxes["class"] = classify(boxes["class"], class_map, row, counter)
     boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
-    log = BoxLog(boxes[[*BOX_COLUMNS, *count_columns(boxes)]], table)
-    if record is not None:
-        log = replace(log, rigs=read_rigs(record, log.boxes))
+    log = BoxLog(boxes[[*BOX_COLUMNS, *count_columns(boxes)]], table, rigs=rigs)
     return log if buildings is None else replace(log, buildings=buildings)
 
 

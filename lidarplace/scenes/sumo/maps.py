@@ -8,8 +8,7 @@ from xml.etree.ElementTree import ParseError, iterparse
 
 from lidarplace.scenes.sumo.opendrive import convert_opendrive
 from lidarplace.scenes.sumo.settings import GENERATED, MAP_SUFFIXES
-from lidarplace.scenes.sumo.town import build_town
-from lidarplace.scenes.sumo.town_map import TownMap
+from lidarplace.scenes.sumo.town import TownMap, build_town
 
 PACKAGE = "py123d"
 """A package on PyPI that carries CARLA's maps (CC-BY 4.0)."""

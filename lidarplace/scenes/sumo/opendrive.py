@@ -6,8 +6,7 @@ from xml.etree.ElementTree import ElementTree
 
 from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.opendrive_file import drives_left, read_opendrive
-from lidarplace.scenes.sumo.town import sumo_home
-from lidarplace.scenes.sumo.town_map import TownMap
+from lidarplace.scenes.sumo.town import TownMap, sumo_home
 
 SPEED_M_S = 13.89
 """Speed limit of every lane, 50 km/h: netconvert does not read the limits of roads, and CARLA's

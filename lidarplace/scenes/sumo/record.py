@@ -22,8 +22,7 @@ from lidarplace.scenes.sumo.maps import build_network
 from lidarplace.scenes.sumo.mirror import mirror_log
 from lidarplace.scenes.sumo.overlap import overlaps
 from lidarplace.scenes.sumo.settings import SumoScene, TownRun
-from lidarplace.scenes.sumo.town import sumo_home
-from lidarplace.scenes.sumo.town_map import TownMap
+from lidarplace.scenes.sumo.town import TownMap, sumo_home
 from lidarplace.scenes.sumo.traffic import cars_among, write_demand
 from lidarplace.scenes.sumo.trajectories import LEVEL_M, Trajectories, simulate
 

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,21 @@ SHIFT_M = 9.0
 
 SPEED_M_S = 11.0
 """Speed limit, 40 km/h."""
+
+
+@dataclass(frozen=True)
+class TownMap:
+    """A SUMO network of a town.
+
+    Attributes:
+        path: its file.
+        lefthand: whether vehicles keep left in the network.
+        mirrored: whether it is the mirror image, y for -y, of a town in which vehicles keep left.
+    """
+
+    path: Path
+    lefthand: bool = False
+    mirrored: bool = False
 
 
 def sumo_home() -> Path:

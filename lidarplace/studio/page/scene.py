@@ -15,7 +15,7 @@ from lidarplace.studio.blind_ground import BlindGround
 from lidarplace.studio.page.rig_nodes import rgb
 from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.viewing import style
-from lidarplace.viewing.solids import edges, headings, triangles
+from lidarplace.viewing.solids import between, edges, headings, triangles
 
 if TYPE_CHECKING:
     import viser
@@ -60,9 +60,8 @@ class Scene:
         sides = [side * LANE_M for side in (-1.5, -0.5, 0.5, 1.5)]
         lanes = [[(roi.x[0], y, 0.0), (roi.x[1], y, 0.0)] for y in sides]
         self._lines(f"{below}/lanes", np.array(lanes), "#8d99a6", 1.5)
-        centre = [0.5 * (low + high) for low, high in (roi.x, roi.y, roi.z)]
-        size = [high - low for low, high in (roi.x, roi.y, roi.z)]
-        self._boxes_as_lines(f"{below}/roi", np.array([[*centre, *size, 0.0]]), style.OUTLINE, 1.0)
+        box = between(np.array([[roi.x, roi.y, roi.z]]).swapaxes(1, 2))
+        self._boxes_as_lines(f"{below}/roi", box, style.OUTLINE, 1.0)
 
     def _vehicle(self, below: str) -> None:
         file = self._file
@@ -71,9 +70,7 @@ class Scene:
             (f"{below}/keep_out", file.keep_out, (201, 42, 42), 0.35),
         ):
             if len(boxes):
-                middles, sizes = boxes.mean(axis=1), boxes[:, 1] - boxes[:, 0]
-                rows = np.concatenate([middles, sizes, np.zeros((len(boxes), 1))], axis=1)
-                self._surface(name, *triangles(rows), colour, opacity)
+                self._surface(name, *triangles(between(boxes)), colour, opacity)
         mesh = file.vehicle.mesh
         if mesh is not None:
             self._surface(f"{below}/vehicle_mesh", mesh.vertices, mesh.faces, (120, 130, 142), 1.0)

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
-from lidarplace import Mount, Roi
+from lidarplace import Mount, OccupancyGrid, Roi
 from lidarplace.base.metrics import METRICS
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.coverage import coverage
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
@@ -26,12 +29,12 @@ from lidarplace.requirements.tables import by_rig, case_table
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
+from sweeps.results.pictures import uncovered
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
 from sweeps.search.output.importances import importances
 from sweeps.search.output.tables import greedy_table, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
-from sweeps.search.output.uncovered import maps
 from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
@@ -93,7 +96,7 @@ def write_search(
         write_text(folder / "sweep.yaml", _sweep(problem, found))
         if found.grids:
             rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
-            maps(rigs, problem, found.grids).write(folder)
+            _maps(rigs, problem, found.grids).write(folder)
     about.write(folder)
 
 
@@ -111,6 +114,23 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
     names = [own.requirement.name for own in carrier.requirements]
     grounds = {name: [Ground.of(one) for one in own] for name, own in outcomes.items()}
     Grounds.of(outline(carrier.vehicle), names, grounds).write(folder)
+
+
+def _maps(
+    rigs: Mapping[str, Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
+) -> UnseenMaps:
+    """The maps of the POG by class, and of what each rig leaves unseen of it."""
+    unseen: dict[str, dict[str, NDArray[np.float32]]] = {name: {} for name in grids}
+    for rig_name, rig in rigs.items():
+        placement = placement_of(rig, problem.models, rig_name)
+        for name, grid in grids.items():
+            covered = coverage(placement, grid.roi, problem.file.surrogate.method)
+            unseen[name][rig_name], _ = uncovered([grid], covered)
+    pog = {
+        name: uncovered([grid], np.broadcast_to(np.False_, grid.counts.shape))[0]
+        for name, grid in grids.items()
+    }
+    return UnseenMaps(pog, unseen)
 
 
 def _placement(problem: Problem, found: Found) -> str:

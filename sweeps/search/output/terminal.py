@@ -1,6 +1,8 @@
 """What a search prints: what it is about to do, and what it found."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
 
 from rich.console import Console
 
@@ -19,7 +21,7 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import finished_trials
-from tracking.findings.ray_counting import ray_counting_caution
+from tracking.findings.evidence import ray_counting_caution
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
 from tracking.search_report.headline import holds_zero
@@ -122,6 +124,27 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(f"no bound: {none}")
     for warning in warnings_of(problem):
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+
+
+def planned(problem: Problem) -> dict[str, Any]:
+    """What a search would do: what is varied, wanted and kept, and how it looks for it."""
+    settings, space = problem.file.search, problem.space
+    return {
+        "name": problem.file.name,
+        "lidars": list(space.numbers),
+        "zones": list(settings.zones),
+        "parameters": list(space.distributions(space.makeups[-1]) | space.further),
+        "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
+        "judged_on": [dict(changes) for changes in problem.tests.search] if problem.judged else [],
+        "over": settings.over,
+        "constraints": [asdict(constraint) for constraint in problem.question.constraints],
+        "no_bound": why_none(problem),
+        "trials": settings.trials,
+        "sampler": settings.sampler,
+        "batch_size": settings.batch_size,
+        "seed": settings.seed,
+        "warnings": warnings_of(problem),
+    }
 
 
 def describe(constraint: Constraint) -> str:

@@ -8,6 +8,7 @@ all frames that is expected from the first, by a regression over those that have
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +16,6 @@ import pandas as pd
 
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.plan.judging import judge_task
 from sweeps.plan.trial import DetectorTrial
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.one_dead import cases_of, value_of
@@ -24,7 +24,8 @@ from sweeps.search.trials.by_detectors import weighted_value
 from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
 from sweeps.search.trials.study import finished_trials
 from sweeps.store.open import AnyStore
-from sweeps.tasks.results import GroundTruth, Judged
+from sweeps.tasks.parameters import CollectParams, JudgeParams
+from sweeps.tasks.results import Evaluated, GroundTruth, Judged
 from sweeps.tasks.task import Task, with_inputs
 
 PORTIONS = 4
@@ -213,6 +214,25 @@ def _mean(
 ) -> float:
     """An objective over the generalists."""
     return math.fsum(weighted_value(objective, classes, own) for own in tables) / len(tables)
+
+
+def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged]:
+    """The detections that an evaluation starts from, in some frames and without kept clouds.
+
+    Args:
+        evaluate: the evaluation of a rig whose clouds are simulated.
+        first, every: of the frames of each part of the scene.
+    """
+    training, *inputs = evaluate.inputs
+    collected = [task for task in inputs if isinstance(task.params, CollectParams)]
+    collection = replace(collected[0].params, first=first, every=every)
+    return Task(
+        "judge",
+        f"{evaluate.label} · frames {first + 1} of {every}",
+        JudgeParams(**vars(evaluate.params) | {"ious": (), "metrics": ()}, collection=collection),
+        (training, *(scene for task in collected for scene in task.inputs)),
+        gpu=True,
+    )
 
 
 def _judging(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:

@@ -1,7 +1,5 @@
 """Rays one after the other, in plain Python: what counts are compared with."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -12,7 +12,7 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurve
-from lidarplace.requirements.area import MOST_POSITIONS, Area, grid_over, in_the_way
+from lidarplace.requirements.area import Area, grid_over, in_the_way
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.placed_object import STANDARD, PlacedObject
@@ -215,25 +215,6 @@ def test_areas_of_sectors_and_lanes():
     assert behind.points.tolist() == points[np.abs(azimuth) >= 157.5].tolist()
     lanes = grid_over(Area(x=(-1.0, 1.0), y=((-5.25, -1.75), (1.75, 5.25))), CAR, 0.5)
     assert set(np.abs(lanes.points[:, 1])) == {1.75, 2.25, 2.75, 3.25, 3.75, 4.25, 4.75, 5.25}
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"area": Area(x=(0.0, 4.0))}, r"where: has no end; name a distance, or both x and y"),
-        ({"area": Area(x=(3.0, 4.0), distance=(0.0, 0.1))}, "where: is empty"),
-        ({"area": Area(x=(-1.0, 1.0), y=((-0.2, 0.2),))}, "where: lies inside the vehicle"),
-        ({"area": Area(distance=(0.0, 5.0)), "step": 1e-4}, f"allowed are {MOST_POSITIONS:,}$"),
-    ],
-)
-def test_areas_without_a_place(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        lay_out(
-            Requirement(
-                **{"name": "x", "measure": "points", "least": 1, "placed": PERSON, **wrong}
-            ),
-            CAR,
-        )
 
 
 def test_volumes_without_a_place():

@@ -11,6 +11,7 @@ from lidarplace import (
     evaluate_classes,
 )
 from lidarplace.pog.selection import Exposure, Limits, greedy, upper_bound
+from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
@@ -29,14 +30,10 @@ SETS = ([], [0], [2], [0, 1], [0, 1, 2, 3], [3, 4], [4])
 
 @pytest.fixture(scope="module")
 def grids():
-    rng = np.random.default_rng(3)
-    grids = {}
-    for name, most in (("Car", 60), ("Pedestrian", 9)):
-        counts = rng.integers(0, most, ROI.shape).astype(np.int32)
-        counts[counts > most // 2] = 0
-        counts[:, :, 7:] = 0
-        counts[5, 5, 3] = 100  # p = 1
-        grids[name] = OccupancyGrid(ROI, name, counts, 100)
+    grids = random_grids(ROI)
+    for grid in grids.values():
+        grid.counts[:, :, 7:] = 0
+        grid.counts[5, 5, 3] = 100  # p = 1
     return grids
 
 

@@ -110,15 +110,3 @@ def test_laziness_saves_evaluations():
     found = greedy(exposure, Limits.at_most(10, 50))
     assert found.chosen == tuple(range(49, 39, -1))
     assert found.evaluations == 50 + 9  # one more for each but the first
-
-
-def test_limits_are_checked():
-    exposure = exposure_of(np.ones((3, 2)), "cover")
-    with pytest.raises(ValueError, match="limits are for 2 candidates, exposure has 3"):
-        greedy(exposure, Limits.at_most(1, 2))
-    with pytest.raises(ValueError, match="finite and not negative"):
-        Limits(np.array([[-1.0]]), np.array([1.0]))
-    with pytest.raises(ValueError, match="symmetric"):
-        Limits(np.ones((1, 2)), np.ones(1), np.array([[True, True], [False, True]]))
-    with pytest.raises(ValueError, match="must have shape"):
-        Limits(np.ones((1, 2)), np.ones(2))

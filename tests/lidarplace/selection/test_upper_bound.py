@@ -97,8 +97,3 @@ def test_where_nothing_can_be_chosen_or_gained():
         (exposure_of(np.ones((4, 3)), "cover"), Limits(np.full((1, 4), 9.0), np.array([8.0]))),
     ):
         assert upper_bound(exposure, limits).value == pytest.approx(0.0, abs=1e-7)
-
-
-def test_limits_of_other_candidates():
-    with pytest.raises(ValueError, match="limits are for 2 candidates"):
-        upper_bound(exposure_of(np.ones((3, 2)), "cover"), Limits.at_most(1, 2))

@@ -1,7 +1,5 @@
 """What a browser says to viser's server and hears from it, without a browser: many at a time."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A file of rigs and a log for the tests of the studio."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from lidarplace import Roi
-from lidarplace.studio.limits import Limits
+from lidarplace.studio.best_pose import Limits
 from lidarplace.studio.rig import posed
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace import Mount, OccupancyGrid, Roi, evaluate
 from lidarplace.studio.frame_view import RESTING_POINTS, FrameView
@@ -372,22 +371,6 @@ def test_a_port_in_use_is_one_line(tmp_path):
 def test_a_second_studio_has_a_port_of_its_own():
     with serving(None, "one") as (_, one), serving(None, "another") as (_, another):
         assert {one.rpartition("/")[i] for i in (0, 2)}.isdisjoint(another.rpartition("/"))
-
-
-def test_mistakes_of_the_command_are_one_line(tmp_path):
-    from lidarplace.studio.command import app
-
-    for name, text, told in (
-        ("none.yaml", "", "none.yaml: No such file"),
-        ("rigs.yaml", "zones: 3", "rigs.yaml: zones"),
-        ("rigs.yaml", "", "parquet: no such file"),
-    ):
-        written(tmp_path, text)
-        arguments = [str(tmp_path / name), "--log", str(tmp_path / "no")]
-        done = CliRunner().invoke(app, arguments, catch_exceptions=False)
-        assert done.exit_code == 2
-        assert told in done.stderr
-        assert done.stderr.count("\n") == 1
 
 
 def test_what_fails_to_be_drawn_is_told_and_the_next_is_drawn():

@@ -14,7 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import add_menu, figure, lidar_colour, text
-from tracking.figures.kit.vehicle_in_space import vehicle_in_space
+from tracking.figures.kit.vehicle_lines import vehicle_in_space
 from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))

@@ -163,6 +163,16 @@ def add_menu(
     plot.update_layout(updatemenus=[whole])
 
 
+def name_rows(plot: go.Figure, names: Sequence[object], **axis: Any) -> None:
+    """Name the rows 0, 1, … of a figure from the top; `axis`: further keys of plotly's axis."""
+    plot.update_yaxes(
+        tickvals=list(range(len(names))),
+        ticktext=[text(name) for name in names],
+        range=[len(names) - 0.5, -0.5],
+        **axis,
+    )
+
+
 def error_bars(up: ArrayLike, down: ArrayLike | None = None, **style: Any) -> dict[str, Any]:
     """Error bars, as far down as up unless `down` says else; NaN for none."""
     drawn: dict[str, Any] = {"type": "data", "array": np.asarray(up, np.float64), **style}
@@ -198,3 +208,20 @@ def theme(dark: bool) -> dict[str, Any]:
             "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
         }
     }
+
+
+def add_odds(plot: go.Figure, odds: Sequence[str]) -> None:
+    """Write them on the right, a row each from 0 at the top on, with a head above."""
+    for row, words in [*enumerate(map(text, odds)), (-0.9, "likely to<br>be the best")]:
+        plot.add_annotation(
+            x=1.01,
+            xref="paper",
+            xanchor="left",
+            y=row,
+            text=words,
+            align="left",
+            showarrow=False,
+            font={"size": 11},
+        )
+    plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
+    plot.update_layout(margin={"r": 84})

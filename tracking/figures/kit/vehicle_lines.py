@@ -1,5 +1,5 @@
-"""The vehicle from above and from its right side, its nose to the right: that of the configuration,
-or a nominal car where it says none."""
+"""The vehicle from above, from its right side (nose to the right) and in 3D: that of the
+configuration, or a nominal car where it says none."""
 
 from typing import Any
 
@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.viewing.axes import xyz
+from lidarplace.viewing.solids import edges
+from lidarplace.viewing.vehicle import vehicle_boxes, vehicle_surface
+from tracking.figures.kit.style import OUTLINE
 
 VEHICLE_OUTLINE: dict[str, Any] = {
     "mode": "lines",
@@ -62,3 +66,31 @@ def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
 def name_of(vehicle: Vehicle | None) -> str:
     """What the lines are of, behind "of"."""
     return "a nominal car" if vehicle is None else "the vehicle"
+
+
+def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
+    """Traces of a vehicle, none for one without a body; the box around a sedan for None."""
+    vertices, faces = vehicle_surface(vehicle)
+    if not len(faces):
+        return []
+    i, j, k = faces.T.copy()
+    surface = go.Mesh3d(
+        **xyz(vertices),
+        i=i,
+        j=j,
+        k=k,
+        color=OUTLINE,
+        opacity=0.45,
+        flatshading=True,
+        name="vehicle",
+        showlegend=True,
+        hoverinfo="skip",
+    )
+    lines = go.Scatter3d(
+        **xyz(edges(vehicle_boxes(vehicle))),
+        mode="lines",
+        line={"color": OUTLINE, "width": 2},
+        hoverinfo="skip",
+        showlegend=False,
+    )
+    return [surface, lines]

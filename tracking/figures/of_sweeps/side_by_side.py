@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.odds import add_odds
 from tracking.figures.kit.style import (
     OUTLINE,
+    add_odds,
     colour,
     error_bars,
     figure,
     legend_below,
+    name_rows,
     symbol,
     text,
 )
@@ -54,11 +55,7 @@ def side_by_side(
             showlegend=True,
         )
     plot.update_xaxes(title=text(axis))
-    plot.update_yaxes(
-        tickvals=list(range(len(shown))),
-        ticktext=[text(row) for row in shown],
-        range=[len(shown) - 0.5, -0.5],
-    )
+    name_rows(plot, shown)
     if odds:
         add_odds(plot, odds[:MOST_ROWS])
     legend_below(plot)

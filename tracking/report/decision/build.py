@@ -1,7 +1,7 @@
 """Build the decision page of a run folder: `decision.html`."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -9,37 +9,32 @@ import pandas as pd
 from lidarplace.base.metrics import headline_metric
 from lidarplace.command_line.invocation import command
 from tracking.figures.of_sweeps.side_by_side import side_by_side
-from tracking.findings.best_placement import BestPlacement
-from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label
 from tracking.numbers import percent
 from tracking.pages.csv_files import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import Recommendation, answer, recommendations
+from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import rigs_section
 from tracking.report.decision.where_blind import where_blind_section
 from tracking.report.headline import class_label
+from tracking.report.recommendation import Recommendation, answer, recommendations
 from tracking.report.sections.requirements import rigs_requirements_section
 from tracking.run_folders.sweep import RunFolder
 
 FILE = "decision.html"
+_SHOWN = re.compile("best|placements|recall-by-direction|ap-by-distance|failures|requirements")
+"""CSV files that hold what the page tells."""
 
 
 def write_decision(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    means: pd.DataFrame,
-    extent: str,
-    warnings: Sequence[str],
-    failures: Section | None,
+    found: Analysis, extent: str, warnings: Sequence[str], failures: Section | None
 ) -> Path | None:
     """Write the page into the folder of the run, or remove that of an earlier run.
 
     Args:
-        rankings: every group with its `headline_ranking`; the first one with results is drawn.
-        means: `seed_means` of the run.
+        found: the first group with results is drawn.
         extent: how much was compared, in one line.
         warnings: what makes the numbers weak.
         failures: the section of what the best rig and the next one find alone, if there is one.
@@ -47,45 +42,31 @@ def write_decision(
     Returns:
         None without results: there is nothing to decide by.
     """
-    target = run.path / FILE
-    found = recommendations(rankings)
-    if not found:
+    run = found.run
+    target, groups = run.path / FILE, recommendations(found.rankings)
+    if not groups:
         target.unlink(missing_ok=True)
         return None
-    first, said = found[0], answer(run, found)
-    sections = [recall_and_ap_section(run, first, means, said.enough), rigs_section(run, first)]
+    first, said = groups[0], answer(run, groups)
+    recall = recall_and_ap_section(run, first, found.means, said.enough)
     blind = where_blind_section(run, first)
+    short = failures and Section(failures.title, failures.notes[:2], links=failures.links)
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
     required = rigs_requirements_section(run, first.shown, first.group.setting)
-    further = (required, blind, _in_short(failures))
+    parts = (recall, rigs_section(run, first), required, blind, short)
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
-        [*sections, *(own for own in further if own is not None)],
+        [part for part in parts if part is not None],
         name=run.sweep.name,
         extent=extent,
         answer=said,
         required=first.required(run),
         warnings=warnings,
-        tables=_tables(run.path / FOLDER),
+        tables=sorted(f.name for f in (run.path / FOLDER).glob("*.csv") if _SHOWN.match(f.name)),
         dashboard=command("dashboard", str(run.path)),
         studio=command("studio", str(rigs)) if rigs.exists() else None,
     )
-
-
-def _in_short(failures: Section | None) -> Section | None:
-    """What the section comes to, and the link to its frames."""
-    if failures is None:
-        return None
-    return Section(failures.title, notes=failures.notes[:2], links=failures.links)
-
-
-def _tables(folder: Path) -> list[str]:
-    """Names of the CSV files that hold what the page tells."""
-    known = re.compile(
-        r"(best|placements|recall-by-direction|ap-by-distance|failures|requirements)"
-    )
-    return sorted(file.name for file in folder.glob("*.csv") if known.match(file.name))
 
 
 def recall_and_ap_section(

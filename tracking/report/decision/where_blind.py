@@ -9,12 +9,19 @@ import plotly.graph_objects as go
 from plotly.colors import get_colorscale, hex_to_rgb
 
 from tracking.figures.kit.style import SEQUENTIAL, figure, text
-from tracking.figures.of_sweeps.by_bin import Bins
 from tracking.labels import metric_label
 from tracking.numbers import digits
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import Recommendation
-from tracking.report.sections.binned import RING, SECTOR, in_rings, in_sectors, means_by_bin, wide
+from tracking.report.recommendation import Recommendation
+from tracking.report.sections.binned import (
+    RING,
+    SECTOR,
+    Bins,
+    in_rings,
+    in_sectors,
+    means_by_bin,
+    wide,
+)
 from tracking.run_folders.sweep import RunFolder
 
 _METRICS = ("class_recall_3D", "recall", "AP_R40_3D")
@@ -51,7 +58,15 @@ class _Binned:
 
 def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None:
     """A table of colours for each class, by direction and by distance; None without either."""
-    tables = [*_by_direction(run, found), *_by_distance(run, found)]
+    tables = [
+        _binned(found, *in_bins(rows))
+        for table, keys, in_bins in (
+            (run.sector, SECTOR, in_sectors),
+            (run.distance, RING, in_rings),
+        )
+        if table is not None
+        for rows in _means(run, found, table, keys)
+    ]
     if not tables:
         return None
     section = Section("Where they see, and where they are blind", columns=2)
@@ -75,20 +90,8 @@ def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None
 
 def _limits(tables: list[_Binned]) -> tuple[float, float]:
     """Lowest and highest percentage in any cell: none is beyond the colours."""
-    values = [table.values.to_numpy(np.float64).ravel() for table in tables]
-    return float(np.nanmin(np.concatenate(values))), float(np.nanmax(np.concatenate(values)))
-
-
-def _by_direction(run: RunFolder, found: Recommendation) -> Iterator[_Binned]:
-    if run.sector is not None:
-        for rows in _means(run, found, run.sector, SECTOR):
-            yield _binned(found, *in_sectors(rows))
-
-
-def _by_distance(run: RunFolder, found: Recommendation) -> Iterator[_Binned]:
-    if run.distance is not None:
-        for rows in _means(run, found, run.distance, RING):
-            yield _binned(found, *in_rings(rows))
+    values = np.concatenate([table.values.to_numpy(np.float64).ravel() for table in tables])
+    return float(np.nanmin(values)), float(np.nanmax(values))
 
 
 def _means(

@@ -12,7 +12,7 @@ from tracking.labels import in_order, surrogate_name
 from tracking.numbers import digits, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import SURROGATE, Column, Table, numbers, slug
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 _PANELS = (
     ("median_method_error", "worst_method_error", "error at the<br>same resolution"),
@@ -29,8 +29,9 @@ FIRST = "s_mig"
 """Surrogate that is shown before another is chosen."""
 
 
-def accuracy_section(run: RunFolder) -> Section:
+def accuracy_section(found: Analysis) -> Section:
     """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
+    run = found.run
     section = Section("Surrogates: error against run time", columns=1, folded=True)
     if run.accuracy is None or run.accuracy.empty:
         section.notes.append("The run folder has no accuracy.parquet.")

@@ -5,17 +5,18 @@ import plotly.graph_objects as go
 
 from tracking.figures.kit.style import figure, text
 from tracking.figures.of_sweeps.heat_map import add_coefficients
-from tracking.findings.groups import Group, has_detectors
+from tracking.findings.groups import has_detectors
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.labels import in_order, surrogate_name
 from tracking.numbers import signed
 from tracking.pages.section import Section
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 
-def agreement_section(run: RunFolder, found: list[Group]) -> Section | None:
+def agreement_section(found: Analysis) -> Section | None:
     """Rank agreement of the surrogates; None for a sweep that trained a detector."""
+    run = found.run
     if has_detectors(run):
         return None
     section = Section(
@@ -23,7 +24,7 @@ def agreement_section(run: RunFolder, found: list[Group]) -> Section | None:
     )
     sums = with_sums(run.surrogates, run.axes)
     names = (*run.classes, "all") if len(run.classes) > 1 else run.classes
-    for group in found:
+    for group in found.groups:
         for name in names:
             title = "Sum of the classes" if name == "all" else text(name)
             title += f" · {text(group.title)}" if group.varies else ""

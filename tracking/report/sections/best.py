@@ -7,9 +7,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.odds import add_odds
 from tracking.figures.kit.placement_points import placement_markers
-from tracking.figures.kit.style import OUTLINE, error_bars, figure, text
+from tracking.figures.kit.style import OUTLINE, add_odds, error_bars, figure, name_rows, text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged
@@ -17,24 +16,16 @@ from tracking.labels import metric_label
 from tracking.numbers import percent, plus_minus, span
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Column, Table, numbers, slug, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
-from tracking.run_folders.sweep import RunFolder
 
 MOST_DRAWN = 20
 _ROW = 26  # pixels
 
 
-def best_section(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    means: pd.DataFrame,
-) -> Section | None:
-    """A figure and a table of every group and class; None without results.
-
-    Args:
-        rankings: every group with its `headline_ranking`.
-        means: `seed_means` of the run.
-    """
+def best_section(found: Analysis) -> Section | None:
+    """A figure and a table of every group and class; None without results."""
+    run, rankings = found.run, found.rankings
     if not any(ranked for _, ranked in rankings):
         return None
     samples = [best.sample for _, ranked in rankings for best in ranked.values()]
@@ -43,7 +34,7 @@ def best_section(
     for group, ranked in rankings:
         for name, best in ranked.items():
             metric, iou = headline_metric(name), headline_iou(run.results, name)
-            own = judged(group.of(means), run.results, name)
+            own = judged(group.of(found.means), run.results, name)
             table = own.set_index("placement").loc[best.sure.index]
             label = class_label(name) + (f" · {group.title}" if group.varies else "")
             section.figures.append(
@@ -171,6 +162,6 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
         showlegend=False,
     )
     plot.update_xaxes(title=axis)
-    plot.update_yaxes(tickvals=rows, ticktext=[text(name) for name in names], showgrid=False)
+    name_rows(plot, names, showgrid=False)
     add_odds(plot, list(table["sure"]))
     return plot

@@ -1,13 +1,14 @@
 """A metric of every placement by what objects are told apart by: distance, direction."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.by_bin import Bins, by_bin
+from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import judged
@@ -15,6 +16,7 @@ from tracking.labels import metric_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
 _METRIC = headline_metric("all")
@@ -22,6 +24,24 @@ SECTOR = ["sector", "from_deg", "to_deg"]
 """Columns that tell sectors apart."""
 RING = ["from_m", "to_m"]
 """Columns that tell rings apart."""
+
+
+_SPREAD = 0.35  # of a bin's width, over which the markers of placements are set apart
+
+
+@dataclass(frozen=True)
+class Bins:
+    """What objects are told apart by.
+
+    Attributes:
+        of: what it is, with its unit.
+        names: of the bins, in order.
+        unit: what stands behind a name.
+    """
+
+    of: str
+    names: tuple[str, ...]
+    unit: str = ""
 
 
 def means_by_bin(
@@ -75,8 +95,9 @@ def binned_table(own: pd.DataFrame, bins: Bins, caption: str, name: str) -> Tabl
     )
 
 
-def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
+def by_sector_section(found: Analysis) -> Section | None:
     """Recall by sector around the vehicle; None where it was not measured."""
+    run = found.run
     if run.sector is None or run.sector.empty:
         return None
     section = Section("Objects by their direction", columns=2)
@@ -85,7 +106,7 @@ def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
         "centre. Recall: means over seeds with 95 % intervals, which do not contain the chance of "
         "which objects are in a sector."
     )
-    for label, rows in means_by_bin(run, found, run.sector, SECTOR, _METRIC):
+    for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         own, sectors = in_sectors(rows)
         metric = f"{metric_label(_METRIC, own['iou'].iloc[0])} (%)"
         drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
@@ -104,8 +125,9 @@ def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
     return named, Bins("direction of the object", tuple(from_the_left))
 
 
-def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
+def by_distance_section(found: Analysis) -> Section | None:
     """Points per object, then AP, by distance; None for a sweep without detectors."""
+    run = found.run
     if not has_detectors(run):
         return None
     section = Section("Objects by their distance", columns=2)
@@ -127,7 +149,7 @@ def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
             heading = f"Points per object · {text(label)}"
             section.figures.append(by_bin(drawn, rings, heading, "points per object", names, True))
             section.tables.append(_points_table(own, rings, label))
-    for label, rows in means_by_bin(run, found, run.distance, RING, HEADLINE_METRIC):
+    for label, rows in means_by_bin(run, found.groups, run.distance, RING, HEADLINE_METRIC):
         own, rings = in_rings(rows)
         metric = f"{metric_label(HEADLINE_METRIC, own['iou'].iloc[0])} (%)"
         drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
@@ -169,3 +191,59 @@ def _points_table(own: pd.DataFrame, rings: Bins, label: str) -> Table:
         name=slug("points per object", label),
         data=data.rename(columns={"mean": "points_mean", "median": "points_median"}),
     )
+
+
+def by_bin(
+    table: pd.DataFrame,
+    bins: Bins,
+    title: str,
+    axis: str,
+    placements: Sequence[str],
+    log: bool = False,
+) -> go.Figure:
+    """A line a placement, its colour that of the whole page; bars are intervals.
+
+    Args:
+        table: placement, bin, value, number of `objects`, and `low` and `high`, missing where there
+            is no interval.
+        title: plotly text.
+        axis: what `value` is, with its unit.
+        placements: all of the sweep, in order, so that a placement keeps its colour.
+        log: a logarithmic axis; zeros are not drawn.
+    """
+    plot = figure(title, height=400)
+    number = {name: i for i, name in enumerate(bins.names)}
+    shown = [name for name in placements if name in set(table["placement"])]
+    for place, name in enumerate(shown):
+        own = table[table["placement"] == name].sort_values("bin", key=lambda of: of.map(number))
+        offset = _SPREAD * ((place + 0.5) / len(shown) - 0.5)
+        rank = placements.index(name)
+        value = own["value"].to_numpy(np.float64)
+        plot.add_scatter(
+            x=own["bin"].map(number) + offset,
+            y=value,
+            error_y=error_bars(own["high"] - value, value - own["low"], thickness=1, width=2)
+            if own["low"].notna().any()
+            else None,
+            mode="lines+markers",
+            line={"color": colour(rank), "width": 1.5},
+            marker={"size": 6, "symbol": symbol(rank)},
+            name=text(name),
+            customdata=own["bin"] + bins.unit,
+            text=[f"{count:,}" for count in own["objects"]],
+            hovertemplate=f"{text(name)}<br>%{{customdata}}, %{{text}} objects<br>"
+            "%{y:.4g}<extra></extra>",
+        )
+    plot.update_xaxes(
+        title=bins.of,
+        tickvals=list(range(len(bins.names))),
+        ticktext=bins.names,
+        range=[-0.5, len(bins.names) - 0.5],
+    )
+    plot.update_yaxes(title=axis)
+    if log:
+        # Whole numbers: plotly's own are single digits between powers of ten.
+        ticks = [digit * 10.0**power for power in range(-2, 7) for digit in (1, 2, 5)]
+        plot.update_yaxes(type="log", tickvals=ticks, ticktext=[f"{tick:,g}" for tick in ticks])
+    plot.update_layout(legend={"orientation": "h", "y": -0.2})
+    return plot

@@ -16,7 +16,7 @@ from tracking.labels import detector_label
 from tracking.numbers import digits, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 CEILING_IN_A_LINE = (
     "The ceiling is the ρ that a surrogate without any error is expected to reach, as AP and "
@@ -48,12 +48,9 @@ def _ceiling(row: Mapping[Any, Any]) -> str:
 CEILING = Column("ceiling", _ceiling)
 
 
-def ceiling_section(run: RunFolder, ceilings: pd.DataFrame) -> Section | None:
-    """A table with a row for every headline metric; None for a sweep without detectors.
-
-    Args:
-        ceilings: `tracking.findings.ceiling.ceilings` of the run.
-    """
+def ceiling_section(found: Analysis) -> Section | None:
+    """A table with a row for every headline metric; None for a sweep without detectors."""
+    run, ceilings = found.run, found.ceilings
     if not has_detectors(run) or ceilings.empty:
         return None
     of_headline = {

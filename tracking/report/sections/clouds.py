@@ -13,7 +13,7 @@ from tracking.figures.kit.from_above import add_vehicle
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep_arrays import Frame
 
 MOST_CLOUDS = 12
@@ -23,12 +23,13 @@ POINTS = 8000
 _DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 
-def clouds_section(run: RunFolder, ranked: list[str]) -> Section | None:
+def clouds_section(found: Analysis) -> Section | None:
     """Two views of one frame with menus; None for a sweep without detectors: it has no clouds."""
+    run = found.run
     if not has_detectors(run):
         return None
     section = Section("One frame, as each placement sees it", columns=2)
-    shown = [name for name in ranked if run.frame is not None and name in run.frame.points]
+    shown = [name for name in found.order if run.frame is not None and name in run.frame.points]
     shown = shown[:MOST_CLOUDS]
     if run.frame is None or not shown:
         section.notes.append("The run folder has no frame.npz.")
@@ -55,7 +56,6 @@ def point_clouds(
     vehicle: Vehicle | None,
     placements: Sequence[str],
     first: str,
-    seed: int = 0,
     colours: Mapping[str, str] = MappingProxyType({}),
 ) -> go.Figure:
     """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
@@ -64,14 +64,13 @@ def point_clouds(
         vehicle: None for a nominal car.
         placements: those in the menu, keys of `frame.points`.
         first: the one shown at the start.
-        seed: of the choice of points.
         colours: of outlines, by class; grey by default.
     """
     shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
     plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
     owner: list[str] = []
     for name in placements:
-        points, lidar = _thinned(frame, roi, name, seed)
+        points, lidar = _thinned(frame, roi, name)
         for mount in np.unique(frame.lidar[name]):
             own = points[lidar == mount]
             plot.add_scattergl(
@@ -113,9 +112,7 @@ def point_clouds(
     return plot
 
 
-def _thinned(
-    frame: Frame, roi: Roi, name: str, seed: int
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """At most `POINTS` points over the ROI, x and y, and the mounts that they come from."""
     points = frame.points[name]
     inside = np.flatnonzero(
@@ -125,7 +122,7 @@ def _thinned(
         & (points[:, 1] <= roi.y[1])
     )
     if len(inside) > POINTS:
-        inside = np.random.default_rng(seed).choice(inside, POINTS, replace=False)
+        inside = np.random.default_rng(0).choice(inside, POINTS, replace=False)
     return np.ascontiguousarray(points[inside, :2], dtype=np.float32), frame.lidar[name][inside]
 
 

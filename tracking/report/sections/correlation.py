@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,39 +12,26 @@ import plotly.graph_objects as go
 from tracking.figures.kit.label_places import label_places
 from tracking.figures.kit.placement_points import add_placements
 from tracking.figures.kit.style import add_menu, broken, figure, text
-from tracking.findings.groups import Group, has_detectors
+from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import interval, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
+from tracking.pages.tables import METRIC, SURROGATE, Table, coefficient, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
 from tracking.report.sections.fitted_q import fitted_q_table
-from tracking.run_folders.sweep import RunFolder
 
 MOST_COEFFICIENTS = 300
 """Rows of the table of all coefficients that the page shows."""
 
 
-def correlation_section(
-    run: RunFolder,
-    found: list[Group],
-    means: pd.DataFrame,
-    correlations: pd.DataFrame,
-    errors: pd.DataFrame,
-    surrogates: pd.DataFrame,
-) -> Section | None:
-    """A point a placement, for every group and class; None for a sweep without detectors.
-
-    Args:
-        means: `tracking.findings.summary.seed_means` of the run.
-        correlations: `tracking.findings.ceiling.beside` of the run.
-        errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
-        surrogates: `tracking.findings.generalist.with_judgements` of the run.
-    """
+def correlation_section(found: Analysis) -> Section | None:
+    """A point a placement, for every group and class; None for a sweep without detectors."""
+    run, correlations, means = found.run, found.correlations, found.means
     if not has_detectors(run):
         return None
     tested = int(correlations["pairs_tested"].iloc[0]) if len(correlations) else 0
@@ -71,11 +57,11 @@ def correlation_section(
             "varies less among them than among all: its coefficient here is not that over all."
         )
     keys = [*group_columns(run.axes), "surrogate"]
-    left_out = errors[[*keys, "spearman_min", "spearman_max"]]
+    left_out = found.errors[[*keys, "spearman_min", "spearman_max"]]
     tested_and_left_out = correlations.merge(left_out, on=keys, how="left")
-    summed = with_sums(surrogates, run.axes)
+    summed = with_sums(found.surrogates, run.axes)
     order = list(run.placements)
-    for group in found:
+    for group in found.groups:
         for name in (*run.classes, "all"):
             own, tests = (
                 judged(group.of(part), run.results, name) for part in (means, tested_and_left_out)
@@ -87,7 +73,7 @@ def correlation_section(
             predictors = surrogates_of(summed, group.place, name)
             section.figures.append(scatter(own, predictors, tests, title, order))
     if run.expected_ig_by_q is not None:
-        fitted = fitted_q_table(run, run.expected_ig_by_q, found, means)
+        fitted = fitted_q_table(run, run.expected_ig_by_q, found.groups, means)
         section.tables += [fitted] if fitted else []
     if len(correlations):
         section.tables.append(correlation_table(correlations, run.axes).first(MOST_COEFFICIENTS))
@@ -104,13 +90,13 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         SURROGATE,
         numbers("n", "n", ""),
         numbers("seeds", "seeds", ""),
-        Column("Pearson r", partial(_with_interval, "pearson")),
+        coefficient("Pearson r", "pearson"),
         numbers("p", "pearson_p", ".2g"),
-        Column("Spearman ρ", partial(_with_interval, "spearman")),
+        coefficient("Spearman ρ", "spearman"),
         *([CEILING] if "ceiling" in correlations.columns else []),
         numbers("p", "spearman_p", ".2g"),
         numbers("p, Holm", "spearman_holm", ".2g"),
-        Column("Kendall τ", partial(_with_interval, "kendall")),
+        coefficient("Kendall τ", "kendall"),
         numbers("p", "kendall_p", ".2g"),
         words("note"),
     ]
@@ -121,11 +107,6 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         wide=True,
         name="coefficients",
     )
-
-
-def _with_interval(kind: str, row: Mapping[Any, Any]) -> str:
-    value, low, high = (row[f"{kind}{suffix}"] for suffix in ("", "_low", "_high"))
-    return "–" if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
 
 
 def scatter(

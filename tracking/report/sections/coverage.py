@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from tracking.figures.kit.style import SEQUENTIAL, figure, text
 from tracking.figures.kit.vehicle_lines import name_of, vehicle_from_above, vehicle_from_the_side
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
-from tracking.run_folders.sweep_arrays import Maps
 
 MOST_MAPS = 12
 """Placements drawn in maps: a page must stay small."""
@@ -29,12 +28,16 @@ _CELLS = {"coverage": 160, "residual": 80}
 """Cells along the longer side of a map; a page holds two for every placement."""
 _MARK = "#D55E00"
 _TOP, _BOTTOM = 44, 170  # pixels around the maps
+TwoMaps = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Covered share, in [0, 1], and entropy that no beam covers, nats: of columns of voxels from above,
+shape (nx, ny), or of rows from the side, shape (nx, nz)."""
 
 
-def rigs_section(run: RunFolder, ranked: list[str]) -> Section:
+def rigs_section(found: Analysis) -> Section:
     """An interactive picture of the rigs, and where the objects are that they should see."""
+    run = found.run
     section = Section("Rigs and traffic", columns=2)
-    shown = [name for name in ranked if name in run.placements][:MOST_MAPS]
+    shown = [name for name in found.order if name in run.placements][:MOST_MAPS]
     section.notes.append(
         f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
         "placement. "
@@ -54,8 +57,9 @@ def rigs_section(run: RunFolder, ranked: list[str]) -> Section:
     return section
 
 
-def coverage_section(run: RunFolder, ranked: list[str]) -> Section:
+def coverage_section(found: Analysis) -> Section:
     """Four maps of every placement, the best first."""
+    run = found.run
     section = Section("Coverage and residual entropy", columns=2)
     if run.maps is None or not run.maps.residual:
         section.notes.append("The run folder has no maps of residual entropy.")
@@ -68,13 +72,14 @@ def coverage_section(run: RunFolder, ranked: list[str]) -> Section:
         "still be hidden behind an object."
     )
     section.notes += _setting(run)
-    shown = [name for name in ranked if name in run.maps.residual][:MOST_MAPS]
+    shown = [name for name in found.order if name in run.maps.residual][:MOST_MAPS]
     most = (
         densest([run.maps.residual[name] for name in shown], run.roi, run.roi.y),
         densest([run.maps.residual_side[name] for name in shown], run.roi, run.roi.z),
     )
     for name in shown:
-        above, side = _seen(run.maps, name)
+        above = (run.maps.coverage[name], run.maps.residual[name])
+        side = (run.maps.coverage_side[name], run.maps.residual_side[name])
         body, mounts = run.sweep.body, run.placements[name]
         section.figures.append(coverage_maps(above, side, run.roi, body, text(name), mounts, most))
     if len(shown) < len(run.placements):
@@ -86,29 +91,9 @@ def _setting(run: RunFolder) -> list[str]:
     return [f"Maps are {pictured(run)}; other settings have their own."] if pictured(run) else []
 
 
-def _seen(maps: Maps, name: str) -> tuple[SeenFrom, SeenFrom]:
-    return (
-        SeenFrom(maps.coverage[name], maps.residual[name]),
-        SeenFrom(maps.coverage_side[name], maps.residual_side[name]),
-    )
-
-
-@dataclass(frozen=True)
-class SeenFrom:
-    """Two maps of the ROI, its columns of voxels from above or its rows from the side.
-
-    Attributes:
-        covered: share of each, in [0, 1], shape (nx, ny) or (nx, nz).
-        residual: entropy that no beam covers in each, nats, same shape.
-    """
-
-    covered: NDArray[np.float32]
-    residual: NDArray[np.float32]
-
-
 def coverage_maps(
-    above: SeenFrom,
-    side: SeenFrom,
+    above: TwoMaps,
+    side: TwoMaps,
     roi: Roi,
     vehicle: Vehicle | None,
     title: str,
@@ -160,10 +145,10 @@ def densest(residual: Sequence[NDArray[np.float32]], roi: Roi, other: Interval) 
 
 
 def _map(
-    seen: SeenFrom, over: tuple[Roi, Interval], name: str, row: int, limit: float, drawn: int
+    seen: TwoMaps, over: tuple[Roi, Interval], name: str, row: int, limit: float, drawn: int
 ) -> go.Heatmap:
     roi, other = over
-    values = seen.covered if name == "coverage" else seen.residual
+    values = seen[0] if name == "coverage" else seen[1]
     cells, x, y = averaged(values, (roi.x, other), _CELLS[name])
     if name == "coverage":
         shown, bar = np.rint(100 * cells).astype(np.uint8), _bar("covered (%)", 0.0, 0, drawn)

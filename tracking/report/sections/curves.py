@@ -6,13 +6,14 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import colour, figure, symbol, text
-from tracking.findings.groups import Group, has_detectors
+from tracking.findings.groups import has_detectors
 from tracking.pages.section import Section
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 
-def curves_section(run: RunFolder, found: list[Group]) -> Section | None:
+def curves_section(found: Analysis) -> Section | None:
     """A figure a group and metric of training; None for a sweep without detectors."""
+    run = found.run
     if not has_detectors(run):
         return None
     section = Section("Learning curves")
@@ -20,7 +21,7 @@ def curves_section(run: RunFolder, found: list[Group]) -> Section | None:
         section.notes.append("The run folder has no curves.parquet.")
         return section
     section.notes.append("One line a trial; lines of one colour differ by seed.")
-    for group in found:
+    for group in found.groups:
         for metric in dict.fromkeys(run.curves["metric"]):
             plot = learning_curves(
                 run.curves, group.of(run.trials), metric, text(group.title), list(run.placements)

@@ -16,9 +16,9 @@ from tracking.labels import in_order, metric_label, surrogate_label
 from tracking.numbers import number, plus_minus, points
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, PERCENT, Table, numbers, slug, with_units, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
-from tracking.report.sections.published_surrogates import published_density_table
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.sections.published import published_density_table
 
 DENSITY = "scene.density"
 SHOWN = ("s_mig", "h_pog", "ig", "expected_ig")
@@ -26,8 +26,9 @@ SHOWN = ("s_mig", "h_pog", "ig", "expected_ig")
 MOST_LINES = 12
 
 
-def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+def density_section(found: Analysis) -> Section | None:
     """AP and surrogates against density; None for a sweep with less than two densities."""
+    run = found.run
     if DENSITY not in run.axes or run.trials[DENSITY].nunique() < 2:
         return None
     densities = sorted(run.trials[DENSITY].dropna().unique().tolist())
@@ -38,13 +39,13 @@ def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> 
     )
     surrogates, order = with_sums(run.surrogates, run.axes), list(run.placements)
     if DENSITY in surrogates.columns:
-        section.notes += _entropy_sentence(surrogates, found[0], run.classes, densities)
+        section.notes += _entropy_sentence(surrogates, found.groups[0], run.classes, densities)
     # One density each: the groups of the others differ in density alone.
-    alike = [group for group in found if group.setting[DENSITY] == found[0].setting[DENSITY]]
+    alike = [g for g in found.groups if g.setting[DENSITY] == found.groups[0].setting[DENSITY]]
     for name in (*run.classes, "all"):
         metric = headline_metric(name)
         label = metric_label(metric, headline_iou(run.results, name))
-        own = judged(means, run.results, name)
+        own = judged(found.means, run.results, name)
         heading = class_label(name)
         for group in alike:
             parts = [_at(group, density).of(own) for density in densities]

@@ -2,20 +2,22 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from scipy import stats
 
 from lidarplace.base.metrics import RANKING, headline_metric
 from tracking.figures.kit.style import colour, figure, legend_below, symbol, text
 from tracking.findings.groups import Group
-from tracking.findings.sensitivity import sensitivity
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.labels import detector_label, metric_label, setting_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, PERCENT, Column, Table, numbers, slug, with_units, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -23,8 +25,9 @@ MOST_COLUMNS = 12
 """Placements of a table with a column each; more are in the tables of all placements."""
 
 
-def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+def detectors_section(found: Analysis) -> Section | None:
     """AP and recall with a row a detector and a column a placement; None without results."""
+    run, means = found.run, found.means
     if run.results.empty or run.results["placement"].nunique() < 2:
         return None
     section = Section("Detectors", columns=2)
@@ -41,7 +44,7 @@ def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -
         plot = sensitivity_figure(own, run.axes, class_label(name))
         section.figures += [] if plot is None else [plot]
         if run.results["placement"].nunique() <= MOST_COLUMNS:
-            section.tables += _layout(run, found, means, name)
+            section.tables += _layout(run, found.groups, means, name)
     section.tables.append(_sensitivity_table(spreads, run))
     return section
 
@@ -155,7 +158,7 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
     """A row a detector and setting, a point a metric; a tick where seeds alone would reach.
 
     Args:
-        spreads: rows of `tracking.findings.sensitivity.sensitivity` for one class.
+        spreads: rows of `tracking.report.sections.detectors.sensitivity` for one class.
         axes: further axes of the grid.
         title: a name, not yet plotly's text.
 
@@ -205,3 +208,51 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
     plot.update_yaxes(categoryorder="array", categoryarray=order[::-1])
     legend_below(plot)
     return plot
+
+
+CHANCE = 0.95
+"""Share of sweeps of equal placements whose spread stays below `by_chance`."""
+
+
+def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+    """The spread between the best and the worst placement.
+
+    Args:
+        means: `tracking.findings.summary.seed_means`.
+        axes: further axes of the grid.
+
+    Returns:
+        One row per (class, detector, axes, metric, iou, difficulty) with at least two placements:
+        `n` placements, the `best` and the `worst`, the `mean` over placements (percent), `spread`
+        (best less worst, points), `relative` (spread / mean), and `by_chance`: what seeds alone
+        would make of placements that are equal, in points, the 95 % quantile of the studentized
+        range. NaN with one seed each.
+    """
+    keys = ["class", "detector", *axes, "metric", "iou", "difficulty"]
+    columns = [*keys, "n", "best", "worst", "mean", "spread", "relative", "by_chance"]
+    rows = []
+    known = means[means["seeds"] > 0]
+    for key, own in known.groupby(keys, dropna=False, sort=False):
+        if len(own) < 2:
+            continue
+        values = own.set_index("placement")["mean"]
+        spread, mean = float(values.max() - values.min()), float(values.mean())
+        relative = spread / mean if mean > 0 else np.nan
+        best, worst = values.idxmax(), values.idxmin()
+        rows.append((*key, len(own), best, worst, mean, spread, relative, _by_chance(own)))
+    return pd.DataFrame(rows, columns=columns)
+
+
+@lru_cache(maxsize=256)
+def _quantile(placements: int, freedom: int) -> float:
+    return float(stats.studentized_range.ppf(CHANCE, placements, freedom))
+
+
+def _by_chance(own: pd.DataFrame) -> float:
+    freedom = own["seeds"] - 1
+    if freedom.sum() < 1:
+        return np.nan
+    pooled = float(np.sqrt((freedom * own["sd"].fillna(0) ** 2).sum() / freedom.sum()))
+    # Unequal numbers of seeds: Kramer's harmonic mean.
+    seeds = stats.hmean(own["seeds"])
+    return float(_quantile(len(own), int(freedom.sum())) * pooled / np.sqrt(seeds))

@@ -7,36 +7,52 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import kitti_iou
-from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below, text
+from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below, name_rows, text
 from tracking.findings.failures import DIMENSIONS, Failures
 from tracking.findings.groups import has_detectors
 from tracking.numbers import points, span
 from tracking.pages.section import Section
 from tracking.pages.tables import Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
-from tracking.run_folders.sweep import RunFolder
 
+FILE = "failures.html"
+"""Of `tracking.report.failures`, in the folder of the run."""
 TITLE = "What one rig finds and another one misses"
 _FEW = 100
 """Objects in a bin, below which it is not named."""
 
 
-def failures_section(found: Failures, page: str) -> Section:
+def failures_section(found: Analysis) -> Section | None:
+    """`counted_failures` of the best rig and the next one; what to do where a run folder cannot
+    tell; None for a sweep without detectors."""
+    run = found.run
+    if found.pair is not None:
+        return counted_failures(found.pair)
+    if not has_detectors(run) or (run.objects is not None and run.found is not None):
+        return None
+    missing = [f"{name}.parquet" for name in ("objects", "found") if getattr(run, name) is None]
+    note = (
+        f"The run folder has no {' and no '.join(missing)}. The command of the sweep writes them; "
+        "results that are in the store are not computed again."
+    )
+    return Section(TITLE, notes=[note])
+
+
+def counted_failures(found: Failures) -> Section:
     """How many objects each of two rigs finds alone, by class, direction, distance, occlusion and
     height.
 
     The first two notes say what it comes to.
-
-    Args:
-        page: address of `tracking.report.failures`.
     """
     counts = found.counts()
+    ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
     link = f"The frames that tell most, under {' and '.join(found.rigs)}"
-    section = Section(TITLE, columns=2, links={page: link})
+    section = Section(TITLE, columns=2, links={FILE: link})
     section.notes = [
         *sentences(found, counts),
         "Each object of each test frame counts, found at KITTI's strict IoU of its class "
-        f"({_ious(found)}). Numbers are means over the seeds, of which the same one is compared "
+        f"({ious}). Numbers are means over the seeds, of which the same one is compared "
         "under both rigs. Occlusion is KITTI's three levels, by the share of the object that an "
         "ideal sensor on the roof sees; height is that of the object. Intervals are for each row "
         "by itself, over seeds and over which routes and individuals the frames met; the largest "
@@ -49,18 +65,6 @@ def failures_section(found: Failures, page: str) -> Section:
         section.figures.append(found_alone(own, found.rigs, title, bins, found.classes))
     section.tables = [_table(found, counts)]
     return section
-
-
-def lacking_section(run: RunFolder) -> Section | None:
-    """What to do where a run folder cannot tell; None for a sweep without detectors."""
-    if not has_detectors(run) or (run.objects is not None and run.found is not None):
-        return None
-    missing = [f"{name}.parquet" for name in ("objects", "found") if getattr(run, name) is None]
-    note = (
-        f"The run folder has no {' and no '.join(missing)}. The command of the sweep writes them; "
-        "results that are in the store are not computed again."
-    )
-    return Section(TITLE, notes=[note])
 
 
 def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
@@ -101,10 +105,6 @@ def _place(row: Mapping[Any, Any]) -> str:
         f"{row['class']}, {row['bin']}: {points(row['difference'])} points "
         f"(95 %: {span(row['low'], row['high'], '+z.1f')})"
     )
-
-
-def _ious(found: Failures) -> str:
-    return ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
 
 
 def _table(found: Failures, counts: pd.DataFrame) -> Table:
@@ -168,10 +168,6 @@ def found_alone(
         range=[-most, most],
         tickformat=",.0f",
     )
-    plot.update_yaxes(
-        tickvals=list(range(len(bins))),
-        ticktext=[f"{text(name)}, n {total[name]:,}" for name in bins],
-        range=[len(bins) - 0.5, -0.5],
-    )
+    name_rows(plot, [f"{name}, n {total[name]:,}" for name in bins])
     legend_below(plot)
     return plot

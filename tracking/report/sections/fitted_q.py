@@ -108,26 +108,13 @@ def fit_detection_probability(
     line predicts its metric.
 
     Args:
-        expected_ig: a row a placement (index), a column a q; nats. `lidarplace.expected_ig_by_q`
-            computes the rows.
-        measured: AP or recall by placement (same index in any order), percent.
-
-    Raises:
-        ValueError: the placements differ, are fewer than LEAST_PLACEMENTS, or a value is missing.
+        expected_ig: a row a placement (index), a column a q; nats, finite.
+            `lidarplace.expected_ig_by_q` computes the rows.
+        measured: AP or recall by placement (same index in any order, at least
+            `LEAST_PLACEMENTS`), percent.
     """
-    if set(expected_ig.index) != set(measured.index) or not expected_ig.index.is_unique:
-        raise ValueError(
-            "expected_ig and measured need the same placements, found "
-            f"{sorted(map(str, expected_ig.index))} and {sorted(map(str, measured.index))}"
-        )
-    if len(measured) < LEAST_PLACEMENTS:
-        raise ValueError(
-            f"at least {LEAST_PLACEMENTS} placements are needed, found {len(measured)}"
-        )
     gains = expected_ig.to_numpy(np.float64)
     metric = measured.reindex(expected_ig.index).to_numpy(np.float64)
-    if not (np.isfinite(gains).all() and np.isfinite(metric).all()):
-        raise ValueError("expected_ig and measured must be finite for every placement")
     qs = expected_ig.columns.to_numpy(np.float64)
 
     predicted, chosen = left_out_predictions(gains, metric)

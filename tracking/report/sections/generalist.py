@@ -12,23 +12,23 @@ import plotly.graph_objects as go
 from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.placement_points import add_placements
 from tracking.figures.kit.style import OUTLINE, figure, text
-from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import (
+    CALIBRATION,
     JUDGEMENTS,
     compare,
     judgement_name,
     seconds_a_placement,
     training_seconds,
 )
-from tracking.findings.groups import JUDGE, Group
-from tracking.findings.regret import AT_RANDOM
+from tracking.findings.groups import JUDGE
 from tracking.labels import metric_label, setting_label
-from tracking.numbers import digits, interval, signed, span
+from tracking.numbers import interval, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.pages.tables import METRIC, Column, Table, coefficient, in_points, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING
-from tracking.report.sections.regret import regret_table
+from tracking.report.sections.regret import AT_RANDOM, regret_table
 from tracking.run_folders.sweep import RunFolder
 
 _NOTE = (
@@ -44,27 +44,15 @@ MOST_FIGURES = 12
 _REGRETS = ("regret", "regret_low", "regret_high", "regret_at_random")
 
 
-def generalist_section(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    means: pd.DataFrame,
-    correlations: pd.DataFrame,
-    surrogates: pd.DataFrame,
-) -> Section | None:
-    """None unless the same placements were judged by a generalist and by detectors of their own.
-
-    Args:
-        rankings: every group with its `headline_ranking`.
-        means: `seed_means` of the run.
-        correlations: `tracking.findings.ceiling.beside` of the run.
-        surrogates: `tracking.findings.generalist.with_judgements` of the run.
-    """
-    if not surrogates["surrogate"].isin(JUDGEMENTS).any():
+def generalist_section(found: Analysis) -> Section | None:
+    """None unless the same placements were judged by a generalist and by detectors of their own."""
+    run = found.run
+    if not found.surrogates["surrogate"].isin(JUDGEMENTS).any():
         return None
-    rows, pairs = compare(run, means, correlations)
+    rows, pairs = compare(run, found.means, found.correlations)
     if rows.empty:
         return None
-    rows = _with_regret(rows, regret_table(run, rankings, surrogates), run.axes)
+    rows = _with_regret(rows, regret_table(found), run.axes)
     section = Section("Does one detector for all rigs rank them as their own do?", [_NOTE])
     order = list(run.placements)
     for row, pair in zip(rows.to_dict("records"), pairs, strict=True):
@@ -101,36 +89,17 @@ def _with_regret(rows: pd.DataFrame, regret: pd.DataFrame, axes: Sequence[str]) 
 
 
 def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
-    def with_interval(head: str, key: str) -> Column:
-        def cell(row: Mapping[Any, Any]) -> str:
-            value, low, high = row[key], row[f"{key}_low"], row[f"{key}_high"]
-            return "–" if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
-
-        return Column(head, cell)
-
-    def bias(row: Mapping[Any, Any]) -> str:
-        low, high = row["bias_low"], row["bias_high"]
-        if np.isnan(low):
-            return "–"
-        return f"{digits(row['bias'], '+z.1f')} ({span(low, high, '+z.1f')})"
-
-    def regret(row: Mapping[Any, Any]) -> str:
-        if np.isnan(row["regret"]):
-            return "–"
-        low, high = row["regret_low"], row["regret_high"]
-        return f"{digits(row['regret'], 'z.1f')} ({span(low, high, 'z.1f')})"
-
     several = any(_own(run, rows, row) for row in rows.to_dict("records"))
     columns = [
         words("class"),
         *([Column("own detectors", lambda r: _own(run, rows, r), words=True)] if several else []),
         METRIC,
-        with_interval("ρ", "spearman"),
+        coefficient("ρ", "spearman"),
         numbers("p", "spearman_p", ".2g"),
         CEILING,
-        Column("bias (points)", bias),
-        with_interval("slope", "slope"),
-        Column("regret (points)", regret),
+        in_points("bias (points)", CALIBRATION[:3], "+z.1f"),
+        coefficient("slope", "slope"),
+        in_points("regret (points)", _REGRETS[:3], "z.1f"),
         numbers("at random", "regret_at_random", "z.1f"),
     ]
     gone = ["surrogate", "pairs_tested", "exact"]

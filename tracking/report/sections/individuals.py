@@ -6,11 +6,12 @@ from tracking.findings.groups import by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.pages.section import Section
 from tracking.pages.tables import Column, Table, numbers, slug, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 
-def individuals_section(run: RunFolder) -> Section | None:
+def individuals_section(found: Analysis) -> Section | None:
     """How many individuals were met; None for a sweep without detectors."""
+    run = found.run
     if not has_detectors(run):
         return None
     section = Section("Objects: boxes and individuals")

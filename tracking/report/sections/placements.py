@@ -14,12 +14,14 @@ from tracking.labels import in_order, metric_label, surrogate_label, surrogate_n
 from tracking.numbers import DASH, number, plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table, slug, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 
-def placements_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section:
+def placements_section(found: Analysis) -> Section:
     """A table for every group and class, and the trials that failed."""
+    run = found.run
     with_results = (
         "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
     )
@@ -29,10 +31,10 @@ def placements_section(run: RunFolder, found: list[Group], means: pd.DataFrame) 
         "against those of covered entropy: which way round is better is for a detector to tell."
     )
     section = Section("Placements", [alone if run.results.empty else with_results])
-    for group in found:
+    for group in found.groups:
         # Of one class the table has the recall of all objects, too.
         for name in run.classes if len(run.classes) == 1 else (*run.classes, "all"):
-            table = placement_table(run, group, means, name)
+            table = placement_table(run, group, found.means, name)
             if table is not None:
                 section.tables.append(table.first(MOST_ROWS))
     failed = run.trials[run.trials["status"] == "failed"]

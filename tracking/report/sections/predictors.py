@@ -9,20 +9,29 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
-from tracking.figures.kit.style import text
+from tracking.figures.kit.style import (
+    OUTLINE,
+    colour,
+    figure,
+    legend_below,
+    symbol,
+    text,
+    two_lines,
+)
 from tracking.figures.of_sweeps.heat_map import heat_map
-from tracking.figures.of_sweeps.left_out import left_out
 from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou, judged_by_all
-from tracking.labels import detector_label, metric_label, setting_label, surrogate_name
+from tracking.labels import detector_label, in_order, metric_label, setting_label, surrogate_name
 from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
 from tracking.run_folders.sweep import RunFolder
@@ -41,25 +50,19 @@ _HOW_TO_READ = (
 )
 
 
-def predictors_section(
-    run: RunFolder, correlations: pd.DataFrame, errors: pd.DataFrame, found: Sequence[Predictors]
-) -> Section | None:
-    """Figures and findings for every class; None for a sweep without detectors.
-
-    Args:
-        correlations: `tracking.findings.ceiling.beside` of the run.
-        errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
-        found: `tracking.findings.best_surrogate.best_surrogates` of the run.
-    """
+def predictors_section(found: Analysis) -> Section | None:
+    """Figures and findings for every class; None for a sweep without detectors."""
+    run, correlations, errors = found.run, found.correlations, found.errors
     if not has_detectors(run):
         return None
     section = Section("Which surrogate predicts best?", columns=2)
-    if not found:
+    if not found.predicted:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
-    own = [one for one in found if _is_headline(run, one)]
+    own = [one for one in found.predicted if _is_headline(run, one)]
+    said = [" · ".join(filter(None, (_group_label(run, one.group), one.sentence))) for one in own]
     many = len(own) > MOST_SENTENCES
-    section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
+    section.notes += [counted(run, found.predicted, correlations)] if many else said
     section.notes += [*_power_sentences(correlations), CEILING_IN_A_LINE, _HOW_TO_READ]
     strongest = (str(one.ranking.index[0]) for one in own)  # which the findings name
     shown = {*HEADLINE_SURROGATES, *JUDGEMENTS, *strongest}
@@ -76,7 +79,7 @@ def predictors_section(
             left_out(misses.assign(label=_labels(run, misses)), f"Left-out error · {title}"),
         ]
         section.figures += [plot for plot in plots if plot is not None]
-    section.tables.append(_ranking_table(run, found, errors, correlations))
+    section.tables.append(_ranking_table(found))
     section.tables.append(_power_table(correlations))
     return section
 
@@ -89,11 +92,7 @@ def _is_headline(run: RunFolder, one: Predictors) -> bool:
 
 
 def counted(run: RunFolder, found: Sequence[Predictors], correlations: pd.DataFrame) -> str:
-    """In how many cases which surrogate predicts, and whether any could have been shown to.
-
-    Args:
-        found, correlations: see `predictors_section`.
-    """
+    """In how many cases which surrogate predicts, and whether any could have been shown to."""
     own = [one for one in found if _is_headline(run, one)]
     shown = Counter(surrogate_name(one.predictor) for one in own if one.predictor)
     names = ", ".join(f"{name} {count}" for name, count in shown.most_common())
@@ -120,15 +119,6 @@ def _beyond_proof(own: Sequence[Predictors], correlations: pd.DataFrame) -> str:
         f" With {numbers} placements and {tests} tests {where}not even a perfect order could be "
         "shown."
     )
-
-
-def _findings(run: RunFolder, own: Sequence[Predictors]) -> list[str]:
-    """A sentence for each."""
-    titles = [_group_label(run, one.group) for one in own]
-    return [
-        f"{title} · {one.sentence}" if title else one.sentence
-        for title, one in zip(titles, own, strict=True)
-    ]
 
 
 def _varying(run: RunFolder) -> list[str]:
@@ -185,9 +175,13 @@ def _power_table(correlations: pd.DataFrame) -> Table:
     here = known["n"].unique().tolist()
     table = power_table(sorted({*here, 6, 8, 12, 20, 50}), reliability)
     heads = {"pearson": "Pearson |r|", "spearman": "Spearman |ρ|"}
+
+    def least(value: float) -> str:
+        return "none" if np.isnan(value) else f"{value:.2f}"
+
     columns = [
         numbers("placements", "n", ",.0f"),
-        *(Column(head, partial(_detectable, key)) for key, head in heads.items()),
+        *(numbers(head, key, least) for key, head in heads.items()),
     ]
     caption = (
         "Smallest correlation that a test finds with a probability of 80 %, metrics as reliable as "
@@ -196,23 +190,16 @@ def _power_table(correlations: pd.DataFrame) -> Table:
     return Table.of(caption, table, columns, name="power")
 
 
-def _detectable(key: str, row: Mapping[Any, Any]) -> str:
-    return "none" if np.isnan(row[key]) else f"{row[key]:.2f}"
-
-
-def _ranking_table(
-    run: RunFolder, found: Sequence[Predictors], errors: pd.DataFrame, correlations: pd.DataFrame
-) -> Table:
-    keys = [*found[0].group, "surrogate"]
-    ranges = errors[[*keys, "spearman_min", "spearman_max"]]
-    most = correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
-    table = pd.concat([_with_group(one) for one in found])
+def _ranking_table(found: Analysis) -> Table:
+    run, predicted = found.run, found.predicted
+    keys = [*predicted[0].group, "surrogate"]
+    ranges = found.errors[[*keys, "spearman_min", "spearman_max"]]
+    most = found.correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
+    table = pd.concat([_with_group(one) for one in predicted])
     table = table.merge(ranges, how="left", on=keys).merge(most, how="left", on=keys)
-    headline = np.repeat([_is_headline(run, one) for one in found], [len(o.ranking) for o in found])
-
-    def left_out(row: Mapping[Any, Any]) -> str:
-        low, high = row["spearman_min"], row["spearman_max"]
-        return span(low, high, "+z.2f")
+    headline = np.repeat(
+        [_is_headline(run, one) for one in predicted], [len(o.ranking) for o in predicted]
+    )
 
     def behind(row: Mapping[Any, Any]) -> str:
         low, high = row["behind_low"], row["behind_high"]
@@ -227,7 +214,7 @@ def _ranking_table(
         CEILING,
         numbers("p", "p", ".2g"),
         numbers("p, Holm", "holm", ".2g"),
-        Column("ρ, one left out", left_out),
+        Column("ρ, one left out", lambda r: span(r["spearman_min"], r["spearman_max"], "+z.2f")),
         Column("|ρ| behind the first", behind),
         numbers("left-out error (points)", "rmse", ".2f"),
         numbers("of the mean (points)", "rmse_of_mean", ".2f"),
@@ -247,3 +234,39 @@ def _with_group(one: Predictors) -> pd.DataFrame:
     """The ranking with the columns of its group."""
     group: dict[str, Any] = one.group
     return one.ranking.rename_axis("surrogate").reset_index().assign(**group)
+
+
+def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
+    """Error of a line through the other placements over that of their mean, a colour a surrogate.
+
+    Args:
+        errors: surrogate, rmse and rmse_of_mean of `tracking.findings.leave_one_out`, and `label`:
+            what the row of the figure is called, once for each surrogate.
+        title: plotly text.
+
+    Returns:
+        None if there is no error at all.
+    """
+    known = errors[errors["rmse"].notna() & (errors["rmse_of_mean"] > 0)]
+    if known.empty:
+        return None
+    labels = [two_lines(text(label)) for label in dict.fromkeys(known["label"])]
+    names = in_order(known["surrogate"])
+    plot = figure(title, height=140 + 34 * len(labels))
+    for i, name in enumerate(names):
+        own = known[known["surrogate"] == name]
+        plot.add_scatter(
+            x=(own["rmse"] / own["rmse_of_mean"]).to_numpy(),
+            y=[two_lines(text(label)) for label in own["label"]],
+            mode="markers",
+            marker={"size": 10, "color": colour(i), "symbol": symbol(i)},
+            name=surrogate_name(name),
+            showlegend=True,
+            customdata=own["rmse"].to_numpy(),
+            hovertemplate="%{y}: %{x:.2f}, %{customdata:.2f} points<extra>%{fullData.name}</extra>",
+        )
+    plot.add_vline(x=1, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
+    plot.update_xaxes(title="error / error of the mean", rangemode="tozero")
+    plot.update_yaxes(categoryorder="array", categoryarray=labels[::-1])
+    legend_below(plot)
+    return plot

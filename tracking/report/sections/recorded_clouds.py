@@ -10,7 +10,7 @@ from tracking.labels import setting_label
 from tracking.numbers import digits, interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 _NOTE = (
     "Detectors were trained and evaluated on the clouds that the LiDARs of each placement "
@@ -20,8 +20,9 @@ _NOTE = (
 )
 
 
-def recorded_clouds_section(run: RunFolder) -> Section | None:
+def recorded_clouds_section(found: Analysis) -> Section | None:
     """None unless placements have results on recorded clouds and on simulated ones."""
+    run = found.run
     pairs = side_by_side(run)
     if pairs.empty:
         return None

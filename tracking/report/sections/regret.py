@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
-from lidarplace.pog.surrogates.table import DECIDING, HEADLINE_SURROGATES
+from lidarplace.pog.surrogates.table import DECIDING, HEADLINE_SURROGATES, SURROGATES
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import JUDGEMENTS
-from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
-from tracking.findings.regret import regrets
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
-from tracking.numbers import digits, span
+from tracking.labels import some
 from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.pages.tables import METRIC, SURROGATE, Table, in_points, numbers, words
+from tracking.report.analysis import Analysis
+from tracking.statistics.posterior import expected_regret
 
 MOST_CHOICES = 100
 """Rows that the page shows."""
@@ -34,25 +30,11 @@ _NOTE = (
 )
 
 
-def regret_section(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    surrogates: pd.DataFrame,
-) -> Section | None:
-    """A table for all groups and classes; None where there is no choice or no surrogate.
-
-    Args:
-        rankings: every group with its `headline_ranking`.
-        surrogates: `tracking.findings.generalist.with_judgements` of the run.
-    """
-    table = regret_table(run, rankings, surrogates)
+def regret_section(found: Analysis) -> Section | None:
+    """A table for all groups and classes; None where there is no choice or no surrogate."""
+    table = regret_table(found)
     if table.empty:
         return None
-
-    def expected(row: Mapping[Any, Any]) -> str:
-        if np.isnan(row["regret"]):
-            return "–"
-        return f"{digits(row['regret'], 'z.1f')} ({span(row['low'], row['high'], 'z.1f')})"
 
     columns = [
         words("class"),
@@ -62,7 +44,7 @@ def regret_section(
         words("takes the", "takes"),
         words("choice"),
         numbers("below the highest mean (points)", "behind", "z.1f"),
-        Column("expected regret (points)", expected),
+        in_points("expected regret (points)", ("regret", "low", "high"), "z.1f"),
     ]
     shown = Table.of(
         "What the choice of each surrogate loses",
@@ -74,17 +56,14 @@ def regret_section(
     return Section("What does it cost to follow a surrogate?", [_NOTE], tables=[shown])
 
 
-def regret_table(
-    run: RunFolder,
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
-    surrogates: pd.DataFrame,
-) -> pd.DataFrame:
+def regret_table(found: Analysis) -> pd.DataFrame:
     """`regrets` of every group and class in rows, with class, group, its place, metric and IoU.
 
     Where no placement is better than another nothing can be lost.
     """
-    summed, parts = with_sums(surrogates, run.axes), []
-    for group, ranked in rankings:
+    run, parts = found.run, []
+    summed = with_sums(found.surrogates, run.axes)
+    for group, ranked in found.rankings:
         for name, best in ranked.items():
             own = surrogates_of(summed, group.place, name)
             # With a first choice of their own, which covered entropy has: the opposite of S-MIG's.
@@ -94,6 +73,55 @@ def regret_table(
                 continue
             place = {"class": name, "group": group.title, **group.place}
             place |= {"metric": headline_metric(name), "iou": headline_iou(run.results, name)}
-            found = regrets(best, own[named])
-            parts.append(pd.DataFrame([place] * len(found)).join(found))
+            lost = regrets(best, own[named])
+            parts.append(pd.DataFrame([place] * len(lost)).join(lost))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+
+
+AT_RANDOM = "a placement at random"
+
+
+def regrets(best: BestPlacement, surrogates: pd.DataFrame) -> pd.DataFrame:
+    """By how much the choice of each surrogate is below the best placement.
+
+    A surrogate chooses among the placements that have it and the metric: its highest value, or its
+    lowest where that is best; of equal ones any.
+
+    Args:
+        best: `best_placement` of the metric.
+        surrogates: placements as rows, surrogates as columns
+            (`tracking.findings.summary.surrogates_of`).
+
+    Returns:
+        One row a surrogate with two different values, then one of `AT_RANDOM`: surrogate; takes,
+        "highest" or "lowest"; choice; behind, the mean of the choice below the highest mean, as
+        measured: too much on average, since the highest is partly the luckiest; regret, its
+        expectation when that is allowed for (`expected_regret`), and low and high, 95 %.
+    """
+    names, means = [str(name) for name in best.sure.index], best.means
+    rows, choices = [], []
+    for surrogate in surrogates.columns:
+        values = surrogates[surrogate].reindex(names).dropna()
+        if values.nunique() < 2:
+            continue
+        known = SURROGATES.get(str(surrogate))
+        lowest = known is not None and known.direction == "minimize"
+        chosen = values.index[values == (values.min() if lowest else values.max())]
+        choices.append(np.isin(names, chosen) / len(chosen))
+        rows.append(
+            {
+                "surrogate": str(surrogate),
+                "takes": "lowest" if lowest else "highest",
+                "choice": some(list(chosen)),
+            }
+        )
+    rows.append({"surrogate": AT_RANDOM, "takes": "any", "choice": ""})
+    choices.append(np.full(len(names), 1 / len(names)))
+    weights = np.stack(choices)
+    expected = expected_regret(means, best.noise, weights)
+    return pd.DataFrame(rows).assign(
+        behind=means.max() - weights @ means,
+        regret=expected[:, 0],
+        low=expected[:, 1],
+        high=expected[:, 2],
+    )

@@ -16,8 +16,8 @@ from tracking.labels import detector_label, metric_label
 from tracking.numbers import digits, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
-from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.reliability import reliability_of_mean
 
 _NOTE = (
@@ -28,16 +28,20 @@ _NOTE = (
 )
 
 
-def reliability_section(run: RunFolder) -> Section | None:
+def reliability_section(found: Analysis) -> Section | None:
     """A row for every metric of a class; None where no halves of the routes can be compared."""
+    run = found.run
     if run.left_out is None or run.left_out.empty or not has_detectors(run):
         return None
     rated = agreement_of_halves(run.left_out, run.axes)
     if rated.empty:
         return None
-    rows = [judged_by_all(rated, run.results, name) for name in (*run.classes, "all")]
-    shown = pd.concat([_in_order(own, run.axes) for own in rows])
-
+    # Detector by detector, the metrics of each in the order of display.
+    place = {name: number for number, name in enumerate(METRICS)}
+    ordered = rated.sort_values("metric", key=lambda of: of.map(place), kind="stable")
+    ordered = ordered.sort_values(["detector", *run.axes], kind="stable")
+    names = (*run.classes, "all")
+    shown = pd.concat([judged_by_all(ordered, run.results, name) for name in names])
     columns = [
         words("class"),
         Column("detector", partial(detector_label, run.axes), words=True),
@@ -52,13 +56,6 @@ def reliability_section(run: RunFolder) -> Section | None:
     )
     notes = [_NOTE, *_most_reliable(shown)]
     return Section("Which metric tells placements apart?", notes, tables=[table])
-
-
-def _in_order(rows: pd.DataFrame, axes: tuple[str, ...]) -> pd.DataFrame:
-    """Rows of a class, detector by detector, the metrics of each in the order of display."""
-    place = {name: number for number, name in enumerate(METRICS)}
-    ordered = rows.sort_values("metric", key=lambda of: of.map(place), kind="stable")
-    return ordered.sort_values(["detector", *axes], kind="stable")
 
 
 def _most_reliable(shown: pd.DataFrame) -> Iterator[str]:

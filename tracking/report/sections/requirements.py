@@ -8,16 +8,13 @@ from tracking.findings.requirements import verdicts
 from tracking.pages.requirements import ALONE, counted, draw_failures, in_short, verdict_table
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table
+from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
 
-def requirements_section(run: RunFolder, order: Sequence[str]) -> Section | None:
-    """Every rig and requirement, and pictures of what fails; None if nothing was required.
-
-    Args:
-        order: placements, those to draw first in front.
-    """
-    cases = run.requirements
+def requirements_section(found: Analysis) -> Section | None:
+    """Every rig and requirement, and pictures of what fails; None if nothing was required."""
+    run, cases = found.run, found.run.requirements
     if cases is None or cases.empty:
         return None
     rig = ["placement", *(axis for axis in run.axes if axis in cases.columns)]
@@ -25,7 +22,7 @@ def requirements_section(run: RunFolder, order: Sequence[str]) -> Section | None
     table = verdict_table(worst, rig, name="requirements", data=cases)
     section = Section("Requirements", [counted(worst), ALONE], folded=True)
     section.tables = [table.first(MOST_ROWS)]
-    _draw(section, run, order)
+    _draw(section, run, found.order)
     return section
 
 

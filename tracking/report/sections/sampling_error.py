@@ -1,27 +1,28 @@
 """The section of the sampling error of the POG."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import pandas as pd
 import plotly.graph_objects as go
 
+from lidarplace.pog.surrogates.sampling_error import NORMAL_95
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import add_menu, colour, error_bars, figure, text
 from tracking.findings.groups import by_setting, studied
-from tracking.findings.sampling_error import paired_differences
 from tracking.labels import in_order, surrogate_label, surrogate_name, surrogate_unit
 from tracking.numbers import number
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, numbers, slug, words
-from tracking.report.headline import separation_sentences
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 MOST_INTERVALS = 20
 """Placements whose sampling errors are shown: every pair of them is compared."""
 
 
-def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
+def sampling_error_section(found: Analysis) -> Section:
     """How much the surrogates would change with other frames."""
+    run = found.run
     section = Section("Surrogates: sampling error of the POG", columns=2)
     tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
     missing = [name for name, table in tables.items() if table is None or table.empty]
@@ -38,7 +39,7 @@ def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
     )
     section.notes += studied(run, run.sampling_error)
     known = set(run.sampling_error["placement"])
-    shown = [name for name in ranked if name in known][:MOST_INTERVALS]
+    shown = [name for name in found.order if name in known][:MOST_INTERVALS]
     if len(shown) < len(known):
         section.notes.append(
             f"The best {len(shown)} of {len(known):,} placements; sampling_error.parquet has all."
@@ -140,3 +141,63 @@ def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) ->
     add_menu(plot, labels, changes, names.index(first), right=True, y=1.02)
     plot.update_yaxes(autorange="reversed")
     return plot
+
+
+PAIR_COLUMNS = ("class", "surrogate", "placement", "other", "difference", "low", "high")
+
+
+def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.DataFrame:
+    """Differences of two placements over the same draws of frames.
+
+    What all placements gain from a draw cancels, so a difference is known better than its terms.
+
+    Args:
+        estimates: placement, class, surrogate, value.
+        resamples: placement, class, surrogate, resample, value; the same draws for all placements.
+
+    Returns:
+        PAIR_COLUMNS: each pair once, the difference of the values of placement and other, and its
+        95 % interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`; empty for
+        one placement.
+    """
+    rows = []
+    for (name, surrogate), own in estimates.groupby(["class", "surrogate"], sort=False):
+        drawn = resamples[(resamples["class"] == name) & (resamples["surrogate"] == surrogate)]
+        by_placement = drawn.pivot(index="resample", columns="placement", values="value")
+        value = own.set_index("placement")["value"]
+        for placement, other in combinations(value.index, 2):
+            difference = value[placement] - value[other]
+            spread = by_placement[placement] - by_placement[other]
+            # As the interval of a value: about the value less its bias, as wide as the resamples.
+            middle, half = 2 * difference - spread.mean(), NORMAL_95 * spread.std()
+            low, high = middle - half, middle + half
+            rows.append((name, surrogate, placement, other, difference, low, high))
+    return pd.DataFrame(rows, columns=list(PAIR_COLUMNS))
+
+
+def separated(pairs: pd.DataFrame) -> pd.Series:
+    """Whether the interval of each difference leaves 0 out."""
+    return (pairs["low"] > 0) | (pairs["high"] < 0)
+
+
+def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
+    """Does the POG's sampling error blur the ranking of the placements? None for one placement.
+
+    Args:
+        pairs: `paired_differences` of one class and setting.
+        title: of the class and setting.
+    """
+    own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
+    if own.empty:
+        return []
+    kept = separated(own).groupby(own["surrogate"], sort=False).agg(["sum", "size"])
+    counts = [
+        f"{surrogate_name(str(name))} {row['sum']} of {row['size']}"
+        for name, row in kept.iterrows()
+    ]
+    blurred = bool((kept["sum"] < kept["size"]).any())
+    verdict = "blurs" if blurred else "does not blur"
+    return [
+        f"{title}: the POG's sampling error {verdict} the ranking of the placements. Pairs whose "
+        f"order other frames would keep (paired difference, 95 %): {', '.join(counts)}."
+    ]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,7 @@ from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import points
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -29,10 +31,11 @@ ANGLES = ("roll", "pitch")
 _DIGITS = 6  # a micrometre, a microradian
 
 
-def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+def tilts_section(found: Analysis) -> Section | None:
     """What tilting LiDARs did to AP, recall and the surrogates; None without such a pair."""
+    run = found.run
     pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
-    differences = _differences(run, found, means, pairs)
+    differences = _differences(run, found.groups, found.means, pairs)
     if differences.empty:
         return None
     one = differences["pair"].nunique() == 1
@@ -48,7 +51,7 @@ def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Se
         first = own.iloc[0]
         title, label = text(class_label(first["class"])), metric_label(*first[["metric", "iou"]])
         section.figures.append(differences_figure(own, f"{title} · {label}", f"{label}: points"))
-    section.tables.append(_table(differences, found))
+    section.tables.append(_table(differences))
     return section
 
 
@@ -105,7 +108,7 @@ def _changes(values: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
     return dict(zip(map(str, known.index), known.to_numpy(), strict=True))
 
 
-def _table(differences: pd.DataFrame, found: list[Group]) -> Table:
+def _table(differences: pd.DataFrame) -> Table:
     known = [name for name in HEADLINE_SURROGATES if name in differences]
     columns = [
         words("angle"),
@@ -138,15 +141,9 @@ def _with_interval(value: float, low: float, high: float) -> str:
     return points(value) if np.isnan(low) else f"{points(value)} [{points(low)}, {points(high)}]"
 
 
-@dataclass(frozen=True)
-class TiltPair:
-    """Two placements, equal but for one angle of some LiDARs.
-
-    Attributes:
-        angle: "roll" or "pitch".
-        upright: the name of the placement that is tilted less, summed over LiDARs.
-        tilted: the other's.
-    """
+class TiltPair(NamedTuple):
+    """Two placements, equal but for one angle of some LiDARs; `upright` is tilted less, summed over
+    LiDARs."""
 
     angle: str
     upright: str
@@ -162,7 +159,10 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
     found = []
     for angle in ANGLES:
         bases = {name: _without(mounts, angle) for name, mounts in placements.items()}
-        tilts = {name: _tilt(mounts, angle) for name, mounts in placements.items()}
+        tilts = {
+            name: round(sum(abs(getattr(mount, angle)) for mount in mounts), _DIGITS)
+            for name, mounts in placements.items()
+        }
         for a, b in combinations(placements, 2):
             if bases[a] == bases[b] and tilts[a] != tilts[b]:
                 upright, tilted = sorted((a, b), key=tilts.__getitem__)
@@ -173,7 +173,3 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
 def _without(mounts: Sequence[Mount], angle: str) -> list[tuple[float, ...]]:
     level = (astuple(replace(mount, **{angle: 0.0})) for mount in mounts)
     return sorted(tuple(round(value, _DIGITS) + 0.0 for value in mount) for mount in level)
-
-
-def _tilt(mounts: Sequence[Mount], angle: str) -> float:
-    return round(sum(abs(float(getattr(mount, angle))) for mount in mounts), _DIGITS)

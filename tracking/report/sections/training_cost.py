@@ -22,7 +22,7 @@ from tracking.labels import metric_label
 from tracking.numbers import plus_minus, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import Column, Table, numbers, slug
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 _EPOCHS, _SHARE = COST_AXES
 _PANELS = (("ap", "{} (%)"), ("error", "AP below the longest training"))
@@ -30,8 +30,9 @@ _DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
 """Colours that some eyes take for one come with different ones."""
 
 
-def training_cost_section(run: RunFolder) -> Section | None:
+def training_cost_section(found: Analysis) -> Section | None:
     """AP of shorter trainings and the ranks they give; None if all are as long."""
+    run = found.whole
     if not varied_cost_axes(run.results):
         return None
     section = Section("Training: error against run time", columns=1, folded=True)

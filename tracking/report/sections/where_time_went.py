@@ -10,15 +10,16 @@ from tracking.labels import some
 from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, numbers, words
-from tracking.run_folders.sweep import RunFolder
+from tracking.report.analysis import Analysis
 
 WHOLE_SWEEP = "whole sweep"
 """The last row of `stage_efficiency`."""
 _COLUMNS = ("stage", "tasks", "task_seconds", "wall", "efficiency", "overhead", "peak_memory")
 
 
-def where_time_went(run: RunFolder) -> Section:
+def where_time_went(found: Analysis) -> Section:
     """Task seconds of every stage, and how well the cores were kept at work."""
+    run = found.run
     section = Section("Where the time went", columns=1, folded=True)
     if run.tasks is None or run.tasks.empty:
         section.notes.append("The run folder has no tasks.parquet.")
@@ -155,7 +156,7 @@ def stage_efficiency(tasks: pd.DataFrame, cores: int) -> pd.DataFrame:
     Args:
         tasks: stage; seconds, of the task's own work; started and ended, seconds since the start
             of the sweep, NaN for a task that did not run in it; peak_memory, bytes or NaN.
-        cores: tasks that could run at once, over all nodes.
+        cores: tasks that could run at once, over all nodes, at least 1.
 
     Returns:
         One row a stage in the order of `tasks`: stage, tasks (that ran), task_seconds, wall
@@ -165,10 +166,8 @@ def stage_efficiency(tasks: pd.DataFrame, cores: int) -> pd.DataFrame:
         no task ran.
 
     Raises:
-        ValueError: `cores` is less than 1, or a task ended before it started.
+        ValueError: a task ended before it started.
     """
-    if cores < 1:
-        raise ValueError(f"cores must be at least 1, found {cores}")
     ran = tasks[tasks["started"].notna() & tasks["ended"].notna()]
     if ran.empty:
         return pd.DataFrame(columns=_COLUMNS)

@@ -1,7 +1,5 @@
 """The points of a cloud that a point network looks at."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

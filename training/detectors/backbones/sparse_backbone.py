@@ -1,7 +1,5 @@
 """The sparse 3D backbone of SECOND: four scales, each half as fine as the one before."""
 
-from __future__ import annotations
-
 import torch
 from torch import nn
 

@@ -1,7 +1,5 @@
 """Anchors: the boxes that an anchor head refines, and which objects they are trained on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

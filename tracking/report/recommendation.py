@@ -1,12 +1,14 @@
 """Which rig is recommended, by what, and what is said of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from lidarplace.base.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.evidence import grade, remedy
+from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import Group, groups
 from tracking.findings.promotion import fully_trained
 from tracking.findings.requirements import verdicts as verdicts_of
@@ -164,3 +166,24 @@ def _agreement(found: Sequence[Recommendation]) -> tuple[str, list[str]]:
     close = [n for n in found[0].best.sure.index if all(n in own for own in tied)]
     could = f"; {some(close)} may each be the best in all" if close else ""
     return f"The settings disagree on the best placement{could}.", same
+
+
+def compared_failures(
+    run: RunFolder, rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]]
+) -> Failures | None:
+    """What the recommended rig and the next one behind it found, where both is known.
+
+    Args:
+        run: distinct rigs, trained as long as they get.
+        rankings: groups with their `headline_ranking`.
+    """
+    for group, ranked in rankings:
+        for found in recommendations([(group, ranked)]):
+            return failures(run, group, found.compared) if found.compared else None
+    return None
+
+
+def failures_to_show(folder: Path) -> Failures | None:
+    """The `compared_failures` of a run folder. Raises as `RunFolder.read`."""
+    run, found = recommended(RunFolder.read(folder))
+    return compared_failures(run, ((own.group, own.ranked) for own in found))
