@@ -19,6 +19,7 @@ from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 from tests.lidarplace.waymo_layout import Box as WaymoBox
 from tests.lidarplace.waymo_layout import Segment, write_waymo
 from tests.mlflow_database import write_database
+from tests.other_simulator import write_log as write_recorded_log
 from tests.sweeps.small_log import write_small_log
 
 SWEEP = {
@@ -92,6 +93,7 @@ def make_world(folder: Path) -> None:
     (folder / "examples/requirements.yaml").write_text(yaml.safe_dump(needs))
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
+    write_recorded_log(folder / "logs/recorded", frames=1)
     write_database(folder / "runs/mlflow.db")
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)

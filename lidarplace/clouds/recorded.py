@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, fields
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from lidarplace.configuration.record import read_record
 from lidarplace.files.regular import is_there
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.recorded import RecordedRig
 
 
 def rig_record(placement: Placement) -> dict[str, object]:
@@ -87,13 +88,44 @@ class _Rig(BaseModel):
         return self
 
 
-def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> PointClouds:
+def check_lidars(
+    folder: Path, rig: RecordedRig, names: Sequence[str], frames: NDArray[np.int64]
+) -> None:
+    """Check that the clouds in `folder` are of `rig` and have these LiDARs and `frames`, (F,).
+
+    Raises:
+        ValueError: they are of another number of LiDARs, one of `names` has no point in any, or a
+            frame has no cloud.
+    """
+    points = np.zeros(len(rig.names), np.int64)
+    missing = set(frames.tolist())
+    for path in _parts(folder):
+        clouds = read_clouds(path)
+        missing -= set(clouds.frames.tolist())
+        counts = clouds.counts
+        if counts.shape[1] != len(rig.names):
+            raise ValueError(
+                f"{path}: points of {counts.shape[1]} LiDARs; expected {len(rig.names)}, "
+                f"{', '.join(rig.names)}; convert the log from clouds that name each point's LiDAR"
+            )
+        points += counts.sum(axis=0)
+    for name, count in zip(rig.names, points.tolist(), strict=True):
+        if name in names and count == 0:
+            raise ValueError(f"{folder}: no point of LiDAR {name} in any cloud")
+    if missing:
+        raise ValueError(_no_cloud(folder, sorted(missing)))
+
+
+def recorded_clouds(
+    folder: Path, frames: NDArray[np.int64], crop: Crop, lidars: Sequence[int] | None = None
+) -> PointClouds:
     """The clouds of `frames` within `crop`, its faces included.
 
     Args:
         folder: of one placement; each folder in it is of `lidarplace.clouds.clouds.write_clouds`.
         frames: frame numbers, shape (F,).
         crop: what is kept.
+        lidars: whose points are kept, by their place in the counts, ascending; None: all.
 
     Raises:
         ValueError: there is no such folder, a frame is missing or there twice, or less than `crop`
@@ -112,9 +144,7 @@ def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> Poin
             place[frame] = part, index
     missing = [frame for frame in frames.tolist() if frame not in place]
     if missing:
-        raise ValueError(
-            f"{folder}: no cloud of frame {missing[0]}, and of {len(missing) - 1} more"
-        )
+        raise ValueError(_no_cloud(folder, missing))
     low, high = np.array(crop[:3]), np.array(crop[3:])
 
     def cut() -> Iterator[tuple[NDArray[np.float32], NDArray[np.int64]]]:
@@ -125,10 +155,17 @@ def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> Poin
             except (OSError, ValueError) as error:  # of the codec
                 raise ValueError(f"{folder}: cloud of frame {frame} is damaged: {error}") from None
             inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
-            lidars = part.counts.shape[1]
-            yield points[inside], np.bincount(part.lidar(index)[inside], minlength=lidars)
+            lidar = part.lidar(index)
+            kept = np.arange(part.counts.shape[1]) if lidars is None else np.array(lidars)
+            inside &= np.isin(lidar, kept)
+            counts = np.bincount(lidar[inside], minlength=part.counts.shape[1])
+            yield points[inside], counts[kept]
 
     return PointClouds.from_frames(frames, cut(), crop)
+
+
+def _no_cloud(folder: Path, missing: Sequence[int]) -> str:
+    return f"{folder}: no cloud of frame {missing[0]}, and of {len(missing) - 1} more"
 
 
 def clouds_digest(folder: Path) -> str:

@@ -11,7 +11,7 @@ from lidarplace.clouds.raycast import visible_share
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY, count_columns
 
 VIEWPOINT = (0.0, 0.0, 2.4)
 """Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
@@ -63,16 +63,17 @@ def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
 def ground_truth(log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int = 0) -> pd.DataFrame:
     """The objects that count: centre in the ROI x, y, z, faces included, and visible.
 
-    Rows of `log.boxes` with three columns more: `visibility`, the share seen; `occluded`, KITTI's
-    level of it; `truncated`, the share of the footprint outside the ROI, where KITTI's is that
-    outside the image. Hidden objects and those outside still hide others. The same for every
-    placement.
+    Rows of `log.boxes` without counts of real points and with three columns more: `visibility`, the
+    share seen; `occluded`, KITTI's level of it; `truncated`, the share of the footprint outside the
+    ROI, where KITTI's is that outside the image. Hidden objects and those outside still hide
+    others. The same for every placement.
     """
     inside = np.ones(len(log.boxes), bool)
     for axis, (low, high) in zip("xyz", (x, y, z), strict=True):
         inside &= log.boxes[axis].between(low, high).to_numpy()
     share = visibility(log, seed)
-    table = log.boxes.assign(
+    # Real points are of the whole recorded rig, and would be taken for those of a placement.
+    table = log.boxes.drop(columns=count_columns(log.boxes)).assign(
         visibility=share,
         occluded=occluded(share),
         truncated=truncation(log.boxes[list(GEOMETRY)].to_numpy(np.float64), x, y),

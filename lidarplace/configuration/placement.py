@@ -92,13 +92,39 @@ class PlacementSettings(Settings):
 
 
 class SweptPlacementSettings(PlacementSettings):
-    """A placement of a sweep, of which LiDARs may be dead; other files have working ones alone."""
+    """A placement of a sweep, of which LiDARs may be dead; other files have working ones alone.
 
+    In place of coordinates it may name LiDARs of the rig that recorded the scene's log.
+    """
+
+    mounts: tuple[MountSettings, ...] = Field(
+        (), max_length=MOST_MOUNTS, description="a LiDAR each"
+    )
+    recorded: tuple[Name, ...] = Field(
+        (),
+        max_length=MOST_MOUNTS,
+        description="in place of mounts, LiDARs of the rig that recorded the log of scene, by name",
+    )
     dead: tuple[MountSettings, ...] = Field(
         (),
         max_length=MOST_MOUNTS,
         description="further LiDARs that see nothing; by their size they hide what is behind them",
     )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> SweptPlacementSettings:
+        if self.recorded and (self.model_fields_set - {"recorded"}):
+            other = sorted(self.model_fields_set - {"recorded"})[0]
+            raise ValueError(
+                f"recorded and {other}: a recorded rig is as it was; name one of the two"
+            )
+        if not (self.mounts or self.recorded):
+            raise ValueError(
+                "mounts: is missing; expected mounts, or recorded with names of LiDARs"
+            )
+        if len(set(self.recorded)) < len(self.recorded):
+            raise ValueError(f"recorded: each LiDAR once, found {', '.join(self.recorded)}")
+        return self
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
         """As that of `PlacementSettings`, with what is dead."""

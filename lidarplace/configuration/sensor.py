@@ -195,6 +195,19 @@ class SensorSettings(Settings):
         except ValueError as error:
             raise ValueError(f"correction: {self.correction}: {error}") from None
 
+    def corrected(self, lidar: Lidar, name: str) -> Lidar:
+        """Another LiDAR with the correction of these settings, as its unit `name` if it has one.
+
+        Raises ValueError if the unit does not fit the LiDAR.
+        """
+        if self.correction is None:
+            return lidar
+        try:
+            file = read_correction(self.correction)
+            return lidar.corrected(file, name if name in file.lidars else None)
+        except ValueError as error:
+            raise ValueError(f"correction: {error}") from None
+
     def _uncorrected(self) -> Lidar:
         pattern = self._pattern()
         degrees = self.elevations_deg

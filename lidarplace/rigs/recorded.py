@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from lidarplace.base.suggestions import did_you_mean
-from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.placement import Mount, Placement
+
+MOST_MM = 10.0
+MOST_DEGREES = 0.5
+"""By which mounts of one rig may differ between scenes: as much as mounting errors."""
 
 
 @dataclass(frozen=True)
@@ -63,3 +69,38 @@ class RecordedRig:
                 [placement.lidars[n] for n in kept],
             ),
         )
+
+
+def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
+    """The rig of all scenes, that of the first one.
+
+    Args:
+        rigs: by scene.
+
+    Raises:
+        ValueError: there is none, or scenes have other LiDARs, or mounts that differ by more than
+            `MOST_MM` or `MOST_DEGREES`.
+    """
+    if not rigs:
+        raise ValueError("no recorded rig; convert the log with its calibration")
+    (first, rig), *others = rigs.items()
+    for scene, other in others:
+        where = f"scenes {first} and {scene}"
+        if other.names != rig.names or other.placement.lidars != rig.placement.lidars:
+            raise ValueError(f"{where} have LiDARs of other names or models; make a log of each")
+        for name, a, b in zip(rig.names, rig.placement.mounts, other.placement.mounts, strict=True):
+            millimetres, degrees = _apart(a, b)
+            if millimetres > MOST_MM or degrees > MOST_DEGREES:
+                raise ValueError(
+                    f"{where} have LiDAR {name} in different places; expected at most "
+                    f"{MOST_MM:g} mm and {MOST_DEGREES:g} degrees, found {millimetres:.0f} mm and "
+                    f"{degrees:.1f} degrees; make a log of each"
+                )
+    return rig
+
+
+def _apart(a: Mount, b: Mount) -> tuple[float, float]:
+    """Distance of two mounts, millimetres, and the angle between them, degrees."""
+    cosine = (np.trace(a.rotation.T @ b.rotation) - 1) / 2
+    distance = np.linalg.norm(np.subtract(a.position, b.position))
+    return 1000 * float(distance), float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

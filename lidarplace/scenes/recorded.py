@@ -14,8 +14,9 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
 from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
-from lidarplace.logs.box_log import RIG_FILE, BoxLog, read_box_log, read_frames
+from lidarplace.logs.box_log import RIG_FILE, BoxLog, read_box_log, read_frames, read_rigs
 from lidarplace.logs.boxes import SPLITS
+from lidarplace.rigs.recorded import RecordedRig, one_rig
 from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap, check_class_map
 from lidarplace.scenes.parts import ScenePart
 
@@ -43,7 +44,8 @@ class LogScene(Settings):
     clouds: Literal["simulated", "recorded"] = Field(
         "simulated",
         description="simulated: rays are cast at the boxes; recorded: the clouds in "
-        "folder/clouds/PLACEMENT, such as CARLA's",
+        "folder/clouds/PLACEMENT, such as CARLA's, and those in folder/clouds/recorded of "
+        "placements that name LiDARs of the recorded rig",
     )
     class_map: dict[Name, Name] | Literal["paper"] | None = Field(
         None,
@@ -102,6 +104,28 @@ class LogScene(Settings):
         own = read_frames(self.folder)["split"]
         tests = own if self.test_folder is None else read_frames(self.test_folder)["split"]
         return int((own == "train").sum()), int((tests == "test").sum())
+
+    @property
+    def real_clouds(self) -> Path:
+        """Where the clouds of the recorded rig are, a folder each scene."""
+        return self.folder / "clouds" / "recorded"
+
+    @cached_property
+    def rig(self) -> RecordedRig:
+        """The rig that recorded the folder's log, the same for all its scenes (`one_rig`).
+
+        Raises ValueError if a scene has none, or another one than the others.
+        """
+        path = self.folder / RIG_FILE
+        rigs = read_rigs(self.folder)
+        lacking = set(read_frames(self.folder)["scene"]) - rigs.keys()
+        try:
+            rig = one_rig(rigs)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        if lacking:
+            raise ValueError(f"{path}: scene {min(lacking)} has no recorded rig")
+        return rig
 
     def remedy(self, split: str) -> str:
         """What to change if there is no frame of a split."""

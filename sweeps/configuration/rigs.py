@@ -1,14 +1,17 @@
 """The rigs of a configuration, each built once."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 
 from lidarplace.base.suggestions import did_you_mean
-from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.rigs.weather import Weather
-from sweeps.configuration.sweep import Point
+from lidarplace.scenes.kinds import Scene
+from lidarplace.scenes.recorded import LogScene
+from sweeps.configuration.sweep import LidarSettings, Point
 
 
 class Rigs:
@@ -17,7 +20,7 @@ class Rigs:
     A rig that is asked for again is the same object.
     """
 
-    def __init__(self, own: Mapping[str, PlacementSettings], first: Point) -> None:
+    def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
         """Build own placements as the first point has them, whether one is its rig or not.
 
         Raises:
@@ -29,6 +32,7 @@ class Rigs:
         self.own = own
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
+        self._subset = cache(_subset)
         try:
             for name in own:
                 self.of(first, name)
@@ -39,14 +43,29 @@ class Rigs:
         """The rig of a point, or the one called `name` with its LiDARs and in its weather.
 
         Raises:
-            ValueError: there is none of that name, two of its LiDARs are in one place, or the
-                weather makes no difference to a LiDAR that is in it.
+            ValueError: there is none of that name, two of its LiDARs are in one place, the weather
+                makes no difference to a LiDAR that is in it, or LiDARs of a recorded rig are not
+                those of the point's scene.
         """
-        return self._built(name or point.placement, point.lidar.lidar(), point.weather.weather())
+        name, subset = name or point.placement, None
+        if names := self.recorded(name):
+            try:
+                subset = self._subset(point.scene, point.lidar, names)
+            except ValueError as error:
+                raise ValueError(f"{name}.recorded: {error}") from None
+        return self._built(name, point.lidar.lidar(), point.weather.weather(), subset)
 
-    def _build(self, name: str, lidar: Lidar, weather: Weather) -> Placement:
+    def recorded(self, name: str) -> tuple[str, ...]:
+        """Which LiDARs of the recorded rig a placement names; none for one by coordinates."""
+        return self.own[name].recorded if name in self.own else ()
+
+    def _build(
+        self, name: str, lidar: Lidar, weather: Weather, subset: Placement | None
+    ) -> Placement:
         lidar = self._in_weather(lidar, weather)
-        if name in self.own:
+        if subset is not None:
+            rig = replace(subset, name=name)
+        elif name in self.own:
             rig = self.own[name].placement(name, lidar)
         elif name in PAPER_PLACEMENTS:
             rig = PAPER_PLACEMENTS[name].with_lidar(lidar)
@@ -55,3 +74,14 @@ class Rigs:
             hint = did_you_mean(name, known)
             raise ValueError(f"no placement {name!r}{hint}; allowed are {', '.join(known)}")
         return rig.each_lidar(lambda own: self._in_weather(own, weather))
+
+
+def _subset(scene: Scene, lidar: LidarSettings, names: tuple[str, ...]) -> Placement:
+    """LiDARs of the rig that recorded a log, with what `lidar` corrects. Raises ValueError."""
+    if not isinstance(scene, LogScene):
+        raise ValueError(
+            f"needs the recorded rig of a log; expected scene.source log, found {scene.source}"
+        )
+    subset = scene.rig.subset(names)
+    models = zip(subset.names, subset.placement.lidars, strict=True)
+    return replace(subset.placement, lidar=[lidar.corrected(own, name) for name, own in models])

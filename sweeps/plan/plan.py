@@ -16,9 +16,10 @@ from lidarplace import Lidar, Placement, Roi
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import crop_for
 from lidarplace.clouds.profiles import with_tilt_in_degrees
-from lidarplace.clouds.recorded import check_rig, clouds_digest
+from lidarplace.clouds.recorded import check_lidars, check_rig, clouds_digest
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
+from lidarplace.logs.box_log import read_frames
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import interleaving
@@ -119,6 +120,7 @@ class _Builder:
         self._placements = list(dict.fromkeys(g.point.placement for g in sweep.points))
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
+        self._check_recorded = cache(_check_recorded)
         self._checkpoint = cache(checkpoint_of)
         self._curves = cache(curves_of)
         self._laid = cache(self._lay_out)
@@ -410,10 +412,16 @@ class _Builder:
                     f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
                     f"{lidar.cloud_share:g}"
                 )
-            folder = scene.folder / "clouds" / point.placement
+            names = self._rigs.recorded(point.placement)
+            folder = scene.real_clouds if names else scene.folder / "clouds" / point.placement
             try:
-                check_rig(folder, placement)
-                return RecordedParams(folder, self._digest_of(folder), split, crop)
+                if not names:
+                    check_rig(folder, placement)
+                    return RecordedParams(folder, self._digest_of(folder), split, crop)
+                self._check_recorded(scene, names)
+                lidars = scene.rig.subset(names).names
+                digest = self._digest_of(folder)
+                return RecordedParams(folder, digest, split, crop, scene.rig, lidars)
             except (OSError, ValueError) as error:
                 raise ConfigError(f"placement: {error}") from None
         placement = self._as_collected(point, placement)
@@ -436,6 +444,12 @@ class _Builder:
         if tilted:
             placement = with_tilt_in_degrees(placement)
         return placement.each_lidar(lambda lidar: self._thinned(lidar, share))
+
+
+def _check_recorded(scene: LogScene, names: tuple[str, ...]) -> None:
+    """Raise ValueError if a frame, or one of the LiDARs, has no recorded cloud."""
+    frames = read_frames(scene.folder)["frame"].to_numpy(np.int64)
+    check_lidars(scene.real_clouds, scene.rig, names, frames)
 
 
 def _classes_of(point: Point) -> tuple[Any, ...]:

@@ -19,11 +19,15 @@ def lidar_models(sweep: Sweep) -> dict[str, tuple[LidarModel, ...]]:
 
 def _models(sweep: Sweep, point: Point, rig: Placement) -> tuple[LidarModel, ...]:
     settings = sweep.common.placements.get(point.placement)
-    own = [mount.lidar for mount in settings.mounts] if settings else [None] * len(rig.mounts)
+    if settings is None:
+        own = [point.lidar.name] * len(rig.mounts)
+    elif settings.recorded:  # by their beams alone
+        own = [None] * len(rig.mounts)
+    else:
+        own = [(mount.lidar or point.lidar).name for mount in settings.mounts]
     models = []
-    for sensor, lidar in zip(own, rig.lidars, strict=True):
+    for name, lidar in zip(own, rig.lidars, strict=True):
         low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)]).round(9)
-        name = (sensor or point.lidar).name
         models.append(
             LidarModel(
                 name=name,

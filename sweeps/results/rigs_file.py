@@ -1,13 +1,18 @@
 """The rigs of a sweep as a file that the studio opens."""
 
+import math
 from dataclasses import asdict
 
 import yaml
 
+from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.rig_files.own import as_written
-from lidarplace.rigs.placement import PAPER_PLACEMENTS
+from lidarplace.rig_files.own import DIGITS, as_written
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
+from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
+from sweeps.configuration.sweep import Point
 
 FILE = "rigs.yaml"
 
@@ -15,10 +20,13 @@ FILE = "rigs.yaml"
 def rigs_yaml(sweep: Sweep) -> str:
     """Its placements, their LiDARs, the vehicle and its requirements.
 
-    Own placements are in the words of the configuration. Where an axis varies LiDARs or vehicle,
-    they are those of the first point.
+    Own placements are in the words of the configuration, those of a recorded rig by coordinates.
+    Where an axis varies LiDARs or vehicle, they are those of the first point.
     """
-    own = sweep.source.get("placements", {})
+    own = dict(sweep.source.get("placements", {}))
+    for name, settings in sweep.common.placements.items():
+        if settings.recorded:
+            own[name] = _of_log(sweep.points[0].point, settings.recorded)
     names = dict.fromkeys(point.point.placement for point in sweep.points)
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
@@ -35,7 +43,43 @@ def rigs_yaml(sweep: Sweep) -> str:
 
 
 def _of_paper(name: str) -> dict[str, object]:
-    mounts = [asdict(mount).items() for mount in PAPER_PLACEMENTS[name].mounts]
-    return {
-        "mounts": [{key: value for key, value in mount if value or key == "z"} for mount in mounts]
-    }
+    return {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
+
+
+def _pose(mount: Mount) -> dict[str, object]:
+    return {key: value for key, value in asdict(mount).items() if value or key == "z"}
+
+
+def _of_log(point: Point, names: tuple[str, ...]) -> dict[str, object]:
+    """LiDARs of a recorded rig with their models, corrected as those of the sweep."""
+    assert isinstance(point.scene, LogScene)  # as the rig was built
+    rig, correction = point.scene.rig.subset(names), point.lidar.correction
+    known = () if correction is None else read_correction(correction).lidars
+    mounts = []
+    for name, mount, lidar in zip(
+        rig.names, rig.placement.mounts, rig.placement.lidars, strict=True
+    ):
+        model = _model(lidar)
+        if correction is not None:
+            model |= {"correction": correction, **({"unit": name} if name in known else {})}
+        mounts.append({"name": name, **_pose(mount), "lidar": model})
+    return {"mounts": mounts}
+
+
+def _model(lidar: Lidar) -> dict[str, object]:
+    """A LiDAR whose beams turn, in the words of a configuration."""
+    settings = SensorSettings(
+        elevations_deg=tuple(round(math.degrees(e), DIGITS) for e in lidar.elevations),
+        azimuth_steps=lidar.azimuth_steps,
+        azimuth_deg=tuple(round(math.degrees(end), DIGITS) for end in lidar.azimuth),
+        range=lidar.range,
+        range_10=lidar.range_10,
+        range_80=lidar.range_80,
+        min_range=lidar.min_range,
+        range_noise=lidar.range_noise,
+        drop_off=lidar.drop_off,
+        wavelength_nm=round(1e9 * lidar.wavelength, DIGITS),
+        window=lidar.window,
+        size_mm=lidar.size and tuple(round(1000 * side, DIGITS) for side in lidar.size),
+    )
+    return settings.model_dump(mode="json", exclude_defaults=True)

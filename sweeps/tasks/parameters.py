@@ -18,6 +18,7 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.requirements.requirement import Requirement
+from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
@@ -159,12 +160,19 @@ class CollectParams:
 
 @dataclass(frozen=True)
 class RecordedParams:
-    """The folder of clouds of a rig that were recorded, and the hash of their content."""
+    """The folder of clouds of a rig that were recorded, and the hash of their content.
+
+    Attributes:
+        rig: that recorded them, in whose order points are; None: that of the placement alone.
+        lidars: of it, whose points are taken.
+    """
 
     folder: Annotated[Path, "placement", "scene"]
     digest: str
     split: str
     crop: Annotated[Crop, "roi", "placement", "lidar"]
+    rig: RecordedRig | None = None
+    lidars: Annotated[tuple[str, ...], "placement"] = ()
 
 
 @dataclass(frozen=True)

@@ -253,7 +253,13 @@ def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
                 "command again"
             )
         numbers = _frames_of(log, params.split)
-        clouds = recorded_clouds(params.folder, numbers, params.crop)
+        rig = params.rig
+        kept = (
+            None
+            if rig is None
+            else [n for n, name in enumerate(rig.names) if name in params.lidars]
+        )
+        clouds = recorded_clouds(params.folder, numbers, params.crop, kept)
     else:
         clouds = _simulated(params, log).kept()
     counts = count_points_per_object(log.boxes, clouds)

@@ -1,6 +1,7 @@
 """What counts as ground truth: hidden and outside objects do not."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -62,6 +63,8 @@ def test_ground_truth_is_visible_and_in_the_roi():
     np.testing.assert_array_equal(truth["occluded"], [0, 0])
     np.testing.assert_array_equal(truth["truncated"], [0, 0])
     assert "visibility" not in log.boxes.columns
+    counted = replace(log, boxes=log.boxes.assign(points=7.0, **{"points/top": 7.0}))
+    pd.testing.assert_frame_equal(ground_truth(counted, FRONT.x, FRONT.y, FRONT.z), truth)
 
 
 def test_truncated_is_the_share_outside_the_roi():

@@ -25,6 +25,7 @@ def write_run(
     densities: Sequence[int] = (),
     trainings: Sequence[tuple[int, float]] = (),
     judges: Sequence[str] = (),
+    clouds: Sequence[str] = (),
     roi: dict[str, object] = ROI,
     points: int = 300,
     seed: int = 0,
@@ -34,12 +35,14 @@ def write_run(
 
     `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames,
     `judges` who judges the placements: a generalist 20 points above specialists, half as far apart.
+    `clouds` those of an axis over recorded and simulated ones.
     With `enough` there are enough individuals and epochs for a headline.
     Without `detectors` it is a sweep of surrogates alone: no results, no frame, maps of some.
     """
     rng = np.random.default_rng(seed)
     path.mkdir(parents=True)
     scenes = [{"scene.density": density} for density in densities] or [{}]
+    scenes = [scene | {"scene.clouds": kind} for scene in scenes for kind in clouds] or scenes
     lengths = [dict(zip(COST_AXES, training, strict=True)) for training in trainings] or [{}]
     asked = [{"judge": judge} for judge in judges] or [{}]
     settings = [scene | length | one for scene in scenes for length in lengths for one in asked]

@@ -42,6 +42,7 @@ from tracking.report.sections.placements import placements_section
 from tracking.report.sections.predictors import counted, predictors_section
 from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
+from tracking.report.sections.recorded_clouds import recorded_clouds_section
 from tracking.report.sections.regret import regret_section
 from tracking.report.sections.reliability import reliability_section
 from tracking.report.sections.requirements import requirements_section
@@ -133,6 +134,7 @@ SECTIONS: Registry[Callable[[Analysis], Section | None]] = Registry(
         "reliability": reliability_section,
         "regret": regret_section,
         "generalist": generalist_section,
+        "recorded_clouds": recorded_clouds_section,
         "correlation": correlation_section,
         "published": published_section,
         "detectors": detectors_section,

@@ -466,7 +466,8 @@ def _without_paths(value: Any) -> Any:
 
 def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
     """A search knows models by name alone."""
-    if name in file.placements and any(m.lidar for m in file.placements[name].mounts):
+    own = file.placements.get(name)
+    if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
         raise ValueError(f"{key}: {name}: its mounts have LiDARs of their own; give one of `lidar`")
 
 
