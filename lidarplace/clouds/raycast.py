@@ -32,7 +32,7 @@ from lidarplace.clouds.convex import (
 from lidarplace.clouds.shapes import BODY, Parts
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.placement import Mount, blocks
 
 GROUND, NOTHING = -1, -5
 """What a ray hit when it was no part; parts have owners above and between."""
@@ -84,17 +84,18 @@ def cast(
     """
     rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
-    cast_compiled(
-        mount.position,
-        mount.rotation,
-        beams_of(lidar),
-        parts.geometry,
-        parts.owner,
-        parts.reflectivity,
-        np.array(crop, np.float64),
-        ends,
-        hits,
-    )
+    for own_mount, own, numbers in blocks(mount, lidar):
+        cast_compiled(
+            own_mount.position,
+            own_mount.rotation,
+            beams_of(own),
+            parts.geometry,
+            parts.owner,
+            parts.reflectivity,
+            np.array(crop, np.float64),
+            ends[numbers],
+            Hits(*(column[numbers] for column in hits)),
+        )
     return hits
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
-from lidarplace.configuration.correction import is_file, read_correction
+from lidarplace.configuration.correction import Offset, is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
@@ -36,7 +36,9 @@ MOST_RAYS = 20_000_000
 """Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 
 
-BEAM_KEYS = {"beams", "elevation_deg", "elevations_deg", "azimuth_steps", "azimuth_deg"}
+BEAM_KEYS = {
+    *("beams", "elevation_deg", "elevations_deg", "offsets_m", "azimuth_steps", "azimuth_deg")
+}
 """Of a LiDAR whose beams turn."""
 
 
@@ -60,6 +62,11 @@ class SensorSettings(Settings):
     )
     elevations_deg: Annotated[tuple[Elevation, ...], Field(max_length=MOST_BEAMS)] | None = Field(
         None, description="elevation of every beam, degrees, in place of the two keys above"
+    )
+    offsets_m: Annotated[tuple[Offset, ...], Field(max_length=MOST_BEAMS)] | None = Field(
+        None,
+        description="offset of the laser of every beam along the sensor's z axis, where its rays "
+        "start, metres; null: all start at the origin",
     )
     azimuth_steps: CountFromOne = Field(5625, description="firings of a beam in one turn")
     range: Distance = Field(100.0, gt=0, description="farthest return, metres")
@@ -125,11 +132,13 @@ class SensorSettings(Settings):
         for key in ("beams", "elevation_deg"):
             if key in data:
                 raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
-        beams = {
+        beams: dict[str, Any] = {
             "elevations_deg": sheet.elevations_deg,
             "azimuth_deg": sheet.azimuth_deg,
             "azimuth_steps": sheet.azimuth_steps,
         }
+        if "elevations_deg" not in data:  # else they are of other beams
+            beams["offsets_m"] = sheet.offsets_m
         known = beams if sheet.rosette is None and data.get("pattern") is None else {}
         known |= {
             "range": sheet.range,
@@ -211,6 +220,7 @@ class SensorSettings(Settings):
             window=self.window,
             size=self.size_mm and metres(self.size_mm),
             pattern=pattern,
+            offsets=self.offsets_m,
         )
 
     def _pattern(self) -> ScanPattern | None:

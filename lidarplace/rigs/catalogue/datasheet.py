@@ -44,6 +44,7 @@ class Datasheet(BaseModel):
         name: in settings and for `Lidar.named`.
         maker, model: as it is sold.
         elevations_deg: of every beam above the horizon, ascending, degrees; none of a rosette.
+        offsets_m: of the laser of every beam along the sensor's z axis, metres; None: not known.
         azimuth_deg: horizontal field of view [min, max), 0 ahead, degrees.
         azimuth_steps: firings of a beam in a turn of 360 degrees, at FRAMES_PER_S.
         rosette: in place of beams that turn.
@@ -67,6 +68,7 @@ class Datasheet(BaseModel):
     maker: str
     model: str
     elevations_deg: tuple[float, ...] = ()
+    offsets_m: tuple[float, ...] | None = None
     azimuth_deg: tuple[float, float] = (-180.0, 180.0)
     azimuth_steps: PositiveInt = 1
     rosette: Rosette | None = None
