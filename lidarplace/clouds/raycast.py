@@ -12,6 +12,8 @@ part costs only the beams and azimuths that can meet it; the result is that of t
 against every part.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from functools import lru_cache
@@ -61,6 +63,10 @@ class Hits(NamedTuple):
     target: NDArray[np.int32]
     reflected: NDArray[np.float64]
 
+    def of(self, rays: slice) -> Hits:
+        """Those of some of the rays, in the same memory."""
+        return Hits(self.range[rays], self.target[rays], self.reflected[rays])
+
 
 def cast(
     mount: Mount,
@@ -94,7 +100,7 @@ def cast(
             parts.reflectivity,
             np.array(crop, np.float64),
             ends[numbers],
-            Hits(*(column[numbers] for column in hits)),
+            hits.of(numbers),
         )
     return hits
 

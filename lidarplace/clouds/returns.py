@@ -67,7 +67,7 @@ def sample_points(
             beams_of(own),
             np.array(crop, np.float64),
             lift,
-            Hits(*(column[numbers] for column in hits)),
+            hits.of(numbers),
             (SIGN, GROUND),
             _Cells(ground.reflectivity, *_to_cells(ground.pose)),
             _Chance(

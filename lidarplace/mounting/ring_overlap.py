@@ -54,7 +54,7 @@ def rings(placement: Placement) -> Rings:
     lidars = zip(placement.mounts, placement.lidars, strict=True)
     met = np.stack(
         [
-            np.logical_or.reduce([_cells(*own) for *own, _ in blocks(mount, lidar)])
+            np.logical_or.reduce([_cells(at, own) for at, own, _ in blocks(mount, lidar)])
             for mount, lidar in lidars
         ]
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -128,13 +128,13 @@ def count_points(
 
     def points(part: NDArray[np.float64]) -> Numbers:
         owners, missed = np.empty((len(part), 0), np.int16), np.empty((len(part), 0))
-        found: Numbers = np.zeros((len(part), lidars), np.float64 if lossy else np.int64)
+        found: NDArray[Any] = np.zeros((len(part), lidars), np.float64 if lossy else np.int64)
         for sight in sights:
             counts, expected = _hit(sight, part, reflectivity, 1.0, owners, missed)
             found[:, sight.number] += expected if lossy else counts
         return found
 
-    alone = np.concatenate(_in_threads(points, boxes, _PORTION))
+    alone: NDArray[Any] = np.concatenate(_in_threads(points, boxes, _PORTION))
     return Counts(alone.sum(axis=1), alone)
 
 
@@ -169,7 +169,7 @@ def count_cells(
 
     bytes_each = cells * (8 * lidars if lossy else 2)
     portion = max(1, min(_PORTION, _MOST_BYTES // bytes_each))
-    found = np.concatenate(_in_threads(shares, boxes, portion))
+    found: NDArray[Any] = np.concatenate(_in_threads(shares, boxes, portion))
     return Counts(found[:, -1].copy(), found[:, :-1])
 
 

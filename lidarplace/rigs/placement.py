@@ -178,7 +178,7 @@ def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
         return [(mount, lidar, slice(0, lidar.rays))]
     up, first, found = mount.rotation[:, 2], 0, []
     for offset, beams in groupby(range(lidar.beams), lidar.offsets.__getitem__):
-        own = replace(lidar, elevations=[lidar.elevations[b] for b in beams], offsets=None)
+        own = replace(lidar, elevations=tuple(lidar.elevations[b] for b in beams), offsets=None)
         x, y, z = (mount.position + offset * up).tolist()
         found.append((replace(mount, x=x, y=y, z=z), own, slice(first, first + own.rays)))
         first += own.rays
