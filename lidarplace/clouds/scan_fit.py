@@ -17,6 +17,8 @@ NEAREST_M = 3.0
 LEAST_POINTS = 50
 """Of a ring."""
 LEAST_RINGS = 2
+MOST_RINGS = 10_000
+FARTHEST_M = 10_000.0
 MOST_SPREAD_DEG = 0.2
 """Half of the points of a ring are within so much of its elevation, in the sensor's frame."""
 LEAST_OFFSET_M = 0.02
@@ -72,10 +74,9 @@ def fit_scan(clouds: Sequence[pd.DataFrame], place: str) -> ScanFit:
         InputError: there is neither a ring nor an order, the clouds are too small, or they are not
             in the sensor's frame.
     """
-    rays: pd.DataFrame = pd.concat(
+    rays = pd.concat(
         [_rays(cloud, place).assign(sweep=number) for number, cloud in enumerate(clouds)]
     )
-    rays = rays.loc[rays["level"] > 0]
     counts = rays.groupby("ring").size()
     left_out = counts.index[counts < LEAST_POINTS]
     rays = rays.loc[~rays["ring"].isin(left_out)]
@@ -120,14 +121,24 @@ def fit_scan(clouds: Sequence[pd.DataFrame], place: str) -> ScanFit:
 
 def _rays(cloud: pd.DataFrame, place: str) -> pd.DataFrame:
     """Columns ring, level (distance from the z axis), z, range and azimuth of the points."""
-    cloud = cloud[np.isfinite(cloud[["x", "y", "z"]]).all(axis=1)]
-    x, y, z = cloud[["x", "y", "z"]].to_numpy(np.float64).T
+    points = cloud[["x", "y", "z"]].to_numpy(np.float64)
+    known = np.isfinite(points).all(axis=1)
+    x, y, z = points[known].T
+    farthest = np.abs(points[known]).max(initial=0.0)
+    if farthest > FARTHEST_M:
+        raise InputError(
+            "implausible point",
+            place=place,
+            expected=f"coordinates within {FARTHEST_M:g} m",
+            found=f"{farthest:g} m",
+        )
     azimuth, level = np.arctan2(y, x), np.hypot(x, y)
-    ring = cloud["ring"].to_numpy() if "ring" in cloud else _rings_in_order(azimuth, place)
-    if not np.isfinite(ring).all() or (ring != np.round(ring)).any() or (ring < 0).any():
-        raise InputError("ring: expected whole numbers from 0", place=place)
+    ring = cloud["ring"].to_numpy()[known] if "ring" in cloud else _rings_in_order(azimuth, place)
+    if not ((ring >= 0) & (ring < MOST_RINGS) & (ring == np.round(ring))).all():
+        raise InputError(f"ring: expected whole numbers from 0 to {MOST_RINGS - 1}", place=place)
     columns = {"level": level, "z": z, "range": np.hypot(level, z), "azimuth": azimuth}
-    return pd.DataFrame(columns | {"ring": ring.astype(np.int64)})
+    rays = pd.DataFrame(columns | {"ring": ring.astype(np.int64)})
+    return rays[rays["level"] > 0]
 
 
 def _rings_in_order(azimuth: NDArray[np.float64], place: str) -> NDArray[np.int64]:

@@ -114,7 +114,12 @@ LINES = {
         ("carla.yaml",),
         "lidarplace.plugins.carla.command.collect",
     ),
-    "sensors": Line("lidarplace.commands.sensors", ("vlp16",), ()),
+    "sensors": Line("lidarplace.commands.sensors", ("list", "vlp16"), ()),
+    "sensors fit": Line(
+        "lidarplace.commands.sensors",
+        ("fit", "cloud.parquet", "--like", "vlp16", "--out", "lidar.yaml"),
+        ("cloud.parquet",),
+    ),
     "rig": Line(
         "lidarplace.commands.rig",
         ("rig.yaml", "objects.json", "--format", "carla", "--lidar", "vlp16"),

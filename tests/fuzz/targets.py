@@ -276,6 +276,12 @@ DATA: tuple[Target, ...] = (
     Target(
         "KITTI clouds", ("kitti/training/velodyne/*.bin",), read=_kitti_clouds, needs=("kitti",)
     ),
+    Target(
+        "sensors fit",
+        ("cloud.parquet",),
+        "lidarplace.commands.sensors",
+        ("fit", "cloud.parquet", "--out", "lidar.yaml"),
+    ),
     Target("recorded clouds", ("clouds/route/*.npy",), read=_recorded),
     Target("rig of clouds", ("clouds/placement.json",), read=_rig),
     Target("checkpoint", ("base.pt",), read=_checkpoint),
