@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,22 +61,20 @@ class ScanFit:
     left_out: tuple[int, ...]
 
 
-def fit_scan(clouds: Sequence[pd.DataFrame], place: str) -> ScanFit:
+def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
     """Fit the pattern of one LiDAR.
 
     Args:
-        clouds: of one sweep each, x, y, z in the sensor's frame, metres, and ring; without it,
-            rings must follow each other in the order of the points. Points that are NaN are left
-            out. `time`, seconds, is optional.
-        place: for messages.
+        clouds: of one sweep each, by their files, x, y, z in the sensor's frame, metres, and
+            ring; without it, rings must follow each other in the order of the points. Points that
+            are NaN are left out. `time`, seconds, is optional.
 
     Raises:
         InputError: there is neither a ring nor an order, the clouds are too small, or they are not
             in the sensor's frame.
     """
-    rays = pd.concat(
-        [_rays(cloud, place).assign(sweep=number) for number, cloud in enumerate(clouds)]
-    )
+    rays = pd.concat([_rays(cloud, name).assign(sweep=name) for name, cloud in clouds.items()])
+    place = next(iter(clouds)) + (f" and {len(clouds) - 1} more" if len(clouds) > 1 else "")
     counts = rays.groupby("ring").size()
     left_out = counts.index[counts < LEAST_POINTS]
     rays = rays.loc[~rays["ring"].isin(left_out)]
@@ -113,7 +111,7 @@ def fit_scan(clouds: Sequence[pd.DataFrame], place: str) -> ScanFit:
         rings.noise(2 * np.pi / steps),
         min(len(rays) / turns, 1.0),  # sweeps may be a little more than a turn
         float(rays["range"].max()),
-        _rate(clouds),
+        _rate([*clouds.values()]),
         (float(start[0]), float(start[1]), float(start[2])),
         tuple(left_out.tolist()),
     )

@@ -78,9 +78,9 @@ def fit(
             raise InputError(f"{sheet.name} has no beams that turn", place="--like")
         found = []
         for place, sweeps in _by_lidar(_files(clouds), _lidars(rig, mount, origin)).items():
-            own = fit_scan(sweeps, place.name)
+            own = fit_scan(sweeps)
             if sheet is not None:
-                _check_rings(own, sheet, place.name)
+                _check_rings(own, sheet, next(iter(sweeps)))
             beside = sheet or _nearest(own)
             found.append((place, own, beside, _model(own, sheet)))
         if out is not None:
@@ -136,9 +136,9 @@ def _lidars(
 
 def _by_lidar(
     files: Sequence[Path], lidars: Sequence[MountedLidar]
-) -> dict[MountedLidar, list[pd.DataFrame]]:
-    """The sweeps of each LiDAR in its own frame."""
-    found: dict[MountedLidar, list[pd.DataFrame]] = {}
+) -> dict[MountedLidar, dict[str, pd.DataFrame]]:
+    """The sweeps of each LiDAR in its own frame, by their files."""
+    found: dict[MountedLidar, dict[str, pd.DataFrame]] = {}
     for path in files:
         cloud = read_cloud(path)
         parts = cloud.groupby("lidar") if "lidar" in cloud else [(None, cloud)]
@@ -147,7 +147,8 @@ def _by_lidar(
             mount = place.mount
             points = (part[["x", "y", "z"]].to_numpy(np.float64) - mount.position) @ mount.rotation
             own = part.assign(**dict(zip("xyz", points.T, strict=True)))
-            found.setdefault(place, []).append(own)
+            name = str(path) if number is None else f"{path}: {place.name}"
+            found.setdefault(place, {})[name] = own
     if len(found) > 1 and not lidars:
         raise InputError(
             f"{len(found)} LiDARs in one cloud", place=str(files[0]), fix="name their poses: --rig"

@@ -81,7 +81,7 @@ def patterns(draw) -> Lidar:
 @given(lidar=patterns(), lost=st.sampled_from([0.0, 0.3]), ordered=st.booleans())
 def test_a_simulated_cloud_gives_its_lidar_back(lidar, lost, ordered):
     cloud = cloud_of(lidar, lost=lost)
-    found = fit_scan([cloud.drop(columns="ring") if ordered else cloud], "cloud")
+    found = fit_scan({"cloud": cloud.drop(columns="ring") if ordered else cloud})
     np.testing.assert_allclose(
         np.degrees(found.elevations), np.degrees(lidar.elevations), atol=0.01
     )
@@ -95,12 +95,12 @@ def test_several_sweeps_and_what_is_not_finite():
     sweeps = [cloud_of(LIDAR, seed=seed, lost=0.2) for seed in range(3)]
     sweeps[1].loc[::7, "x"] = np.nan
     sweeps[2] = sweeps[2].assign(time=np.linspace(0, 0.05, len(sweeps[2])))
-    found = fit_scan(sweeps, "cloud")
+    found = fit_scan(dict(zip("abc", sweeps, strict=True)))
     np.testing.assert_allclose(found.elevations, LIDAR.elevations, atol=1e-4)
     assert found.azimuth_steps == LIDAR.azimuth_steps
     assert found.rate == pytest.approx(20.0)
     few = pd.concat([cloud_of(LIDAR), pd.DataFrame({"x": [5.0], "y": 0, "z": 1, "ring": 17})])
-    assert fit_scan([few], "cloud").left_out == (17,)
+    assert fit_scan({"cloud": few}).left_out == (17,)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,8 @@ def test_several_sweeps_and_what_is_not_finite():
 )
 def test_bad_clouds_are_one_line(change, told):
     with pytest.raises(InputError, match=told) as caught:
-        fit_scan([change(cloud_of(LIDAR))], "cloud")
+        fit_scan({"cloud": change(cloud_of(LIDAR))})
+    assert str(caught.value).startswith("cloud: ")
     assert "\n" not in str(caught.value)
 
 
