@@ -20,7 +20,10 @@ class _NamesOrFit(TyperGroup):
         return super().parse_args(ctx, args if known else ["list", *args])
 
 
-app = new_app(cls=_NamesOrFit, help="List the LiDARs that are known by name, or fit one to clouds.")
+app = new_app(
+    cls=_NamesOrFit,
+    help="List the LiDARs that are known by name (`list` may be left out), or fit one.",
+)
 verb(app, "sweeps/ --like vlp32c --out lidar.yaml", "000000.bin --like hdl64e")(fit)
 
 HEAD = (
