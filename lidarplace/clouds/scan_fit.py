@@ -75,6 +75,15 @@ def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
     """
     rays = pd.concat([_rays(cloud, name).assign(sweep=name) for name, cloud in clouds.items()])
     place = next(iter(clouds)) + (f" and {len(clouds) - 1} more" if len(clouds) > 1 else "")
+    numbered = all("ring" in cloud for cloud in clouds.values())
+    in_sweep = rays.groupby("sweep")["ring"].max() + 1
+    if not numbered and in_sweep.nunique() > 1:  # nobody knows which one is missing
+        raise InputError(
+            "clouds without a ring column have different numbers of rings",
+            place=place,
+            found=", ".join(map(str, sorted(set(in_sweep)))),
+            fix="leave out those with fewer rings",
+        )
     counts = rays.groupby("ring").size()
     left_out = counts.index[counts < LEAST_POINTS]
     rays = rays.loc[~rays["ring"].isin(left_out)]

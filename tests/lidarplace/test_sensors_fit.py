@@ -103,6 +103,14 @@ def test_several_sweeps_and_what_is_not_finite():
     assert fit_scan({"cloud": few}).left_out == (17,)
 
 
+def test_files_in_order_have_equal_rings():
+    whole = cloud_of(LIDAR)
+    clouds = [c.drop(columns="ring") for c in (whole, whole[whole["ring"] != 2])]
+    with pytest.raises(InputError, match="numbers of rings; found 5, 6"):
+        fit_scan(dict(zip("ab", clouds, strict=True)))
+    assert len(fit_scan({"b": clouds[1]}).elevations) == 5
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
