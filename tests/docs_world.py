@@ -11,11 +11,13 @@ import trimesh
 import yaml
 from typer.testing import CliRunner, Result
 
+from lidarplace import Lidar
 from tests.docs_blocks import ROOT, blocks
 from tests.docs_verbs import app_of
 from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
 from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.lidarplace.test_sensors_fit import cloud_of
 from tests.lidarplace.waymo_layout import Box as WaymoBox
 from tests.lidarplace.waymo_layout import Segment, write_waymo
 from tests.mlflow_database import write_database
@@ -97,6 +99,8 @@ def make_world(folder: Path) -> None:
     write_database(folder / "runs/mlflow.db")
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)
+    (folder / "clouds/sweeps").mkdir(parents=True)
+    cloud_of(Lidar.even(16, (-15, 15), 400)).to_parquet(folder / "clouds/sweeps/0.parquet")
     (folder / "our_car.yaml").write_text(
         "lidars: {up_lidar: {mask: {azimuth_deg: 360, shares: [1]}}}"
     )

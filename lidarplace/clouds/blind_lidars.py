@@ -9,7 +9,7 @@ from lidarplace.clouds.raycast import Beams, along, beams_of
 from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.placement import Placement, blocks
 
 OBJECTS_M = 2.0
 """Height above the ground up to which objects count: higher up are only the tops of trucks."""
@@ -35,8 +35,18 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
         frames = range(1 if lidar.pattern is None else lidar.pattern.frames)
         if not any(
-            _sees(mount.position, mount.rotation, beams, lidar.reach, low, high, obstacles, number)
-            for beams in (beams_of(lidar.in_frame(frame)) for frame in frames)
+            _sees(
+                own_mount.position,
+                own_mount.rotation,
+                beams_of(own.in_frame(frame)),
+                lidar.reach,
+                low,
+                high,
+                obstacles,
+                number,
+            )
+            for own_mount, own, _ in blocks(mount, lidar)
+            for frame in frames
         ):
             found.append(number)
     return found

@@ -12,6 +12,8 @@ part costs only the beams and azimuths that can meet it; the result is that of t
 against every part.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from functools import lru_cache
@@ -32,7 +34,7 @@ from lidarplace.clouds.convex import (
 from lidarplace.clouds.shapes import BODY, PANE, Parts
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.placement import Mount, blocks
 
 GROUND, NOTHING = -1, -5
 """What a ray hit when it was no part; parts have owners above and between."""
@@ -61,6 +63,10 @@ class Hits(NamedTuple):
     target: NDArray[np.int32]
     reflected: NDArray[np.float64]
 
+    def of(self, rays: slice) -> Hits:
+        """Those of some of the rays, in the same memory."""
+        return Hits(self.range[rays], self.target[rays], self.reflected[rays])
+
 
 def cast(
     mount: Mount,
@@ -84,17 +90,18 @@ def cast(
     """
     rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
-    cast_compiled(
-        mount.position,
-        mount.rotation,
-        beams_of(lidar),
-        parts.geometry,
-        parts.owner,
-        parts.reflectivity,
-        np.array(crop, np.float64),
-        ends,
-        hits,
-    )
+    for own_mount, own, numbers in blocks(mount, lidar):
+        cast_compiled(
+            own_mount.position,
+            own_mount.rotation,
+            beams_of(own),
+            parts.geometry,
+            parts.owner,
+            parts.reflectivity,
+            np.array(crop, np.float64),
+            ends[numbers],
+            hits.of(numbers),
+        )
     return hits
 
 

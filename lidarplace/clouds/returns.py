@@ -17,7 +17,7 @@ from lidarplace.clouds.hashed import key_of, stream_of, uniform
 from lidarplace.clouds.raycast import GROUND, Hits, along, beams_of, lost_share, returns_light
 from lidarplace.clouds.shapes import SIGN
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.placement import Mount, blocks
 
 ATTENUATION_PER_M = 0.004
 """Fall of the intensity with range, CARLA's default `atmosphere_attenuation_rate`."""
@@ -59,26 +59,29 @@ def sample_points(
         classes: of objects by the number that `hits` have of them, for a correction; what has
             another number is no object to it.
     """
-    correction = lidar.correction
-    return _sample(
-        mount.position,
-        mount.rotation,
-        beams_of(lidar),
-        np.array(crop, np.float64),
-        lift,
-        hits,
-        (SIGN, GROUND),
-        _Cells(ground.reflectivity, *_to_cells(ground.pose)),
-        _Chance(
-            lidar.range_noise,
-            lidar.drop_off,
-            key_of(*key),
-            correction is not None,
-            np.empty(0) if correction is None else correction.factors_of(classes),
-        ),
-        (ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2),
-        points,
-    )
+    correction, count = lidar.correction, 0
+    for own_mount, own, numbers in blocks(mount, lidar):
+        count += _sample(
+            own_mount.position,
+            own_mount.rotation,
+            beams_of(own),
+            np.array(crop, np.float64),
+            lift,
+            hits.of(numbers),
+            (SIGN, GROUND),
+            _Cells(ground.reflectivity, *_to_cells(ground.pose)),
+            _Chance(
+                lidar.range_noise,
+                lidar.drop_off,
+                key_of(*key),
+                numbers.start,
+                correction is not None,
+                np.empty(0) if correction is None else correction.factors_of(classes),
+            ),
+            (ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2),
+            points[count:],
+        )
+    return count
 
 
 class _Cells(NamedTuple):
@@ -98,6 +101,7 @@ class _Chance(NamedTuple):
         range_noise: standard deviation of the range.
         drop_off: probability of a loss.
         key: of `sample_points`.
+        first: number of the first ray, for the random numbers of rays.
         corrected: whether there is a correction.
         factors: its factor for each object, shape (objects,).
     """
@@ -105,6 +109,7 @@ class _Chance(NamedTuple):
     range_noise: float
     drop_off: float
     key: NDArray[np.uint64]
+    first: int
     corrected: bool
     factors: NDArray[np.float64]
 
@@ -174,7 +179,7 @@ def _sample(
     elevations = beams.elevations
     ranges, targets, reflected = hits
     cells, cell_x, cell_y, cell_c, cell_s = ground_cells
-    range_noise, drop_off, key, corrected, factors = chance
+    range_noise, drop_off, key, start_ray, corrected, factors = chance
     slack = LARGEST_ERROR * range_noise
     last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
     stream = stream_of(key)
@@ -227,16 +232,17 @@ def _sample(
                 if 0 <= target[n] < len(factors):
                     factor, away = factors[target[n]], distance[n]
                 lost = lost_share(first + n, away, factor, drop_off, beams)
-                kept += uniform(stream, np.uint64(2 * (first + n))) > lost
+                kept += uniform(stream, np.uint64(2 * (start_ray + first + n))) > lost
         elif drop_off > 0.0:
             candidates, kept = kept, 0
             for i in range(candidates):
                 n = steps_kept[i]
                 steps_kept[kept] = n
-                kept += uniform(stream, np.uint64(2 * (first + n))) > drop_off
+                kept += uniform(stream, np.uint64(2 * (start_ray + first + n))) > drop_off
         if range_noise > 0.0:
             for i in range(kept):
-                errors[i] = uniform(stream, np.uint64(2 * (first + steps_kept[i]) + 1))
+                ray = start_ray + first + steps_kept[i]
+                errors[i] = uniform(stream, np.uint64(2 * ray + 1))
             _fill_normals(errors, kept, flank)
         start = count
         for i in range(kept):

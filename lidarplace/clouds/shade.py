@@ -15,7 +15,7 @@ from lidarplace.mounting.housing import enter_housing, housings_in, without
 from lidarplace.mounting.mesh import first_hit
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.placement import Mount, Placement, blocks
 
 
 def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -26,7 +26,11 @@ def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArra
     """
     if not len(housings):
         return housings
-    return housings[_windows(mount.position, mount.rotation, beams_of(lidar), housings)[:, 0] > 0]
+    seen = [
+        _windows(own_mount.position, own_mount.rotation, beams_of(own), housings)[:, 0] > 0
+        for own_mount, own, _ in blocks(mount, lidar)
+    ]
+    return housings[np.logical_or.reduce(seen)]
 
 
 def ends_of(
@@ -49,9 +53,11 @@ def ends_of(
     if mesh is None and not len(near):
         return NO_ENDS
     ends = np.zeros(lidar.rays)
-    _end_at_housings(mount.position, mount.rotation, beams_of(lidar), near, ends)
-    if mesh is not None:
-        _end_at_mesh(mount.position, mount.rotation, beams_of(lidar), mesh.tree, ends)
+    for own_mount, own, numbers in blocks(mount, lidar):
+        rays = own_mount.position, own_mount.rotation, beams_of(own)
+        _end_at_housings(*rays, near, ends[numbers])
+        if mesh is not None:
+            _end_at_mesh(*rays, mesh.tree, ends[numbers])
     return ends
 
 

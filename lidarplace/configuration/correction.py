@@ -27,7 +27,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.files.atomic import write_text
 from lidarplace.rigs.correction import MOST_FACTOR, OTHER, Correction, Mask
-from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.lidar import MOST_OFFSET, Lidar
 
 PACKAGED = "lidarplace.rigs.corrections"
 MOST_SHARES = 100_000
@@ -44,6 +44,7 @@ def _one_row(shares: Any) -> Any:
 
 Shares = Annotated[tuple[Probability, ...], Field(min_length=1, max_length=MOST_SHARES)]
 Rows = Annotated[tuple[Shares, ...], Field(min_length=1, max_length=180), BeforeValidator(_one_row)]
+Offset = Annotated[float, Strict(), Field(ge=-MOST_OFFSET, le=MOST_OFFSET, allow_inf_nan=False)]
 ClassFactor = Annotated[float, Strict(), Field(ge=0, le=MOST_FACTOR, allow_inf_nan=False)]
 
 
@@ -84,6 +85,9 @@ class UnitSettings(Settings):
     azimuth_steps: CountFromOne | None = Field(None, description="firings of a beam in one turn")
     elevations_deg: tuple[Elevation, ...] | None = Field(
         None, min_length=1, description="elevation of every beam, lowest first, degrees"
+    )
+    offsets_m: tuple[Offset, ...] | None = Field(
+        None, min_length=1, description="offset of every laser along the sensor's z axis, metres"
     )
     mask: MaskSettings | None = Field(None, description="its shadow; null: none")
 
@@ -126,13 +130,16 @@ class CorrectionFile(Settings):
             known["azimuth_steps"] = own.azimuth_steps
         if own.elevations_deg is not None:
             known["elevations"] = tuple(map(math.radians, own.elevations_deg))
+        if own.offsets_m is not None:
+            known["offsets"] = own.offsets_m
         if known and lidar.pattern is not None:
             raise ValueError(f"unit {unit}: has beams that turn, and the LiDAR has a pattern")
-        if len(own.elevations_deg or lidar.elevations) != lidar.beams:
-            raise ValueError(
-                f"unit {unit}: expected {lidar.beams} beams as the LiDAR has, "
-                f"found {len(own.elevations_deg or ())}"
-            )
+        for table in (own.elevations_deg, own.offsets_m):
+            if table is not None and len(table) != lidar.beams:
+                raise ValueError(
+                    f"unit {unit}: expected {lidar.beams} beams as the LiDAR has, "
+                    f"found {len(table)}"
+                )
         mask = None if own.mask is None else own.mask.mask
         return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
-from lidarplace.configuration.correction import is_file, read_correction
+from lidarplace.configuration.correction import Offset, is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
@@ -36,7 +36,9 @@ MOST_RAYS = 20_000_000
 """Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 
 
-BEAM_KEYS = {"beams", "elevation_deg", "elevations_deg", "azimuth_steps", "azimuth_deg"}
+BEAM_KEYS = {
+    *("beams", "elevation_deg", "elevations_deg", "offsets_m", "azimuth_steps", "azimuth_deg")
+}
 """Of a LiDAR whose beams turn."""
 
 
@@ -50,7 +52,9 @@ class SensorSettings(Settings):
     or one's own, of which the defaults are the paper's, without noise."""
 
     name: Name | None = Field(
-        None, description="of the catalogue (`lidarplace sensors`), such as vlp16"
+        None,
+        description="of the catalogue (`lidarplace sensors`), such as vlp16; at 10 turns a second, "
+        "unless it names another rate: hdl32e@20hz",
     )
     beams: Annotated[CountFromOne, Field(le=MOST_BEAMS)] = Field(
         16, description="beams, evenly spread over elevation_deg"
@@ -60,6 +64,11 @@ class SensorSettings(Settings):
     )
     elevations_deg: Annotated[tuple[Elevation, ...], Field(max_length=MOST_BEAMS)] | None = Field(
         None, description="elevation of every beam, degrees, in place of the two keys above"
+    )
+    offsets_m: Annotated[tuple[Offset, ...], Field(max_length=MOST_BEAMS)] | None = Field(
+        None,
+        description="offset of the laser of every beam along the sensor's z axis, where its rays "
+        "start, metres; null: all start at the origin",
     )
     azimuth_steps: CountFromOne = Field(5625, description="firings of a beam in one turn")
     range: Distance = Field(100.0, gt=0, description="farthest return, metres")
@@ -125,11 +134,14 @@ class SensorSettings(Settings):
         for key in ("beams", "elevation_deg"):
             if key in data:
                 raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
-        beams = {
+        beams: dict[str, Any] = {
             "elevations_deg": sheet.elevations_deg,
             "azimuth_deg": sheet.azimuth_deg,
             "azimuth_steps": sheet.azimuth_steps,
         }
+        own = data.get("elevations_deg")
+        if not isinstance(own, (list, tuple)) or len(own) == len(sheet.elevations_deg):
+            beams["offsets_m"] = sheet.offsets_m  # else they are of other lasers
         known = beams if sheet.rosette is None and data.get("pattern") is None else {}
         known |= {
             "range": sheet.range,
@@ -229,6 +241,7 @@ class SensorSettings(Settings):
             window=self.window,
             size=self.size_mm and metres(self.size_mm),
             pattern=pattern,
+            offsets=self.offsets_m,
         )
 
     def _pattern(self) -> ScanPattern | None:

@@ -33,7 +33,7 @@ from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover
 from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.placement import Mount, Placement, blocks
 
 CACHE_BYTES = 2**28
 """Coverage of single sensors that is kept for the next placement; a search moves one at a time."""
@@ -45,7 +45,8 @@ def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
     """Voxels that the beams of `placement` cover, right for those that matter by `tiles`."""
     bits = empty(roi.shape)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        bits |= sensor_bits(lidar, mount, roi, tiles)
+        for own_mount, own, _ in blocks(mount, lidar):
+            bits |= sensor_bits(own, own_mount, roi, tiles)
     return bits
 
 
@@ -100,7 +101,8 @@ def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
     """The same as `coverage` by cones, by the test of every single voxel: slower, always valid."""
     covered = np.zeros(roi.shape, np.bool_)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        cover_voxels(_sensor(lidar, mount), roi.minimum, roi.resolution, covered)
+        for own_mount, own, _ in blocks(mount, lidar):
+            cover_voxels(_sensor(own, own_mount), roi.minimum, roi.resolution, covered)
     return covered
 
 

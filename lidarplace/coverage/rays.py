@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import chain, starmap
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from lidarplace.coverage.bresenham import walk_bresenham
 from lidarplace.coverage.clip import VoxelGrid, clip_rays
 from lidarplace.coverage.dda import walk_dda
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.placement import Placement, blocks
 
 RayMethod = Literal["dda", "bresenham"]
 _WALKS: dict[str, Callable[..., int]] = {"dda": walk_dda, "bresenham": walk_bresenham}
@@ -129,7 +130,8 @@ def _chunks(
     voxels = np.empty(max(_CHUNK, 2 * (nx + ny + nz)), index)
     offsets = np.empty(_CHUNK // 8, np.int64)
     directions_of = cache(Lidar.directions)
-    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+    lidars = zip(placement.mounts, placement.lidars, strict=True)
+    for mount, lidar, _ in chain.from_iterable(starmap(blocks, lidars)):
         reach, directions = lidar.reach, directions_of(lidar) @ mount.rotation.T
         spans = clip_rays(mount.position, directions, reach, grid)
         hit = spans[:, 0] < np.inf

@@ -8,7 +8,7 @@ from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar, unit_vectors
-from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.placement import Mount, blocks
 
 AZIMUTH_STEPS = 360
 
@@ -35,13 +35,15 @@ def body_share(
     """
     if azimuth_steps < 1:
         raise ValueError(f"azimuth_steps must be at least 1, found {azimuth_steps}")
-    azimuths = lidar.azimuths()
+    azimuths, obstacles, hits, rays = lidar.azimuths(), obstacles_of(vehicle, others), 0, 0
     if lidar.pattern is None:
         number = min(lidar.fired_steps, azimuth_steps)
         azimuths = azimuths[(2 * np.arange(number) + 1) * lidar.fired_steps // (2 * number)]
-    rays = unit_vectors(np.asarray(lidar.elevations), azimuths) @ mount.rotation.T
-    hits = _count_hits(mount.position, rays, lidar.reach, obstacles_of(vehicle, others))
-    return float(hits / len(rays))
+    for own_mount, own, _ in blocks(mount, lidar):
+        fired = unit_vectors(np.asarray(own.elevations), azimuths) @ own_mount.rotation.T
+        hits += _count_hits(own_mount.position, fired, lidar.reach, obstacles)
+        rays += len(fired)
+    return float(hits / rays)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
-from lidarplace.coverage.cone import sensor_bits
+from lidarplace.coverage.cone import cone_bits
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import obstacles_of, stopped
@@ -51,7 +51,8 @@ def seen_in_columns(
     working = [number for number in range(len(placement.mounts)) if number != dead]
     bits = np.zeros((len(working), math.ceil(roi.shape[2] / 64), *roi.shape[:2]), np.uint64)
     for row, number in enumerate(working):
-        bits[row] = sensor_bits(placement.lidars[number], placement.mounts[number], roi, tiles)
+        own = Placement("one", [placement.mounts[number]], placement.lidars[number])
+        bits[row] = cone_bits(own, roi, tiles)
     origins = np.array([placement.mounts[number].position for number in working]).reshape(-1, 3)
     xs, ys, zs = map(roi.centres, range(3))
     numbers, housings = np.array(working, np.int64), housings_in(placement)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.placement import Mount, Placement, blocks
 
 DISTANCES_M = (8.0, 12.0, 18.0, 27.0)
 """Of the upright strips that are looked at, from the ego frame's z axis."""
@@ -51,8 +51,12 @@ class Rings:
 
 def rings(placement: Placement) -> Rings:
     """The rings of a rig on the strips; objects and the own body are not looked at."""
+    lidars = zip(placement.mounts, placement.lidars, strict=True)
     met = np.stack(
-        [_cells(m, lidar) for m, lidar in zip(placement.mounts, placement.lidars, strict=True)]
+        [
+            np.logical_or.reduce([_cells(at, own) for at, own, _ in blocks(mount, lidar)])
+            for mount, lidar in lidars
+        ]
     )
     return Rings(int(met.any(axis=0).sum()), int(met.sum()))
 

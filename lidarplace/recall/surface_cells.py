@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from lidarplace.clouds.raycast import (
     returns_light,
 )
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.placement import Mount, blocks
 
 MOST_CELLS = 2**24
 """Cells of one box."""
@@ -95,11 +96,13 @@ class Loss(NamedTuple):
         factors: of `Correction` for every object, shape (objects,).
         keys: of every frame for `lidarplace.clouds.hashed`, uint64, shape (frames, 3); no rows:
             none is lost.
+        first: number of the first ray, for the random numbers of rays.
     """
 
     drop_off: float
     factors: NDArray[np.float64]
     keys: NDArray[np.uint64]
+    first: int = 0
 
 
 NO_LOSS = Loss(0.0, np.empty(0), np.empty((0, 3), np.uint64))
@@ -143,17 +146,22 @@ def surface_cells(
         ends: as of `lidarplace.clouds.raycast.cast`.
         loss: what the LiDAR loses at random.
     """
-    found = _cells_in_frames(
-        mount.position,
-        mount.rotation,
-        beams_of(lidar),
-        frames,
-        np.array(crop, np.float64),
-        cell,
-        ends,
-        loss,
-    )
-    return SurfaceCells(*found)
+    found = [
+        SurfaceCells(
+            *_cells_in_frames(
+                own_mount.position,
+                own_mount.rotation,
+                beams_of(own),
+                frames,
+                np.array(crop, np.float64),
+                cell,
+                ends[numbers],
+                loss._replace(first=numbers.start),
+            )
+        )
+        for own_mount, own, numbers in blocks(mount, lidar)
+    ]
+    return reduce(SurfaceCells.and_, found)
 
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -202,7 +210,7 @@ def _cells_in_frames(
                 continue
             if lossy:
                 lost = lost_share(ray, ranges[ray], loss.factors[b], loss.drop_off, beams)
-                if uniform(stream, np.uint64(2 * ray)) <= lost:
+                if uniform(stream, np.uint64(2 * (loss.first + ray))) <= lost:
                     continue
             beam, step = ray // steps, ray % steps
             cosines, sines = along(beams, beam)

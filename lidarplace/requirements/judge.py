@@ -126,7 +126,7 @@ def _of_objects(own: Laid, sights: list[Sight], rig: Placement, dead: bool) -> I
     else:
         counts = count_cells(sights, boxes, wanted.cell, placed.reflectivity)
     cases = {"": counts.all}
-    for number in range(len(sights) if dead else 0):
+    for number in range(len(rig.mounts) if dead else 0):
         cases[f"without LiDAR {number + 1}"] = counts.all - counts.alone[:, number]
     for label, numbers in cases.items():
         by_heading = np.full(there.shape, np.inf)

@@ -35,7 +35,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.surface_cells import slices_of
 from lidarplace.requirements.placed_object import DARK
 from lidarplace.rigs.correction import OTHER, Correction
-from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.placement import Placement, blocks
 
 MOST_CELLS = 10_000_000
 """Of one object."""
@@ -55,6 +55,7 @@ class Sight(NamedTuple):
     """A LiDAR on the vehicle, as compiled code takes it.
 
     Attributes:
+        number: of the LiDAR in its rig; one with offsets has a sight for each block of its lasers.
         origin, rotation: of the mount.
         beams: its rays.
         least: of every ray the inverse of the distance at which it ends, at the body, at another
@@ -64,6 +65,7 @@ class Sight(NamedTuple):
         factor: of `Correction` for the objects.
     """
 
+    number: int
     origin: NDArray[np.float64]
     rotation: NDArray[np.float64]
     beams: Beams
@@ -79,27 +81,23 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     body = bricks(np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], 1), 0)
     sights = []
     lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement, vehicle), strict=True)
-    for mount, lidar, ends in lidars:
-        beams = beams_of(lidar)
-        least = np.full(lidar.rays, 1.0 / beams.reach * (1.0 - 4e-16))
-        if len(ends):
-            np.maximum(least, ends, out=least)
+    for number, (mount, lidar, ends) in enumerate(lidars):
         lossy = lidar.correction is not None or lidar.drop_off > 0
-        sights.append(
-            Sight(mount.position, mount.rotation, beams, least, lossy, lidar.drop_off, 1.0)
-        )
-        _shade(sights[-1], body.geometry)
+        for own_mount, own, numbers in blocks(mount, lidar):
+            beams, at = beams_of(own), (own_mount.position, own_mount.rotation)
+            least = np.full(own.rays, 1.0 / beams.reach * (1.0 - 4e-16))
+            if len(ends):
+                np.maximum(least, ends[numbers], out=least)
+            sights.append(Sight(number, *at, beams, least, lossy, lidar.drop_off, 1.0))
+            _shade(sights[-1], body.geometry)
     return at_class(sights, placement, None)
 
 
 def at_class(sights: list[Sight], placement: Placement, object_class: str | None) -> list[Sight]:
     """The same LiDARs of a rig for objects of a class; None: of none that a correction knows."""
-    return [
-        sight._replace(
-            factor=float((lidar.correction or Correction()).factors_of([object_class or OTHER])[0])
-        )
-        for sight, lidar in zip(sights, placement.lidars, strict=True)
-    ]
+    corrections = [lidar.correction or Correction() for lidar in placement.lidars]
+    factors = [float(own.factors_of([object_class or OTHER])[0]) for own in corrections]
+    return [sight._replace(factor=factors[sight.number]) for sight in sights]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +125,17 @@ def count_points(
         reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
     """
 
-    lossy = any(sight.lossy for sight in sights)
+    lossy, lidars = any(sight.lossy for sight in sights), sights[-1].number + 1
 
     def points(part: NDArray[np.float64]) -> Numbers:
         owners, missed = np.empty((len(part), 0), np.int16), np.empty((len(part), 0))
-        found = [_hit(sight, part, reflectivity, 0, 1.0, owners, missed) for sight in sights]
-        return np.stack([own if lossy else counts for counts, own in found], axis=1)
+        found: NDArray[Any] = np.zeros((len(part), lidars), np.float64 if lossy else np.int64)
+        for sight in sights:
+            counts, expected = _hit(sight, part, reflectivity, 1.0, owners, missed)
+            found[:, sight.number] += expected if lossy else counts
+        return found
 
-    alone = np.concatenate(_in_threads(points, boxes, _PORTION))
+    alone: NDArray[Any] = np.concatenate(_in_threads(points, boxes, _PORTION))
     return Counts(alone.sum(axis=1), alone)
 
 
@@ -158,18 +159,18 @@ def count_cells(
             "smaller, or ask for points"
         )
 
-    lossy = any(sight.lossy for sight in sights)
+    lossy, lidars = any(sight.lossy for sight in sights), sights[-1].number + 1
 
     def shares(part: NDArray[np.float64]) -> Numbers:
         owners = np.full((len(part), 0 if lossy else cells), _NOBODY, np.int16)
-        missed = np.ones((len(sights), len(part), cells if lossy else 0))
-        for number, sight in enumerate(sights):
-            _hit(sight, part, reflectivity, number, cell, owners, missed[number])
-        return _expected(missed) if lossy else _tally(owners, len(sights))
+        missed = np.ones((lidars, len(part), cells if lossy else 0))
+        for sight in sights:
+            _hit(sight, part, reflectivity, cell, owners, missed[sight.number])
+        return _expected(missed) if lossy else _tally(owners, lidars)
 
-    bytes_each = cells * (8 * len(sights) if lossy else 2)
+    bytes_each = cells * (8 * lidars if lossy else 2)
     portion = max(1, min(_PORTION, _MOST_BYTES // bytes_each))
-    found = np.concatenate(_in_threads(shares, boxes, portion))
+    found: NDArray[Any] = np.concatenate(_in_threads(shares, boxes, portion))
     return Counts(found[:, -1].copy(), found[:, :-1])
 
 
@@ -210,11 +211,10 @@ def _shade(sight, body):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hit(sight, parts, reflectivity, number, cell, owners, missed):  # pragma: no cover - compiled
+def _hit(sight, parts, reflectivity, cell, owners, missed):  # pragma: no cover - compiled
     """Rays of one LiDAR that hit each of `parts`, and how many of them return, if it is lossy.
 
     Args:
-        number: of the LiDAR.
         owners: the LiDAR that hits a cell, _NOBODY or _SEVERAL, shape (parts, cells); no cells if
             points are all that is asked for, or `missed` is filled.
         missed: probability that no ray returns from a cell, 1 before, of the same shape; no cells
@@ -280,8 +280,8 @@ def _hit(sight, parts, reflectivity, number, cell, owners, missed):  # pragma: n
                         continue
                     owner = owners[p, here]
                     if owner == _NOBODY:
-                        owners[p, here] = number
-                    elif owner != number:
+                        owners[p, here] = sight.number
+                    elif owner != sight.number:
                         owners[p, here] = _SEVERAL
     return counts, expected if sight.lossy else counts.astype(np.float64)
 

@@ -138,6 +138,8 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
             raise ValueError(f"{each.name}: has a pattern of rays; beams of CARLA's LiDARs turn")
         if lidar.correction is not None:
             raise ValueError(f"{each.name}: correction: CARLA's LiDARs have none; leave it out")
+        if lidar.offsets is not None:
+            raise ValueError(f"{each.name}: offsets_m: CARLA's LiDARs have none; set it to null")
         if abs(sum(lidar.azimuth)) > 1e-9:
             low, high = (math.degrees(end) for end in lidar.azimuth)
             raise ValueError(

@@ -22,6 +22,9 @@ from lidarplace.rigs.weather import Weather, shortened
 HAIR = 1e-12
 FULL_TURN = 2 * math.pi + HAIR
 
+MOST_OFFSET = 1.0
+"""Of a laser within its housing, metres."""
+
 PATTERN_FRAMES = 20
 """Of a rosette, until it begins anew."""
 
@@ -64,6 +67,8 @@ class Lidar:
             `azimuth`, whatever is given for them, and there is one azimuth step. See `patterned`.
         frame: of the pattern that is fired.
         correction: what it loses on a real vehicle; None: nothing. See `corrected`.
+        offsets: of every laser along the sensor's z axis, metres: there its rays start; None: all
+            start at the origin. See `lidarplace.rigs.placement.blocks`.
 
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
@@ -87,6 +92,7 @@ class Lidar:
     pattern: SkipJsonSchema[InstanceOf[ScanPattern]] | None = None  # no file holds one
     frame: int = 0
     correction: Correction | None = None
+    offsets: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
@@ -105,6 +111,7 @@ class Lidar:
             raise ValueError(
                 f"elevations must lie within [-pi/2, pi/2] radians, found {self.elevations}"
             )
+        self._check_offsets()
         AZIMUTH_STEPS.check_whole("azimuth_steps", self.azimuth_steps)
         if not self.range > 0:
             raise ValueError(f"range must be positive, found {self.range}")
@@ -147,6 +154,21 @@ class Lidar:
             raise ValueError(
                 f"none of the {self.azimuth_steps} azimuth steps of a turn lies within "
                 f"the field of view [{low}, {high}) radians"
+            )
+
+    def _check_offsets(self) -> None:
+        if self.offsets is None:
+            return
+        object.__setattr__(self, "offsets", tuple(float(offset) for offset in self.offsets))
+        if self.pattern is not None or len(self.offsets) != self.beams:
+            expected = (
+                "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
+            )
+            raise ValueError(f"offsets: expected {expected}, found {len(self.offsets)}")
+        if not all(abs(offset) <= MOST_OFFSET for offset in self.offsets):
+            raise ValueError(
+                f"offsets must be within ±{MOST_OFFSET:g} m, found "
+                f"{min(self.offsets):g} to {max(self.offsets):g}"
             )
 
     def __repr__(self) -> str:
@@ -198,6 +220,8 @@ class Lidar:
     def named(cls, name: str) -> Lidar:
         """A LiDAR of the catalogue, "vlp16" or "VLP-16": `lidarplace sensors` lists them.
 
+        It turns 10 times a second, "hdl32e@20hz" 20 times, with half of the azimuth steps.
+
         Its range noise is 0 where no source gives a standard deviation. Raises ValueError if there
         is none of that name.
         """
@@ -214,6 +238,7 @@ class Lidar:
             range_80=sheet.range_80,
             wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
             size=sheet.size_mm and metres(sheet.size_mm),
+            offsets=sheet.offsets_m,
         )
 
     @classmethod

@@ -6,6 +6,7 @@ import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
@@ -164,6 +165,24 @@ class Placement(Plottable):
     def in_weather(self, weather: Weather) -> Placement:
         """The same rig in that weather."""
         return self.each_lidar(lambda lidar: lidar.in_weather(weather))
+
+
+def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
+    """A LiDAR as LiDARs whose rays start at their origins: the runs of beams with one offset.
+
+    Returns:
+        Mount, model without offsets and, in the order of `Lidar.directions()`, the numbers of the
+        rays of each; the LiDAR itself where it has no offsets.
+    """
+    if lidar.offsets is None:
+        return [(mount, lidar, slice(0, lidar.rays))]
+    up, first, found = mount.rotation[:, 2], 0, []
+    for offset, beams in groupby(range(lidar.beams), lidar.offsets.__getitem__):
+        own = replace(lidar, elevations=tuple(lidar.elevations[b] for b in beams), offsets=None)
+        x, y, z = (mount.position + offset * up).tolist()
+        found.append((replace(mount, x=x, y=y, z=z), own, slice(first, first + own.rays)))
+        first += own.rays
+    return found
 
 
 # The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).

@@ -148,6 +148,7 @@ QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
+    Target("sensors fit", "cloud.parquet", "sensors fit cloud.parquet --out lidar.yaml"),
     Target("recorded log", "recorded/rig.json recorded/boxes.parquet", read=_recorded_log),
     Target("validate", "recorded/rig.json recorded/boxes.parquet", "validate recorded --out out"),
     Target("describe", LOG, "describe log", check=SOUND),

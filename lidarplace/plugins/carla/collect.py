@@ -106,6 +106,10 @@ def _check_rigs(placements: Mapping[str, Placement]) -> None:
             raise ValueError(
                 f"placement {name!r}: lidar.correction: CARLA's LiDARs have none; leave it out"
             )
+        if any(lidar.offsets is not None for lidar in placement.lidars):
+            raise ValueError(
+                f"placement {name!r}: lidar.offsets_m: CARLA's LiDARs have none; set it to null"
+            )
         if not name or Path(name).name != name or name.startswith("."):
             raise ValueError(f"placement {name!r}: its name must do for a folder")
 

@@ -12,6 +12,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, model_validator
 
 FRAMES_PER_S = 10
+RATES = (1, 100)
+"""Turns a second."""
 
 
 class Source(BaseModel):
@@ -44,6 +46,7 @@ class Datasheet(BaseModel):
         name: in settings and for `Lidar.named`.
         maker, model: as it is sold.
         elevations_deg: of every beam above the horizon, ascending, degrees; none of a rosette.
+        offsets_m: of the laser of every beam along the sensor's z axis, metres; None: not known.
         azimuth_deg: horizontal field of view [min, max), 0 ahead, degrees.
         azimuth_steps: firings of a beam in a turn of 360 degrees, at FRAMES_PER_S.
         rosette: in place of beams that turn.
@@ -67,6 +70,7 @@ class Datasheet(BaseModel):
     maker: str
     model: str
     elevations_deg: tuple[float, ...] = ()
+    offsets_m: tuple[float, ...] | None = None
     azimuth_deg: tuple[float, float] = (-180.0, 180.0)
     azimuth_steps: PositiveInt = 1
     rosette: Rosette | None = None
@@ -118,9 +122,15 @@ def catalogue() -> Mapping[str, Datasheet]:
 def datasheet(name: str) -> Datasheet:
     """The data sheet of that name; case, hyphens and blanks do not matter: "VLP-16" is "vlp16".
 
+    "hdl32e@20hz" is the same LiDAR at 20 turns a second, with as many firings in all.
+
     Raises:
-        ValueError: there is none; the message has those that are called alike, or else all.
+        ValueError: there is none; the message has those that are called alike, or else all. Or it
+            does not turn, or not at that rate.
     """
+    name, at, rate = name.partition("@")
+    if at:
+        return _at_rate(datasheet(name), rate)
     names = {_bare(known): known for known in catalogue()}
     if _bare(name) in names:
         return catalogue()[names[_bare(name)]]
@@ -131,6 +141,22 @@ def datasheet(name: str) -> Datasheet:
         else f"allowed are {', '.join(catalogue())}"
     )
     raise ValueError(f"no LiDAR is called {name!r}; {hint}")
+
+
+@cache
+def _at_rate(sheet: Datasheet, told: str) -> Datasheet:
+    """The same LiDAR at another rate, such as "20hz"."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*hz", told.strip().lower())
+    if found is None or not RATES[0] <= float(found[1]) <= RATES[1]:
+        raise ValueError(
+            f"rate of {sheet.name}: expected {RATES[0]} to {RATES[1]} Hz, such as "
+            f"{sheet.name}@20hz, found {told!r}"
+        )
+    if sheet.rosette is not None:
+        raise ValueError(f"{sheet.name} has a pattern that does not turn; leave @{told} out")
+    steps = round(sheet.azimuth_steps * FRAMES_PER_S / float(found[1]))
+    name = f"{sheet.name}@{float(found[1]):g}hz"
+    return sheet.model_copy(update={"name": name, "azimuth_steps": steps})
 
 
 def _bare(name: str) -> str:

@@ -1,0 +1,139 @@
+"""Lasers of one LiDAR that start above each other."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.ground import Ground
+from lidarplace.clouds.raycast import Hits, cast
+from lidarplace.clouds.returns import sample_points
+from lidarplace.clouds.shapes import bricks
+from lidarplace.configuration.correction import CorrectionFile
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.coverage.cone import covered_by_cones
+from lidarplace.coverage.rays import covered_by_rays
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.recall.counted_objects import CountedObjects
+from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement, blocks
+from tests.lidarplace.recall.small_scenes import log_of
+
+LIDAR = Lidar(tuple(np.radians([-20.0, -12.0, -5.0, -1.0, 3.0])), azimuth_steps=240, range=60.0)
+NOBODY = Vehicle("nobody", np.empty((0, 2, 3)))
+ROI = Roi(x=(-12, 12), y=(-12, 12), z=(0, 3), resolution=0.5)
+BOXES = np.array([[9.0, 2.0, 0.8, 4.0, 1.8, 1.6, 0.3], [-6.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]])
+
+offset = st.sampled_from([-0.3, 0.0, 0.12, 0.2])
+angle = st.floats(-0.5, 0.5)
+offsets_of_all = st.tuples(*[offset] * LIDAR.beams)
+mounts = st.builds(
+    Mount, st.floats(-1, 1), st.floats(-1, 1), st.floats(1.5, 2.5), angle, angle, st.floats(-3, 3)
+)
+
+
+def beam_by_beam(mount: Mount, offsets: tuple[float, ...]) -> list[tuple[Mount, Lidar]]:
+    """A LiDAR of one beam for each laser, where that is."""
+    up = mount.rotation[:, 2]
+    return [
+        (
+            replace(mount, x=mount.x + h * up[0], y=mount.y + h * up[1], z=mount.z + h * up[2]),
+            replace(LIDAR, elevations=(elevation,)),
+        )
+        for elevation, h in zip(LIDAR.elevations, offsets, strict=True)
+    ]
+
+
+def points_of(mount: Mount, lidar: Lidar, hits: Hits) -> NDArray[np.float32]:
+    points = np.empty((lidar.rays, 4), np.float32)
+    ground = Ground(np.ones((1024, 1024), np.float32), (0.0, 0.0, 0.0))
+    wide = (-99.0, -99.0, -9.0, 99.0, 99.0, 9.0)
+    return points[: sample_points(mount, lidar, hits, ground, wide, (1, 2, 3), points)]
+
+
+@settings(max_examples=30, deadline=None)
+@given(mount=mounts, offsets=offsets_of_all)
+def test_clouds_are_those_of_lasers_that_sit_there(mount, offsets):
+    lidar = replace(LIDAR, offsets=offsets)
+    parts = bricks(BOXES, 0)
+    hits = cast(mount, lidar, parts)
+    single = beam_by_beam(mount, offsets)
+    alone = [cast(*own, parts) for own in single]
+    for name in ("range", "target", "reflected"):
+        expected = np.concatenate([getattr(own, name) for own in alone])
+        np.testing.assert_allclose(getattr(hits, name), expected, rtol=1e-12)
+    expected = [points_of(*own, found) for own, found in zip(single, alone, strict=True)]
+    np.testing.assert_allclose(points_of(mount, lidar, hits), np.concatenate(expected), rtol=1e-6)
+
+
+@settings(max_examples=20, deadline=None)
+@given(mount=mounts, offsets=offsets_of_all, drop_off=st.sampled_from([0.0, 0.3]))
+def test_requirements_and_coverage_take_offsets(mount, offsets, drop_off):
+    lidar = replace(LIDAR, offsets=offsets, drop_off=drop_off)
+    single = [(m, replace(own, drop_off=drop_off)) for m, own in beam_by_beam(mount, offsets)]
+    rig = Placement("rig", [mount], lidar)
+    alone = [Placement("one", [m], own) for m, own in single]
+    points = [count_points(sights_of(one, NOBODY), BOXES).all for one in alone]
+    sights = sights_of(rig, NOBODY)
+    found = count_points(sights, BOXES)
+    np.testing.assert_allclose(found.all, sum(points), rtol=1e-12)
+    assert found.alone.shape == (len(BOXES), 1)
+    cells = count_cells(sights, BOXES[:1], 0.2)
+    np.testing.assert_array_equal(cells.all, cells.alone[:, 0])
+    for cover in (covered_by_cones, lambda rig, roi: covered_by_rays(rig, roi, "dda")):
+        expected = np.logical_or.reduce([cover(one, ROI) for one in alone])
+        np.testing.assert_array_equal(cover(rig, ROI), expected)
+
+
+@settings(max_examples=10, deadline=None)
+@given(mount=mounts, offsets=offsets_of_all)
+def test_expected_recall_sees_what_requirements_see(mount, offsets):
+    """One object that nothing hides: its cells and points are those of single lasers."""
+    rig = Placement("rig", [mount], replace(LIDAR, offsets=offsets))
+    row = (0, "Tram", 9.0, 2.0, 4.0, 1.8, 1.6, 0.3)
+    wide = Roi((-30, 30), (-30, 30), (0, 4), 0.5)
+    objects = CountedObjects.from_log(log_of(row), wide, ["Tram"], 0.3, vehicle=NOBODY)
+    (seen,) = objects.seen_by([rig])
+    assert seen.points.tolist() == count_points(sights_of(rig, NOBODY), BOXES[:1]).all.tolist()
+
+
+def test_equal_offsets_of_nothing_change_no_bit():
+    zero = replace(LIDAR, offsets=(0.0,) * LIDAR.beams, range_noise=0.03, drop_off=0.2)
+    none, mount, parts = replace(zero, offsets=None), Mount(z=2.0, roll=0.1), bricks(BOXES, 0)
+    assert points_of(mount, zero, cast(mount, zero, parts)).tobytes() == (
+        points_of(mount, none, cast(mount, none, parts)).tobytes()
+    )
+
+
+def test_blocks_are_runs_of_beams():
+    lidar = replace(LIDAR, offsets=(0.1, 0.1, 0.2, 0.2, 0.1))
+    found = blocks(Mount(z=2.0, roll=math.pi / 2), lidar)
+    assert [own.beams for _, own, _ in found] == [2, 2, 1]
+    assert [(rays.start, rays.stop) for *_, rays in found] == [(0, 480), (480, 960), (960, 1200)]
+    assert [round(mount.y, 12) for mount, *_ in found] == [-0.1, -0.2, -0.1]
+
+
+@pytest.mark.parametrize(
+    ("offsets", "told"), [((0.1,), "expected one for each of 5 beams, found 1"), ((2.0,) * 5, "±1")]
+)
+def test_wrong_offsets_are_one_line(offsets, told):
+    with pytest.raises(ValueError, match=told):
+        replace(LIDAR, offsets=offsets)
+
+
+def test_settings_have_offsets():
+    own = SensorSettings(elevations_deg=(-2.0, 1.0), offsets_m=(0.1, 0.2)).lidar()
+    assert own.offsets == (0.1, 0.2)
+    file = CorrectionFile.model_validate({"lidars": {"top": {"offsets_m": [0.3, 0.4]}}})
+    assert own.corrected(file, "top").offsets == (0.3, 0.4)
+    with pytest.raises(ValueError, match="expected 2 beams as the LiDAR has, found 1"):
+        own.corrected(CorrectionFile.model_validate({"lidars": {"a": {"offsets_m": [0.3]}}}), "a")
+    assert SensorSettings(name="hdl64e").lidar() == Lidar.named("hdl64e")
+    assert Lidar.named("hdl64e").offsets is not None
+    assert SensorSettings(name="hdl64e", elevations_deg=(0.0,)).lidar().offsets is None
