@@ -75,6 +75,12 @@ NAMES = {
             "default_curves",
         ),
         "lidarplace.configuration.placement": ("read_placement",),
+        "lidarplace.configuration.correction": (
+            "CorrectionFile",
+            "read_correction",
+            "write_correction",
+        ),
+        "lidarplace.rigs.correction": ("Correction", "Mask"),
         "lidarplace.rigs.pose": ("rotation", "from_carla"),
     },
     "Point clouds": {

@@ -88,6 +88,39 @@ Exact coverage (`surrogate.method: cone`) walks the rays of a table one by one, 
 that coincide, CARLA's LiDARs and its files know no patterns. `mid70` below has the rosette of two
 turning prisms.
 
+## A correction from real recordings
+
+What a model of rays returns, a LiDAR on a vehicle loses in part: its own vehicle stands in the way,
+glass and far surfaces return little. A correction says how much, class by class, learnt from the
+vehicle's recordings:
+
+```yaml
+lidar: {name: vlp32c, correction: our_car.yaml, unit: up_lidar}    # in sweeps, searches, rigs
+```
+
+```yaml
+factor: {Car: 0.62, Pedestrian: 0.7, other: 0.6}   # share of the rays on an object that return
+distance: 75                                       # metres after which 1/e of them do
+lidars:                                            # by the name of the LiDAR in the recorded rig
+  up_lidar:
+    azimuth_steps: 1808                            # wins over that of `lidar`, as elevations_deg
+    mask: {azimuth_deg: 90, shares: [0.1, 1, 1, 0.4]}   # from -180 degrees on, to the left
+fitted: {routes: 4, tracks: 257}                   # free facts
+```
+
+- A ray on an object returns with probability `factor × exp(-range / distance) × mask`, at most 1; a
+  ray on anything else with that of the mask. What is left out is 1. `drop_off` is lost besides.
+- Rows of a mask by elevation: `elevation_deg: [-5, 5]` are the angles between three rows of
+  `shares`. Without `unit` factor and distance count alone.
+- One random number of each ray decides, so all placements lose the same rays. Clouds,
+  `expected_recall`, `log_cells`, `log_points`, `enough_points` and the lengths observed thin their
+  rays by it; requirements expect the points, and a cell with `1 - product of (1 - p)` over its
+  rays. Coverage and the other surrogates of the POG know no corrections. CARLA's LiDARs cannot
+  have one.
+- The content of the file is part of the keys of results, not its path.
+- In Python: `Lidar.named("vlp32c").corrected(read_correction("our_car.yaml"), unit="up_lidar")`,
+  from `lidarplace.configuration.correction`.
+
 ## Weather, and a soiled window
 
 ```yaml

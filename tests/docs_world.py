@@ -97,6 +97,9 @@ def make_world(folder: Path) -> None:
     write_database(folder / "runs/mlflow.db")
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)
+    (folder / "our_car.yaml").write_text(
+        "lidars: {up_lidar: {mask: {azimuth_deg: 360, shares: [1]}}}"
+    )
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
     shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")
     _tables(folder)

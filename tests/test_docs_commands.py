@@ -196,6 +196,8 @@ def of_kind(block: Block) -> str:
         return "requirements"
     if "columns" in keys:
         return "mapping"
+    if "factor" in keys:
+        return "correction"
     if keys & {"search", "robustness", "verify"}:
         return "search"
     return "class map" if any(key.startswith("vehicle.") for key in keys) else "sweep"
@@ -214,6 +216,7 @@ def check(kind: str, content: dict, path: Path) -> None:
     """Raises an error that names the key if the content is not a file of that kind."""
     import yaml
 
+    from lidarplace.configuration.correction import read_correction
     from lidarplace.plugins.carla.command import Collection
     from lidarplace.scenes.datasets.class_maps import read_class_map
     from lidarplace.scenes.label_tables.mapping import read_mapping
@@ -242,6 +245,7 @@ def check(kind: str, content: dict, path: Path) -> None:
         "sweep": read_sweep,
         "class map": read_class_map,
         "mapping": read_mapping,
+        "correction": read_correction,
     }
     readers[kind](path)
 

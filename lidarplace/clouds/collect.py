@@ -149,6 +149,8 @@ class SimulatedClouds:
             rig = _in_frame(rig, self._seed, frame)
         if rig is not self._placement:
             ends = ends_in_rig(rig, self._vehicle)
+        corrected = any(lidar.correction is not None for lidar in rig.lidars)
+        classes = self._surroundings.classes(frame) if corrected else []
         counts = np.zeros(len(rig.mounts), np.int32)
         views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
         for m, (mount, lidar, lift, own) in enumerate(views):
@@ -158,7 +160,9 @@ class SimulatedClouds:
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)
-            counts[m] = sample_points(mount, lidar, hits, ground, self._crop, key, free, lift)
+            counts[m] = sample_points(
+                mount, lidar, hits, ground, self._crop, key, free, lift, classes
+            )
         return self._points[: counts.sum()], counts
 
 

@@ -30,6 +30,7 @@ from lidarplace.clouds.convex import (
     window,
 )
 from lidarplace.clouds.shapes import BODY, Parts
+from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 
@@ -111,6 +112,8 @@ class Beams(NamedTuple):
         nearest: return, metres.
         sight_10, falloff, fading: of `Lidar.sight`, the first through its window; infinite where
             light does not limit.
+        mask: share of each ray that returns by its direction, shape (rays,); empty: all do.
+        loss: of `Correction`, 1/m; 0: none.
     """
 
     elevations: NDArray[np.float64]
@@ -123,6 +126,8 @@ class Beams(NamedTuple):
     sight_10: float
     falloff: float
     fading: float
+    mask: NDArray[np.float64]
+    loss: float
 
 
 @lru_cache(maxsize=64)
@@ -133,7 +138,11 @@ def beams_of(lidar: Lidar) -> Beams:
     elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)
     azimuths = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     aimed = np.empty(0) if lidar.pattern is None else azimuth[:, 0].copy()
-    for table in (elevations, azimuths, aimed):
+    correction = lidar.correction or Correction()
+    mask = np.empty(0)
+    if correction.mask is not None:
+        mask = correction.mask.at(*np.broadcast_arrays(azimuth, elevation[:, None])).reshape(-1)
+    for table in (elevations, azimuths, aimed, mask):
         table.flags.writeable = False  # shared by all callers
     return Beams(
         elevations,
@@ -148,6 +157,8 @@ def beams_of(lidar: Lidar) -> Beams:
         else lidar.range_10 * lidar.window ** (2.0 * lidar.falloff),
         lidar.falloff,
         lidar.fading,
+        mask,
+        correction.loss,
     )
 
 
@@ -215,6 +226,35 @@ def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
     if beams.fading > 0.0:
         distance *= math.exp(beams.fading * distance)
     return distance <= beams.sight_10 * (10.0 * reflected) ** beams.falloff
+
+
+def expected_share(
+    lidar: Lidar, object_class: str, rays: NDArray[np.int64], ranges: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Probability that rays return from an object of a class, past drop-off and correction.
+
+    Args:
+        rays: their numbers in the order of `Lidar.directions()`, any shape.
+        ranges: of their hits, metres, the same shape.
+    """
+    beams, correction = beams_of(lidar), lidar.correction or Correction()
+    share = correction.factors_of([object_class])[0] * np.exp(-beams.loss * ranges)
+    if len(beams.mask):
+        share = share * beams.mask[rays]
+    return np.asarray(np.minimum(share, 1.0) * (1.0 - lidar.drop_off))
+
+
+@inner
+def lost_share(ray, distance, factor, drop_off, beams):  # pragma: no cover - compiled
+    """Probability that the return of a ray is lost, by drop-off and by `Correction`.
+
+    `drop_off` to the last bit where the correction loses nothing. `factor` is of the object's
+    class; of what is no object factor and distance are 1 and 0.
+    """
+    share = factor * math.exp(-beams.loss * distance)
+    if len(beams.mask):
+        share *= beams.mask[ray]
+    return drop_off + (1.0 - min(share, 1.0)) * (1.0 - drop_off)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

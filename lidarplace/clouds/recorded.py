@@ -24,8 +24,16 @@ def rig_record(placement: Placement) -> dict[str, object]:
     """What `placement.json` beside recorded clouds says of their placement."""
     return {
         "mounts": [asdict(mount) for mount in placement.mounts],
-        "lidars": [asdict(lidar) for lidar in placement.lidars],
+        "lidars": [_record(lidar) for lidar in placement.lidars],
     }
+
+
+def _record(lidar: Lidar) -> dict[str, object]:
+    """A LiDAR as folders have it, those from before there were corrections, too."""
+    known = asdict(lidar)
+    if lidar.correction is None:
+        del known["correction"]
+    return known
 
 
 def check_rig(folder: Path, placement: Placement) -> None:
@@ -42,7 +50,8 @@ def check_rig(folder: Path, placement: Placement) -> None:
         raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
     for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
         for key in (item.name for item in fields(asked)):
-            if key == "size":  # what it hid of others was recorded, whatever is known of it
+            # What it hid of others and what it lost was recorded, whatever is known of it.
+            if key in ("size", "correction"):
                 continue
             found, value = getattr(model, key), getattr(asked, key)
             if not _alike(found, value):

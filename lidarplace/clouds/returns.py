@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.ground import CELL_M, Ground
 from lidarplace.clouds.hashed import key_of, stream_of, uniform
-from lidarplace.clouds.raycast import GROUND, Hits, along, beams_of, returns_light
+from lidarplace.clouds.raycast import GROUND, Hits, along, beams_of, lost_share, returns_light
 from lidarplace.clouds.shapes import SIGN
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
@@ -35,14 +35,17 @@ def sample_points(
     key: tuple[int, int, int],
     points: NDArray[np.float32],
     lift: float = 0.0,
+    classes: Sequence[str] = (),
 ) -> int:
     """Write the points that one LiDAR returns from within `crop`; return their number.
 
-    A return is lost with probability `lidar.drop_off`; its range errs by a normal of standard
-    deviation `lidar.range_noise`, along the ray. Intensity is the light reflected, in terms of
-    a white diffuser that faces the ray, times `exp(-ATTENUATION_PER_M * range)` and what air and
-    window leave of it; at 1, where retroreflectors are, it saturates. Own body returns nothing, nor
-    does what is nearer than `lidar.min_range` or, by the light reflected, beyond `lidar.sight`.
+    A return is lost with probability `lidar.drop_off`, or more by `lidar.correction`: one number of
+    each ray decides, so what a correction leaves is part of what returns without. Its range errs by
+    a normal of standard deviation `lidar.range_noise`, along the ray. Intensity is the light
+    reflected, in terms of a white diffuser that faces the ray, times
+    `exp(-ATTENUATION_PER_M * range)` and what air and window leave of it; at 1, where
+    retroreflectors are, it saturates. Own body returns nothing, nor does what is nearer than
+    `lidar.min_range` or, by the light reflected, beyond `lidar.sight`.
 
     Args:
         mount, lidar: as cast.
@@ -53,7 +56,10 @@ def sample_points(
         points: x, y, z, intensity go to its first rows, in the order of the rays; float32, shape
             (n, 4) with n at least the number of rays.
         lift: metres by which the points are raised before they are cut.
+        classes: of objects by the number that `hits` have of them, for a correction; what has
+            another number is no object to it.
     """
+    correction = lidar.correction
     return _sample(
         mount.position,
         mount.rotation,
@@ -63,7 +69,13 @@ def sample_points(
         hits,
         (SIGN, GROUND),
         _Cells(ground.reflectivity, *_to_cells(ground.pose)),
-        _Chance(lidar.range_noise, lidar.drop_off, key_of(*key)),
+        _Chance(
+            lidar.range_noise,
+            lidar.drop_off,
+            key_of(*key),
+            correction is not None,
+            np.empty(0) if correction is None else correction.factors_of(classes),
+        ),
         (ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2),
         points,
     )
@@ -80,11 +92,21 @@ class _Cells(NamedTuple):
 
 
 class _Chance(NamedTuple):
-    """Standard deviation of the range, probability of a loss, and the key of `sample_points`."""
+    """What is random of a LiDAR in a frame.
+
+    Attributes:
+        range_noise: standard deviation of the range.
+        drop_off: probability of a loss.
+        key: of `sample_points`.
+        corrected: whether there is a correction.
+        factors: its factor for each object, shape (objects,).
+    """
 
     range_noise: float
     drop_off: float
     key: NDArray[np.uint64]
+    corrected: bool
+    factors: NDArray[np.float64]
 
 
 def _to_cells(pose: tuple[float, float, float]) -> tuple[float, float, float, float]:
@@ -152,7 +174,7 @@ def _sample(
     elevations = beams.elevations
     ranges, targets, reflected = hits
     cells, cell_x, cell_y, cell_c, cell_s = ground_cells
-    range_noise, drop_off, key = chance
+    range_noise, drop_off, key, corrected, factors = chance
     slack = LARGEST_ERROR * range_noise
     last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
     stream = stream_of(key)
@@ -196,7 +218,17 @@ def _sample(
         for n in range(steps):
             steps_kept[kept] = n
             kept += inside[n]
-        if drop_off > 0.0:
+        if corrected:
+            candidates, kept = kept, 0
+            for i in range(candidates):
+                n = steps_kept[i]
+                steps_kept[kept] = n
+                factor, away = 1.0, 0.0
+                if 0 <= target[n] < len(factors):
+                    factor, away = factors[target[n]], distance[n]
+                lost = lost_share(first + n, away, factor, drop_off, beams)
+                kept += uniform(stream, np.uint64(2 * (first + n))) > lost
+        elif drop_off > 0.0:
             candidates, kept = kept, 0
             for i in range(candidates):
                 n = steps_kept[i]

@@ -29,6 +29,7 @@ class Surroundings:
         check_boxes(log.boxes)
         self._seed = seed
         self._shapes = shapes_of(log.boxes, seed)
+        self._classes = log.boxes["class"]
         frame = log.boxes["frame"].to_numpy(np.int64)
         self._rows = np.argsort(frame, kind="stable")
         self._frame = frame[self._rows]
@@ -69,6 +70,10 @@ class Surroundings:
         """Rows of the log's boxes in this frame, in their order."""
         first, last = np.searchsorted(self._frame, [frame, frame + 1])
         return self._rows[first:last]
+
+    def classes(self, frame: int) -> list[str]:
+        """Of the objects of this frame, numbered as in `rows`."""
+        return [str(name) for name in self._classes.iloc[self.rows(frame)]]
 
     def parts(self, frame: int, reach: float) -> Parts:
         """Objects of the frame, owners numbered as in `rows`, and buildings, in the ego frame.

@@ -151,6 +151,6 @@ def read_placement_settings(path: Path) -> PlacementSettings:
             "mounts: [{x: 0, y: 0, z: 2}]"
         )
     try:
-        return PlacementSettings.model_validate(raw)
+        return PlacementSettings.model_validate(raw, context={"folder": path.parent})
     except ValidationError as error:
         raise fault(error, str(path)) from None

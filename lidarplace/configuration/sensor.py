@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, Strict, field_validator, model_validator
+from pydantic import AfterValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
+from lidarplace.configuration.correction import is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
@@ -19,6 +21,8 @@ from lidarplace.configuration.settings import (
     Name,
     Probability,
     Settings,
+    Text,
+    beside_the_file,
 )
 from lidarplace.rigs.catalogue.datasheet import datasheet, metres
 from lidarplace.rigs.lidar import Lidar, pattern_in
@@ -34,6 +38,11 @@ MOST_RAYS = 20_000_000
 
 BEAM_KEYS = {"beams", "elevation_deg", "elevations_deg", "azimuth_steps", "azimuth_deg"}
 """Of a LiDAR whose beams turn."""
+
+
+def _beside_or_packaged(source: str, info: ValidationInfo) -> str:
+    """A path that holds in any folder, or a name as it is."""
+    return str(beside_the_file(Path(source), info)) if is_file(source) else source
 
 
 class SensorSettings(Settings):
@@ -92,6 +101,17 @@ class SensorSettings(Settings):
         None, description="rays of a frame; the next frame goes on in the file; null: all of it"
     )
 
+    correction: Annotated[Text, AfterValidator(_beside_or_packaged)] | None = Field(
+        None,
+        description="YAML file of what it loses on a real vehicle, relative to the folder of the "
+        "configuration, or a name of the package's; null: it loses nothing",
+    )
+    unit: Name | None = Field(
+        None,
+        description="of the correction's lidars the one that it is, whose beams and azimuth steps "
+        "win; null: none of them",
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _fill_from_catalogue(cls, data: Any) -> Any:
@@ -138,6 +158,8 @@ class SensorSettings(Settings):
 
     @model_validator(mode="after")
     def _build(self) -> SensorSettings:
+        if self.correction is None and self.unit is not None:
+            raise ValueError("unit: is of a correction, and there is none")
         if self.pattern is None and self.pattern_rays is not None:
             raise ValueError("pattern_rays: is of a pattern's file, and there is none")
         if self.pattern is not None:
@@ -161,6 +183,14 @@ class SensorSettings(Settings):
     @cached_property
     def built(self) -> Lidar:
         """The sensor, as `lidar` has it."""
+        if self.correction is None:
+            return self._uncorrected()
+        try:
+            return self._uncorrected().corrected(read_correction(self.correction), self.unit)
+        except ValueError as error:
+            raise ValueError(f"correction: {error}") from None
+
+    def _uncorrected(self) -> Lidar:
         pattern = self._pattern()
         degrees = self.elevations_deg
         if degrees is None:

@@ -91,12 +91,13 @@ FilePath = Annotated[Path, AfterValidator(_possible)]
 """Where a file or a folder is, within what file systems take."""
 
 
-def _beside_the_file(path: Path, info: ValidationInfo) -> Path:
+def beside_the_file(path: Path, info: ValidationInfo) -> Path:
+    """A path relative to the folder of the configuration where the context names that."""
     folder = (info.context or {}).get("folder")
     return path if folder is None else (folder / path).absolute()
 
 
-FileBeside = Annotated[FilePath, AfterValidator(_beside_the_file)]
+FileBeside = Annotated[FilePath, AfterValidator(beside_the_file)]
 """The same, relative to the folder of the configuration where the context names that."""
 
 

@@ -1,7 +1,9 @@
 """The objects of a log that count, and what rigs hit of them.
 
-Rays are cast at them as for point clouds, without drop-off and noise: objects, buildings and the
-vehicle's own body hide what is behind them.
+Rays are cast at them as for point clouds, without noise: objects, buildings and the vehicle's own
+body hide what is behind them. Of their returns, drop-off and corrections lose the same share as in
+clouds, and for the same reason: the random number of a ray depends on seed, frame and ray alone.
+So placements lose the same rays, and a single LiDAR those of its clouds.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.hashed import key_of
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.shade import ends_of, in_view
 from lidarplace.clouds.shapes import BUILDING
@@ -28,7 +31,15 @@ from lidarplace.logs.box_log import BoxLog, evenly
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.housing import COLUMNS, housings_in, without
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
+from lidarplace.recall.surface_cells import (
+    NO_LOSS,
+    Frames,
+    Loss,
+    SurfaceCells,
+    slices_of,
+    surface_cells,
+)
+from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -74,6 +85,7 @@ class CountedObjects:
     vehicle: Vehicle | None
     _surroundings: Surroundings
     _crop: Crop
+    _seed: int
 
     @classmethod
     def from_log(
@@ -97,7 +109,7 @@ class CountedObjects:
             cell: edge of a cell, metres.
             frames: at most so many frames, spread evenly over those of the log; None: all.
             azimuth_share: share of the azimuth steps, as of the clouds that a detector gets.
-            seed: of the shapes of the objects.
+            seed: of the shapes of the objects, and of the returns that are lost.
             vehicle: carries the LiDARs; None: a sedan.
 
         Raises:
@@ -117,6 +129,7 @@ class CountedObjects:
             vehicle=vehicle,
             _surroundings=Surroundings(log, seed),
             _crop=(roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1]),
+            _seed=seed,
         )
 
     @property
@@ -156,10 +169,20 @@ class CountedObjects:
 
         def cells(own: InRig) -> SurfaceCells:
             ends = ends_of(own.mount, own.lidar, own.housings, self.vehicle)
-            return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends)
+            loss = self._loss(own.lidar)
+            return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends, loss)
 
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             return list(threads.map(cells, lidars))
+
+    def _loss(self, lidar: Lidar) -> Loss:
+        """What a LiDAR loses of the returns of the objects."""
+        if lidar.correction is None and lidar.drop_off == 0:
+            return NO_LOSS
+        factors = (lidar.correction or Correction()).factors_of(self.table["class"])
+        numbers = np.unique(self.table["frame"]).tolist()
+        keys = [key_of(self._seed, number, 0) for number in numbers]
+        return Loss(lidar.drop_off, factors, np.array(keys, np.uint64).reshape(-1, 3))
 
     @cached_property
     def frames(self) -> Frames:

@@ -16,7 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.clouds.raycast import NO_ENDS, along, beams_of, cast_compiled, returns_light
+from lidarplace.clouds.hashed import stream_of, uniform
+from lidarplace.clouds.raycast import (
+    NO_ENDS,
+    along,
+    beams_of,
+    cast_compiled,
+    lost_share,
+    returns_light,
+)
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 
@@ -79,6 +87,24 @@ class Frames(NamedTuple):
     slices: NDArray[np.int64]
 
 
+class Loss(NamedTuple):
+    """Returns that a LiDAR loses at random, as compiled code takes it.
+
+    Attributes:
+        drop_off: probability of a loss without a correction.
+        factors: of `Correction` for every object, shape (objects,).
+        keys: of every frame for `lidarplace.clouds.hashed`, uint64, shape (frames, 3); no rows:
+            none is lost.
+    """
+
+    drop_off: float
+    factors: NDArray[np.float64]
+    keys: NDArray[np.uint64]
+
+
+NO_LOSS = Loss(0.0, np.empty(0), np.empty((0, 3), np.uint64))
+
+
 def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
     """Cells of edge `cell`, metres, along length, width and height, int64, shape (objects, 3).
 
@@ -105,6 +131,7 @@ def surface_cells(
     crop: Sequence[float],
     cell: float,
     ends: NDArray[np.float64] = NO_ENDS,
+    loss: Loss = NO_LOSS,
 ) -> SurfaceCells:
     """The objects of all frames from which one LiDAR gets light within `crop`.
 
@@ -114,6 +141,7 @@ def surface_cells(
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
         cell: edge of a cell, metres.
         ends: as of `lidarplace.clouds.raycast.cast`.
+        loss: what the LiDAR loses at random.
     """
     found = _cells_in_frames(
         mount.position,
@@ -123,6 +151,7 @@ def surface_cells(
         np.array(crop, np.float64),
         cell,
         ends,
+        loss,
     )
     return SurfaceCells(*found)
 
@@ -135,7 +164,7 @@ def _slice(position, size, cell, number):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cells_in_frames(
-    origin, rotation, beams, frames, crop, cell, ends
+    origin, rotation, beams, frames, crop, cell, ends, loss
 ):  # pragma: no cover - compiled
     """Offsets, cells and points of `SurfaceCells`."""
     elevations = beams.elevations
@@ -165,10 +194,16 @@ def _cells_in_frames(
         start = np.zeros(last - first + 1, np.int64)
         start[1:] = np.cumsum(cells_of[first:last])
         hit = np.zeros(start[-1], np.bool_)
+        lossy = len(loss.keys) > 0
+        stream = stream_of(loss.keys[frame]) if lossy else np.uint64(0)
         for ray in range(rays):
             b = targets[ray]
             if b < 0 or not returns_light(ranges[ray], reflected[ray], beams):
                 continue
+            if lossy:
+                lost = lost_share(ray, ranges[ray], loss.factors[b], loss.drop_off, beams)
+                if uniform(stream, np.uint64(2 * ray)) <= lost:
+                    continue
             beam, step = ray // steps, ray % steps
             cosines, sines = along(beams, beam)
             dx, dy = elevations[beam, 1] * cosines[step], elevations[beam, 1] * sines[step]

@@ -18,7 +18,13 @@ from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.layout import Laid
-from lidarplace.requirements.rays_on_objects import Sight, count_cells, count_points, sights_of
+from lidarplace.requirements.rays_on_objects import (
+    Sight,
+    at_class,
+    count_cells,
+    count_points,
+    sights_of,
+)
 from lidarplace.requirements.requirement import AS_BUILT, Requirement
 from lidarplace.rigs.placement import Placement
 
@@ -93,7 +99,7 @@ def judge(laid: Sequence[Laid], placement: Placement, vehicle: Vehicle) -> list[
         for case, rig in own.requirement.also_when.variants(placement).items():
             dead = own.requirement.also_when.one_lidar_dead and case == AS_BUILT
             if own.roi is None:
-                values = _of_objects(own, sights_once(rig), dead)
+                values = _of_objects(own, sights_once(rig), rig, dead)
             else:
                 values = _of_volume(own, own.roi, rig, vehicle, dead)
             for label, finding, shown in values:
@@ -109,9 +115,10 @@ Found = tuple[str, Finding, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, what was found, and what every position has."""
 
 
-def _of_objects(own: Laid, sights: list[Sight], dead: bool) -> Iterator[Found]:
+def _of_objects(own: Laid, sights: list[Sight], rig: Placement, dead: bool) -> Iterator[Found]:
     wanted, placed = own.requirement, own.requirement.placed
     assert placed is not None
+    sights = at_class(sights, rig, placed.object_class)
     there = ~np.isnan(own.boxes[:, :, 0])
     boxes = own.boxes[there]
     if wanted.measure == "points":

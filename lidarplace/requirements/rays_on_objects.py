@@ -1,6 +1,10 @@
 """How many rays of every LiDAR hit each of many objects, past its vehicle and other LiDARs.
 
 Each object is alone there: others hide nothing. Exact, every ray is tested that can meet it.
+
+Where drop-off or a correction loses returns, numbers are expected ones: a ray counts as a point
+with the probability p that it returns, and a cell with `1 - product of (1 - p)` over the rays that
+hit it.
 """
 
 from __future__ import annotations
@@ -8,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -16,12 +20,21 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, inner, window
-from lidarplace.clouds.raycast import Beams, along, beams_in, beams_of, returns_light, runs
+from lidarplace.clouds.raycast import (
+    Beams,
+    along,
+    beams_in,
+    beams_of,
+    lost_share,
+    returns_light,
+    runs,
+)
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import bricks
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.surface_cells import slices_of
 from lidarplace.requirements.placed_object import DARK
+from lidarplace.rigs.correction import OTHER, Correction
 from lidarplace.rigs.placement import Placement
 
 MOST_CELLS = 10_000_000
@@ -34,6 +47,10 @@ _MOST_BYTES = 2**27
 _NOBODY, _SEVERAL = -1, -2
 
 
+Numbers = NDArray[np.number[Any]]
+"""int64 or float64."""
+
+
 class Sight(NamedTuple):
     """A LiDAR on the vehicle, as compiled code takes it.
 
@@ -42,16 +59,22 @@ class Sight(NamedTuple):
         beams: its rays.
         least: of every ray the inverse of the distance at which it ends, at the body, at another
             LiDAR or for want of range, 1/m, shape (rays,).
+        lossy: whether returns are lost at random.
+        drop_off: probability of a loss without a correction.
+        factor: of `Correction` for the objects.
     """
 
     origin: NDArray[np.float64]
     rotation: NDArray[np.float64]
     beams: Beams
     least: NDArray[np.float64]
+    lossy: bool
+    drop_off: float
+    factor: float
 
 
 def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
-    """The LiDARs of a rig."""
+    """The LiDARs of a rig, for objects of no class; see `at_class`."""
     low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
     body = bricks(np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], 1), 0)
     sights = []
@@ -61,22 +84,37 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
         least = np.full(lidar.rays, 1.0 / beams.reach * (1.0 - 4e-16))
         if len(ends):
             np.maximum(least, ends, out=least)
-        sights.append(Sight(mount.position, mount.rotation, beams, least))
+        lossy = lidar.correction is not None or lidar.drop_off > 0
+        sights.append(
+            Sight(mount.position, mount.rotation, beams, least, lossy, lidar.drop_off, 1.0)
+        )
         _shade(sights[-1], body.geometry)
-    return sights
+    return at_class(sights, placement, None)
+
+
+def at_class(sights: list[Sight], placement: Placement, object_class: str | None) -> list[Sight]:
+    """The same LiDARs of a rig for objects of a class; None: of none that a correction knows."""
+    return [
+        sight._replace(
+            factor=float((lidar.correction or Correction()).factors_of([object_class or OTHER])[0])
+        )
+        for sight, lidar in zip(sights, placement.lidars, strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
 class Counts:
     """What a rig has on each of B objects: points, or distinct cells of the surface.
 
+    Whole numbers, int64, where no LiDAR loses returns at random; else expected ones, float64.
+
     Attributes:
-        all: of all LiDARs together, int64, shape (B,).
-        alone: what would be lost without each LiDAR, int64, shape (B, LiDARs).
+        all: of all LiDARs together, shape (B,).
+        alone: what would be lost without each LiDAR, shape (B, LiDARs).
     """
 
-    all: NDArray[np.int64]
-    alone: NDArray[np.int64]
+    all: Numbers
+    alone: Numbers
 
 
 def count_points(
@@ -89,11 +127,12 @@ def count_points(
         reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
     """
 
-    def points(part: NDArray[np.float64]) -> NDArray[np.int64]:
-        owners = np.empty((len(part), 0), np.int16)
-        return np.stack(
-            [_hit(sight, part, reflectivity, 0, 1.0, owners) for sight in sights], axis=1
-        )
+    lossy = any(sight.lossy for sight in sights)
+
+    def points(part: NDArray[np.float64]) -> Numbers:
+        owners, missed = np.empty((len(part), 0), np.int16), np.empty((len(part), 0))
+        found = [_hit(sight, part, reflectivity, 0, 1.0, owners, missed) for sight in sights]
+        return np.stack([own if lossy else counts for counts, own in found], axis=1)
 
     alone = np.concatenate(_in_threads(points, boxes, _PORTION))
     return Counts(alone.sum(axis=1), alone)
@@ -119,22 +158,24 @@ def count_cells(
             "smaller, or ask for points"
         )
 
-    def shares(part: NDArray[np.float64]) -> NDArray[np.int64]:
-        owners = np.full((len(part), cells), _NOBODY, np.int16)
-        for number, sight in enumerate(sights):
-            _hit(sight, part, reflectivity, number, cell, owners)
-        return _tally(owners, len(sights))
+    lossy = any(sight.lossy for sight in sights)
 
-    portion = max(1, min(_PORTION, _MOST_BYTES // (2 * cells)))
+    def shares(part: NDArray[np.float64]) -> Numbers:
+        owners = np.full((len(part), 0 if lossy else cells), _NOBODY, np.int16)
+        missed = np.ones((len(sights), len(part), cells if lossy else 0))
+        for number, sight in enumerate(sights):
+            _hit(sight, part, reflectivity, number, cell, owners, missed[number])
+        return _expected(missed) if lossy else _tally(owners, len(sights))
+
+    bytes_each = cells * (8 * len(sights) if lossy else 2)
+    portion = max(1, min(_PORTION, _MOST_BYTES // bytes_each))
     found = np.concatenate(_in_threads(shares, boxes, portion))
     return Counts(found[:, -1].copy(), found[:, :-1])
 
 
 def _in_threads(
-    work: Callable[[NDArray[np.float64]], NDArray[np.int64]],
-    boxes: NDArray[np.float64],
-    portion: int,
-) -> list[NDArray[np.int64]]:
+    work: Callable[[NDArray[np.float64]], Numbers], boxes: NDArray[np.float64], portion: int
+) -> list[Numbers]:
     """What `work` finds for the parts that boxes are, a portion after the other."""
     parts = [bricks(boxes[at : at + portion], 0).geometry for at in range(0, len(boxes), portion)]
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
@@ -144,7 +185,7 @@ def _in_threads(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shade(sight, body):  # pragma: no cover - compiled
     """Let rays end where they enter a part of the body."""
-    origin, rotation, beams, least = sight
+    origin, rotation, beams, least = sight.origin, sight.rotation, sight.beams, sight.least
     steps = beams.azimuths.shape[2]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
     for part in body:
@@ -169,18 +210,22 @@ def _shade(sight, body):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover - compiled
-    """Rays of one LiDAR that hit each of `parts`; who hits which cell is kept in `owners`.
+def _hit(sight, parts, reflectivity, number, cell, owners, missed):  # pragma: no cover - compiled
+    """Rays of one LiDAR that hit each of `parts`, and how many of them return, if it is lossy.
 
     Args:
         number: of the LiDAR.
         owners: the LiDAR that hits a cell, _NOBODY or _SEVERAL, shape (parts, cells); no cells if
-            points are all that is asked for.
+            points are all that is asked for, or `missed` is filled.
+        missed: probability that no ray returns from a cell, 1 before, of the same shape; no cells
+            where `owners` is filled.
     """
-    origin, rotation, beams, least = sight
+    origin, rotation, beams, least = sight.origin, sight.rotation, sight.beams, sight.least
     steps = beams.azimuths.shape[2]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
     counts, frame = np.zeros(len(parts), np.int64), np.empty((3, 4))
+    expected = np.zeros(len(parts))
+    keeps_cells = owners.shape[1] > 0 or missed.shape[1] > 0
     most = 1.0 / beams.nearest if beams.nearest > 0.0 else np.inf  # nearer there is no return
     for p in range(len(parts)):
         framed, nx, ny, nz = False, 1, 1, 1
@@ -209,7 +254,11 @@ def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover 
                     enter[n] = enter[n] if enter[n] <= most else 0.0
                     met += enter[n] > ends[n]
                 counts[p] += met
-                if met == 0 or owners.shape[1] == 0:
+                if met > 0 and sight.lossy:
+                    for n in range(len(ends)):
+                        if enter[n] > ends[n]:
+                            expected[p] += 1.0 - _lost(sight, beam * steps + first + n, enter[n])
+                if met == 0 or not keeps_cells:
                     continue
                 if not framed:
                     nx, ny, nz = _frame(sight, parts[p], cell, frame)
@@ -226,12 +275,23 @@ def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover 
                     j = _slice(frame[1, 3] + reach * (y0 * dx + y1 * dy + y2), ny)
                     k = _slice(frame[2, 3] + reach * (z0 * dx + z1 * dy + z2), nz)
                     here = (i * ny + j) * nz + k
+                    if missed.shape[1] > 0:
+                        missed[p, here] *= _lost(sight, beam * steps + first + n, enter[n])
+                        continue
                     owner = owners[p, here]
                     if owner == _NOBODY:
                         owners[p, here] = number
                     elif owner != number:
                         owners[p, here] = _SEVERAL
-    return counts
+    return counts, expected if sight.lossy else counts.astype(np.float64)
+
+
+@inner
+def _lost(sight, ray, inverse):  # pragma: no cover - compiled
+    """Probability that the return of a ray is lost, at this inverse distance."""
+    if not sight.lossy:
+        return 0.0
+    return lost_share(ray, 1.0 / inverse, sight.factor, sight.drop_off, sight.beams)
 
 
 @inner
@@ -284,6 +344,26 @@ def _frame(sight, part, cell, frame):  # pragma: no cover - compiled
 def _slice(place, number):  # pragma: no cover - compiled
     """Which slice of an axis holds a place; rounding does not lead out of the box."""
     return min(max(int(np.floor(place)), 0), number - 1)
+
+
+@njit(cache=True, nogil=True)
+def _expected(missed) -> NDArray[np.float64]:  # pragma: no cover - compiled
+    """As `_tally`, of `missed` of every LiDAR, shape (LiDARs, parts, cells)."""
+    lidars, parts, cells = missed.shape
+    counts, before = np.zeros((parts, lidars + 1)), np.empty(lidars + 1)
+    before[0] = 1.0
+    for p in range(parts):
+        for c in range(cells):
+            for number in range(lidars):
+                before[number + 1] = before[number] * missed[number, p, c]
+            if before[lidars] == 1.0:
+                continue
+            counts[p, lidars] += 1.0 - before[lidars]
+            after = 1.0
+            for number in range(lidars - 1, -1, -1):
+                counts[p, number] += before[number] * after * (1.0 - missed[number, p, c])
+                after *= missed[number, p, c]
+    return counts
 
 
 @njit(cache=True, nogil=True)

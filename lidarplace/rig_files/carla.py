@@ -126,8 +126,8 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
     """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second.
 
     Raises:
-        ValueError: a LiDAR has no model or a pattern, or its field of view is not even about its x
-            axis.
+        ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not
+            even about its x axis.
     """
     sensors = []
     for each in lidars:
@@ -136,6 +136,8 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
         lidar = each.model.lidar()
         if lidar.pattern is not None:
             raise ValueError(f"{each.name}: has a pattern of rays; beams of CARLA's LiDARs turn")
+        if lidar.correction is not None:
+            raise ValueError(f"{each.name}: correction: CARLA's LiDARs have none; leave it out")
         if abs(sum(lidar.azimuth)) > 1e-9:
             low, high = (math.degrees(end) for end in lidar.azimuth)
             raise ValueError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from lidarplace.base.ranges import AZIMUTH_STEPS
 from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, datasheet, metres
+from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.scan_pattern import ScanPattern
 from lidarplace.rigs.weather import Weather, shortened
 
@@ -62,6 +63,7 @@ class Lidar:
         pattern: of rays, for a LiDAR without beams that turn; it decides `elevations` and
             `azimuth`, whatever is given for them, and there is one azimuth step. See `patterned`.
         frame: of the pattern that is fired.
+        correction: what it loses on a real vehicle; None: nothing. See `corrected`.
 
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
@@ -84,6 +86,7 @@ class Lidar:
     size: tuple[float, float, float] | None = None
     pattern: SkipJsonSchema[InstanceOf[ScanPattern]] | None = None  # no file holds one
     frame: int = 0
+    correction: Correction | None = None
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
@@ -156,9 +159,10 @@ class Lidar:
             if self.pattern is None
             else (f"pattern of {self.beams:,} rays a frame", "")
         )
+        lost = "" if self.correction is None else f", {self.correction!r}"
         return (
             f"Lidar({beams}, {low:.6g} to {high:.6g} degrees{steps}{view}, "
-            f"range {self.range:.6g} m)"
+            f"range {self.range:.6g} m{lost})"
         )
 
     @classmethod
@@ -231,6 +235,19 @@ class Lidar:
         """The same LiDAR in that weather, whatever air it was in."""
         extinction = weather.extinction(self.wavelength)
         return self if extinction == self.extinction else replace(self, extinction=extinction)
+
+    def corrected(self, by: Corrects, unit: str | None = None) -> Lidar:
+        """The same LiDAR as on a real vehicle, in clouds, `expected_recall` and requirements.
+
+        Args:
+            by: from `lidarplace.configuration.correction.read_correction`.
+            unit: name of the LiDAR on that vehicle, which has a mask or beams of its own; None:
+                what holds for the whole vehicle alone.
+
+        Raises:
+            ValueError: there is no such unit, or what is known of it does not fit this LiDAR.
+        """
+        return by.applied_to(self, unit)
 
     def nearsighted(self, factor: float) -> Lidar:
         """The same LiDAR that sees so much of its ranges, whatever reflects."""
@@ -346,6 +363,13 @@ class Lidar:
         Rays of one beam are contiguous.
         """
         return unit_vectors(np.asarray(self.elevations), self.azimuths())
+
+
+class Corrects(Protocol):
+    """What was learnt from recordings of a vehicle."""
+
+    def applied_to(self, lidar: Lidar, unit: str | None) -> Lidar:
+        """See `Lidar.corrected`."""
 
 
 @lru_cache(maxsize=64)

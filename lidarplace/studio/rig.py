@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -33,6 +34,7 @@ class MountedLidar:
         written: keys of `MountSettings` as the file has them, so that a number which nobody
             changes stays what it is, to the last digit and in its unit.
         enabled: whether it works; "what if it dies" is asked by one that does not.
+        folder: to which its paths are relative; None: the working directory.
 
     Raises:
         ValueError: a key is wrong; names it.
@@ -40,11 +42,14 @@ class MountedLidar:
 
     written: Mapping[str, Any]
     enabled: bool = True
+    folder: Path | None = field(default=None, compare=False, repr=False)
     settings: MountSettings = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         try:
-            settings = MountSettings.model_validate(dict(self.written))
+            settings = MountSettings.model_validate(
+                dict(self.written), context={"folder": self.folder}
+            )
         except ValidationError as error:
             raise fault(error) from None
         object.__setattr__(self, "settings", settings)
@@ -71,12 +76,12 @@ class Rig:
     carla: bool = False
 
     @classmethod
-    def of_written(cls, name: str, written: Mapping[str, Any]) -> Rig:
+    def of_written(cls, name: str, written: Mapping[str, Any], folder: Path | None = None) -> Rig:
         """The rig of a mapping with `mounts` and `convention`. Raises as `MountedLidar` does."""
         lidars = []
         for number, mount in enumerate(written.get("mounts", ())):
             try:
-                lidars.append(MountedLidar(mount))
+                lidars.append(MountedLidar(mount, folder=folder))
             except ValueError as error:
                 raise ValueError(f"mounts[{number}].{error}") from None
         return cls(name, tuple(lidars), written.get("convention") == "carla")

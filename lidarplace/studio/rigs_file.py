@@ -78,9 +78,10 @@ class RigsFile:
     def rigs(self) -> tuple[Rig, ...]:
         """In the order of the file."""
         if self.single:
-            return (Rig.of_written(self.path.stem, self.content),)
+            return (Rig.of_written(self.path.stem, self.content, self.path.parent),)
         known = self.content.get("placements") or {"mine": {}}
-        return tuple(Rig.of_written(str(name), written) for name, written in known.items())
+        folder = self.path.parent
+        return tuple(Rig.of_written(str(name), written, folder) for name, written in known.items())
 
     @cached_property
     def zones(self) -> tuple[Zone, ...]:
@@ -145,7 +146,7 @@ def read_rigs(path: Path) -> RigsFile:
         content = {}
     try:
         if isinstance(content, dict) and "mounts" in content:
-            RigSettings.model_validate(content)
+            RigSettings.model_validate(content, context={"folder": path.parent})
             return RigsFile(path, content, RigsSettings(), single=True)
         return RigsFile(
             path, content, RigsSettings.model_validate(content, context={"folder": path.parent})

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import cast
+from lidarplace.clouds.raycast import cast, expected_share
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import BODY, BUILDING, SIGN, Parts
 from lidarplace.clouds.surroundings import Surroundings
@@ -25,6 +25,7 @@ class AimedRays:
         aimed: number of these rays.
         returned: those whose light comes back from it.
         dark: those that meet it, too near or too dark to return light.
+        lost: those whose return drop-off or a correction loses; expected, rounded.
         stopped: those that something else stops, by what it is: the id of an object, "a building"
             or "the vehicle itself", which its other LiDARs belong to.
     """
@@ -32,6 +33,7 @@ class AimedRays:
     aimed: int
     returned: int
     dark: int
+    lost: int
     stopped: dict[str, int]
 
     @property
@@ -42,6 +44,8 @@ class AimedRays:
         parts = [f"{self.aimed:,} rays aim at it", f"{self.returned:,} return"]
         if self.dark:
             parts.append(f"{self.dark:,} meet it too near or too dark to return")
+        if self.lost:
+            parts.append(f"about {self.lost:,} are lost by drop-off or the correction")
         parts += [f"{number:,} stopped by {what}" for what, number in self.stopped.items()]
         return ", ".join(parts)
 
@@ -65,12 +69,22 @@ def why_unseen(
     own = ids.index(object_id)
     everything = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
     ends = ends_in_rig(placement, vehicle)
+    object_class = surroundings.classes(number)[own]
     lidars = zip(placement.mounts, placement.lidars, ends, strict=True)
-    return tuple(_aimed(mount, lidar, everything, own, ids, met) for mount, lidar, met in lidars)
+    return tuple(
+        _aimed(mount, lidar, everything, own, object_class, ids, met)
+        for mount, lidar, met in lidars
+    )
 
 
 def _aimed(
-    mount: Mount, lidar: Lidar, parts: Parts, own: int, ids: list[str], ends: NDArray[np.float64]
+    mount: Mount,
+    lidar: Lidar,
+    parts: Parts,
+    own: int,
+    object_class: str,
+    ids: list[str],
+    ends: NDArray[np.float64],
 ) -> AimedRays:
     mine = parts.owner == own
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
@@ -87,7 +101,13 @@ def _aimed(
     for target, rays in targets.items():
         if target != own:
             stopped[names.get(target, "the ground")] += rays
-    number = int(returned.sum())
+    bright_enough = np.flatnonzero(reached)[returned]
+    kept = expected_share(lidar, object_class, bright_enough, met.range[bright_enough])
+    lost = round(float((1 - kept).sum()))
     return AimedRays(
-        int(aimed.sum()), number, int(reached.sum()) - number, dict(stopped.most_common())
+        int(aimed.sum()),
+        len(kept) - lost,
+        int(reached.sum()) - len(kept),
+        lost,
+        dict(stopped.most_common()),
     )

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-BESIDE_THE_FILE = {"mesh", "pattern", "vehicle"}
+BESIDE_THE_FILE = {"correction", "mesh", "pattern", "vehicle"}
 """Keys of paths that are relative to the folder of the configuration; `vehicle` may be short for
 one."""
 
@@ -12,8 +12,8 @@ one."""
 def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """A checked configuration with paths that hold in any folder, so that a copy can be read.
 
-    Files of a mesh and of a pattern are beside the file, in `folder`; other paths are relative to
-    where a command is typed.
+    Files of a mesh, a pattern and a correction are beside the file, in `folder`; other paths are
+    relative to where a command is typed.
     """
     return {key: _with_whole_paths(value, key, folder) for key, value in config.items()}
 

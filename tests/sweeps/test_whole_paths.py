@@ -46,6 +46,32 @@ def test_a_search_among_patterns_can_be_read_from_elsewhere(tmp_path):
     assert {"pattern", "livox"} <= set(problem.models)
 
 
+def test_corrections_are_found_from_elsewhere_and_keys_have_their_content(tmp_path):
+    (tmp_path / "car.yaml").write_text("distance: 50")
+    models = {"correction": "vlp16", "own": {"name": "vlp16", "correction": "car.yaml"}}
+    problem = read_problem(write_search(tmp_path, search={"models": models}))
+    assert problem.models["own"].correction.distance == 50
+    (tmp_path / "elsewhere").mkdir()
+    copy = tmp_path / "elsewhere" / "search.yaml"
+    copy.write_text(yaml.safe_dump(dict(problem.source)))
+    assert read_problem(copy).models == problem.models
+    (tmp_path / "car.yaml").rename(tmp_path / "truck.yaml")
+    models["own"]["correction"] = "truck.yaml"
+    moved = read_problem(write_search(tmp_path, search={"models": models}))
+    assert moved.key == problem.key
+    (tmp_path / "truck.yaml").write_text("distance: 60")
+    assert read_problem(tmp_path / "small.yaml").key != problem.key
+    write_small_log(tmp_path / "log")
+    content = {
+        "scene": {"source": "log", "folder": str(tmp_path / "log")},
+        "grid": {"placement": ["line"], "lidar.correction": [None, "truck.yaml"]},
+    }
+    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(content))
+    points = read_sweep(tmp_path / "sweep.yaml").points
+    found = [own.rig.lidars[0].correction for own in points]
+    assert [own and own.distance for own in found] == [None, 60]
+
+
 def test_other_values_stay_as_they_are(tmp_path):
     (tmp_path / "body.stl").write_text("")
     config = {"vehicle": [[[0, 0, 0], [1, 1, 1]]], "name": "body.stl", 3: {"mesh": None}}

@@ -54,11 +54,12 @@ def collect(
     Raises:
         ImportError: the client is not installed.
         OSError: no server answers, a LiDAR does not deliver, or a file cannot be written.
-        ValueError: `out` holds another scene, or another placement of a name; client and server
+        ValueError: `out` holds another scene, or another placement of a name; a LiDAR has a
+            correction; client and server
             have different versions; the server lacks a map, blueprint or room.
         RuntimeError: the server failed.
     """
-    _check_names(placements)
+    _check_rigs(placements)
     contents = {out / "scene.json": scene.model_dump(mode="json", exclude=_ELSEWHERE)}
     for name, placement in placements.items():
         contents[out / "clouds" / name / "placement.json"] = rig_record(placement)
@@ -99,8 +100,12 @@ def collect(
     return log
 
 
-def _check_names(placements: Mapping[str, Placement]) -> None:
-    for name in placements:
+def _check_rigs(placements: Mapping[str, Placement]) -> None:
+    for name, placement in placements.items():
+        if any(lidar.correction is not None for lidar in placement.lidars):
+            raise ValueError(
+                f"placement {name!r}: lidar.correction: CARLA's LiDARs have none; leave it out"
+            )
         if not name or Path(name).name != name or name.startswith("."):
             raise ValueError(f"placement {name!r}: its name must do for a folder")
 

@@ -82,11 +82,12 @@ class Problem(SearchConfig):
             "pog": trial.pog.key,
             "code": self._code(),
             "recall": trial.recall.key if self.question.needs_objects and trial.recall else None,
-            "search": self.file.search.model_dump(
-                mode="json", exclude={"trials", "storage", "vehicle"}
+            "search": _without_paths(
+                self.file.search.model_dump(mode="json", exclude={"trials", "storage", "vehicle"})
             ),
+            "models": dict(self.models),  # patterns and corrections by their content
             "vehicle": self.question.carrier.body,  # a mesh by its triangles, not by its path
-            "file": self.file.model_dump(mode="json", include=_ANSWERING),
+            "file": _without_paths(self.file.model_dump(mode="json", include=_ANSWERING)),
         }
         return hashlib.sha256(
             json.dumps(content, sort_keys=True, default=plain).encode()
@@ -450,6 +451,17 @@ def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed
         return placed_in(space, lidars)
     except ValueError as error:
         raise ValueError(f"search.start: {name}: {error}") from None
+
+
+def _without_paths(value: Any) -> Any:
+    """Settings without the files of LiDARs; what is called like such a key is no text."""
+    if isinstance(value, dict):
+        return {
+            key: _without_paths(own)
+            for key, own in value.items()
+            if key not in ("pattern", "correction") or not isinstance(own, str)
+        }
+    return [_without_paths(own) for own in value] if isinstance(value, list) else value
 
 
 def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:

@@ -419,6 +419,24 @@ def test_why_an_object_is_not_seen(tmp_path):
     assert "no ray aims at it" in away.text
 
 
+def test_corrections_lie_with_the_file_and_lose_what_is_not_seen(tmp_path):
+    (tmp_path / "c.yaml").write_text("factor: {Car: 0.25}")
+    own = "{beams: 32, azimuth_steps: 1800%s}"
+    text = f"placements: {{a: {{mounts: [{{z: 1.7, lidar: {own}}}]}}}}\n"
+    found = []
+    for extra in ("", ", correction: c.yaml"):
+        file = read_rigs(written(tmp_path, text % extra))
+        studio = Studio(file, log_of([(8.0, 0.0)], frames=1), ROI)
+        table = studio.view.objects(studio.placement).set_index("object_id")
+        (rays,) = studio.why_unseen("car 0")
+        assert rays.aimed == rays.returned + rays.dark + rays.lost + sum(rays.stopped.values())
+        assert table["points"]["car 0"] == pytest.approx(rays.returned, abs=5 * rays.lost**0.5)
+        found.append(rays)
+    assert found[0].lost == 0
+    assert found[1].returned == pytest.approx(found[0].returned / 4, abs=1)
+    assert "about" in found[1].text
+
+
 def test_blind_ground_is_where_no_ray_passes():
     """Points along dense rays, none of which may be over a cell that is said to be blind."""
     vehicle = Vehicle("van", np.array([[[-2.0, -1.0, 0.0], [2.0, 1.0, 2.0]]]))

@@ -1,0 +1,202 @@
+"""The file of a correction: what LiDARs of a real vehicle lose, learnt from its recordings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration.settings import (
+    ClassName,
+    CountFromOne,
+    Distance,
+    Elevation,
+    Name,
+    Probability,
+    Settings,
+    fault,
+)
+from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
+from lidarplace.files.atomic import write_text
+from lidarplace.rigs.correction import MOST_FACTOR, OTHER, Correction, Mask
+from lidarplace.rigs.lidar import Lidar
+
+PACKAGED = "lidarplace.rigs.corrections"
+MOST_SHARES = 100_000
+"""Of a mask: half a degree in both directions is less."""
+
+
+def _one_row(shares: Any) -> Any:
+    """A list of numbers is short for a list of one row."""
+    flat = isinstance(shares, (list, tuple)) and not any(
+        isinstance(s, (list, tuple)) for s in shares
+    )
+    return [shares] if flat else shares
+
+
+Shares = Annotated[tuple[Probability, ...], Field(min_length=1, max_length=MOST_SHARES)]
+Rows = Annotated[tuple[Shares, ...], Field(min_length=1, max_length=180), BeforeValidator(_one_row)]
+ClassFactor = Annotated[float, Strict(), Field(ge=0, le=MOST_FACTOR, allow_inf_nan=False)]
+
+
+class MaskSettings(Settings):
+    """Share of the rays that return, by direction in the sensor's frame."""
+
+    azimuth_deg: Annotated[float, Strict(), Field(gt=0, le=360, allow_inf_nan=False)] = Field(
+        description="width of a bin of azimuth, degrees; the first one begins at -180"
+    )
+    elevation_deg: tuple[Elevation, ...] = Field(
+        (), description="elevations between rows, ascending, degrees; none for a single row"
+    )
+    shares: Rows = Field(
+        description="rows, the lowest first, of a share for each bin of azimuth, growing to the "
+        "left; a single row needs no list around it"
+    )
+
+    @model_validator(mode="after")
+    def _build(self) -> MaskSettings:
+        for row in self.shares:
+            if not math.isclose(len(row) * self.azimuth_deg, 360.0, rel_tol=1e-6):
+                raise ValueError(
+                    f"shares: expected {360 / self.azimuth_deg:.6g} for bins of "
+                    f"{self.azimuth_deg:g} degrees, found {len(row)}"
+                )
+        self.mask  # noqa: B018 - what is wrong with it is wrong with the settings
+        return self
+
+    @cached_property
+    def mask(self) -> Mask:
+        """In radians."""
+        return Mask(self.shares, tuple(map(math.radians, self.elevation_deg)))
+
+
+class UnitSettings(Settings):
+    """One LiDAR of the vehicle."""
+
+    azimuth_steps: CountFromOne | None = Field(None, description="firings of a beam in one turn")
+    elevations_deg: tuple[Elevation, ...] | None = Field(
+        None, min_length=1, description="elevation of every beam, lowest first, degrees"
+    )
+    mask: MaskSettings | None = Field(None, description="its shadow; null: none")
+
+
+class CorrectionFile(Settings):
+    """What LiDARs of a real vehicle lose."""
+
+    factor: dict[ClassName, ClassFactor] = Field(
+        default={},
+        description=f"share of the rays on objects of a class that return; {OTHER}: of the other "
+        "classes, 1 by default",
+    )
+    distance: Distance | None = Field(
+        None, gt=0, description="metres after which 1/e of the rays on objects return; null: all do"
+    )
+    lidars: dict[Name, UnitSettings] = Field(
+        default={}, description="LiDARs by their name in the rig as it was recorded"
+    )
+    fitted: dict[str, Any] = Field(default={}, description="facts about the fit, for readers")
+
+    @model_validator(mode="after")
+    def _build(self) -> CorrectionFile:
+        self.of_all  # noqa: B018 - what is wrong with it is wrong with the settings
+        return self
+
+    @cached_property
+    def of_all(self) -> Correction:
+        """What all LiDARs of the vehicle lose."""
+        return Correction(tuple(self.factor.items()), self.distance)
+
+    def applied_to(self, lidar: Lidar, unit: str | None = None) -> Lidar:
+        """The LiDAR with what is lost. See `Lidar.corrected`.
+
+        Raises:
+            ValueError: there is no such unit, or its beams are not those of `lidar`.
+        """
+        own = UnitSettings() if unit is None else self._unit(unit)
+        known: dict[str, Any] = {}
+        if own.azimuth_steps is not None:
+            known["azimuth_steps"] = own.azimuth_steps
+        if own.elevations_deg is not None:
+            known["elevations"] = tuple(map(math.radians, own.elevations_deg))
+        if known and lidar.pattern is not None:
+            raise ValueError(f"unit {unit}: has beams that turn, and the LiDAR has a pattern")
+        if len(own.elevations_deg or lidar.elevations) != lidar.beams:
+            raise ValueError(
+                f"unit {unit}: expected {lidar.beams} beams as the LiDAR has, "
+                f"found {len(own.elevations_deg or ())}"
+            )
+        mask = None if own.mask is None else own.mask.mask
+        return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
+
+    def _unit(self, name: str) -> UnitSettings:
+        if name not in self.lidars:
+            raise ValueError(
+                f"unit: no LiDAR is called {name!r}{did_you_mean(name, self.lidars)}; "
+                f"expected one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}"
+            )
+        return self.lidars[name]
+
+
+def packaged() -> tuple[str, ...]:
+    """Names of the corrections that the package has."""
+    names = (path.name for path in files(PACKAGED).iterdir())
+    return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
+
+
+def is_file(source: str) -> bool:
+    """Whether a text is the path of a correction, not a name of the package."""
+    return source.endswith((".yaml", ".yml"))
+
+
+def read_correction(source: str | Path) -> CorrectionFile:
+    """The correction in a YAML file, read again when it was changed, or a packaged one by name.
+
+    Raises:
+        ValueError: there is none of that name, the file cannot be read, or a value is wrong; names
+            file, key and value.
+    """
+    name = str(source)
+    if not is_file(name):
+        return _packaged(name)
+    try:
+        told = Path(source).stat()
+        return _read(Path(source), told.st_mtime_ns, told.st_size)
+    except OSError as error:
+        raise InputError(str(error.strerror), place=name) from None
+
+
+def write_correction(path: Path, file: CorrectionFile) -> None:
+    """Write a correction as `read_correction` reads it; it is renamed into place."""
+    content = file.model_dump(mode="json", exclude_defaults=True)
+    write_text(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, changed: int, size: int) -> CorrectionFile:
+    return _checked(read_yaml_file(path), str(path))
+
+
+@lru_cache(maxsize=8)
+def _packaged(name: str) -> CorrectionFile:
+    if name not in packaged():
+        listed = ", ".join((*packaged(), "a FILE.yaml"))
+        raise InputError(
+            f"no correction is called {name!r}{did_you_mean(name, packaged())}", expected=listed
+        )
+    text = files(PACKAGED).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    return _checked(parse_yaml(text), name)
+
+
+def _checked(content: Any, place: str) -> CorrectionFile:
+    try:
+        return CorrectionFile.model_validate(content)
+    except ValidationError as error:
+        raise fault(error, place) from None

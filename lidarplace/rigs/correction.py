@@ -1,0 +1,123 @@
+"""What a LiDAR on a real vehicle loses that the model of its rays returns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+OTHER = "other"
+"""Class of a factor for objects of all classes without one of their own."""
+
+MOST_FACTOR = 10.0
+"""Beyond, the recording and its simulation are not of one rig."""
+
+LEAST_DISTANCE = 1e-300
+"""Metres; its inverse is a number."""
+
+_HAIR = 1e-9  # of a bin: a ray on an edge belongs to the upper bin, whatever rounding makes of it
+
+
+@dataclass(frozen=True)
+class Mask:
+    """Share of rays that return by direction in the sensor's frame: the vehicle's own shadow.
+
+    Attributes:
+        shares: rows by elevation from the lowest, each of equal bins of azimuth over a full turn,
+            the first of which begins at -pi; in [0, 1].
+        edges: elevations between the rows, ascending, radians; one less than there are rows.
+
+    Raises:
+        ValueError: rows differ in length or in number from what `edges` need, edges do not rise, a
+            share is not within [0, 1], or all are 0.
+    """
+
+    shares: tuple[tuple[float, ...], ...]
+    edges: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = tuple(tuple(map(float, row)) for row in self.shares)
+        object.__setattr__(self, "shares", rows)
+        object.__setattr__(self, "edges", tuple(map(float, self.edges)))
+        if len(rows) != len(self.edges) + 1:
+            raise ValueError(
+                f"expected {len(self.edges) + 1} rows of shares for {len(self.edges)} "
+                f"elevations between them, found {len(rows)}"
+            )
+        if len({len(row) for row in rows}) > 1 or not rows[0]:
+            found = sorted({len(row) for row in rows})
+            raise ValueError(f"rows need equally many shares, at least one, found {found}")
+        if any(not low < high for low, high in zip(self.edges, self.edges[1:], strict=False)):
+            raise ValueError("elevations between rows must rise")
+        shares = [share for row in rows for share in row]
+        if not all(0 <= share <= 1 for share in shares):
+            raise ValueError("shares must be within [0, 1]")
+        if not any(shares):
+            raise ValueError("all shares are 0; leave the LiDAR out")
+
+    def at(
+        self, azimuths: NDArray[np.float64], elevations: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Shares in these directions, radians; the arguments are broadcast."""
+        table = np.array(self.shares)
+        turns = (azimuths + math.pi) / (2 * math.pi) % 1.0
+        columns = np.floor(turns * table.shape[1] + _HAIR).astype(np.int64) % table.shape[1]
+        rows = np.searchsorted(np.array(self.edges), elevations, side="right")
+        return np.asarray(table[rows, columns])
+
+
+@dataclass(frozen=True)
+class Correction:
+    """The probability that a ray returns from what it hits.
+
+    It is `factor * exp(-range / distance) * mask`, at most 1, for a ray on an object and `mask` for
+    all other hits. `Lidar.drop_off` is lost besides.
+
+    Attributes:
+        factor: pairs of a class of objects and its factor, in [0, MOST_FACTOR]; class OTHER stands
+            for those without one, whose factor is 1 otherwise.
+        distance: metres after which 1/e of the rays return from objects; None: infinitely many.
+        mask: None: 1 in all directions.
+
+    Raises:
+        ValueError: a value is out of its bounds, or a class has two factors.
+    """
+
+    factor: tuple[tuple[str, float], ...] = ()
+    distance: float | None = None
+    mask: Mask | None = None
+
+    def __post_init__(self) -> None:
+        pairs = tuple(sorted((str(name), float(share)) for name, share in self.factor))
+        object.__setattr__(self, "factor", pairs)
+        for name, share in pairs:
+            if not 0 <= share <= MOST_FACTOR:
+                raise ValueError(
+                    f"factor of {name}: must be within [0, {MOST_FACTOR:g}], found {share}"
+                )
+        if len(dict(pairs)) < len(pairs):
+            raise ValueError("factor: each class once, found one twice")
+        if self.distance is not None and not LEAST_DISTANCE <= self.distance < math.inf:
+            raise ValueError(
+                f"distance must be finite and at least {LEAST_DISTANCE:g} m, found {self.distance}"
+            )
+
+    def __repr__(self) -> str:
+        parts = [f"{name} {share:.3g}" for name, share in self.factor]
+        parts += [] if self.distance is None else [f"distance {self.distance:.4g} m"]
+        parts += [] if self.mask is None else [f"mask of {np.size(self.mask.shares)} directions"]
+        return f"Correction({', '.join(parts)})"
+
+    @property
+    def loss(self) -> float:
+        """1 / `distance`, 0 without one, 1/m."""
+        return 0.0 if self.distance is None else 1.0 / self.distance
+
+    def factors_of(self, classes: Iterable[str]) -> NDArray[np.float64]:
+        """Factors of objects of these classes, shape (objects,)."""
+        known = dict(self.factor)
+        rest = known.get(OTHER, 1.0)
+        return np.array([known.get(name, rest) for name in classes], np.float64)

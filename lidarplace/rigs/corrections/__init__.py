@@ -1,0 +1,1 @@
+"""Corrections of the package: a YAML file each, whose name `correction:` takes."""
