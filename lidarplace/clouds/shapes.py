@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.logs.boxes import GEOMETRY
 
-BUILDING, SIGN, BODY = -2, -3, -4
-"""Owners of parts that belong to no object: a building, a sign, and the vehicle's own body."""
+BUILDING, SIGN, WORLD, BODY = -2, -3, -4, -5
+"""Owners of parts that belong to no object: a building, a sign, what stands still in a recorded
+log, and the vehicle's own body."""
 
 PART_COLUMNS = (*GEOMETRY, "front", "rear", "side")
 """A part: box of its bottom and height, and how far its top stays behind it: at the front, at the
