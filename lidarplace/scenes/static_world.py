@@ -244,17 +244,17 @@ class WorldBuilder:
         least = min(LEAST_FRAMES, self._frames)
         found = _standing(self._state.cells, rows, block_keys, least)
         columns = block_keys // (2 * HALF_LEVELS)
-        own, _start = np.unique(columns, return_index=True)
+        own = np.unique(columns)
         lows = _lows(found[0], found[1], own)
         lows[_far_off(own, lows, np.array(self._path))] = np.nan
-        new = {}
+        new: dict[tuple[int, int], NDArray[np.float64]] = {}
         for n, (ti, tj) in enumerate(zip(*_tiles(own * 2 * HALF_LEVELS * BLOCK**3), strict=True)):
             tile = new.setdefault((int(ti), int(tj)), np.full((TILE, TILE), np.nan))
             tile[divmod(int(own[n] % TILE**2), TILE)] = lows[n]
         for at, tile in new.items():
             old = self._lows.get(at, tile)
             self._lows[at] = np.where(np.isnan(tile), old, tile)
-        kept = _above(*found[:2], {at: _ground(at, self._lows) for at in new})
+        kept = _above(found[0], found[1], {at: _ground(at, self._lows) for at in new})
         self._found.append((found[0][kept], found[1][kept], found[2][kept]))
         _forget(self._state, rows)
 
@@ -301,7 +301,7 @@ def _find(table, keys, key):  # pragma: no cover - compiled
     """Where in the table a block is, or would be."""
     at = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) % len(table)
     while table[at] >= 0 and keys[table[at]] != key:
-        at = at + 1 if at + 1 < len(table) else 0
+        at = at + np.int64(1) if at + 1 < len(table) else np.int64(0)
     return at
 
 
@@ -372,18 +372,24 @@ def _count_points(
             continue
         if cell[_LAST] != mark or cell[_FRAMES] == 0:
             cell[_LAST] = mark
-            cell[_FRAMES] = np.uint16(min(np.int64(cell[_FRAMES]) + 1, _MANY))
+            if cell[_FRAMES] < _MANY:
+                cell[_FRAMES] += np.uint16(1)
         _count(cell, _HITS)
         light = 65280.0 * min(max(points[n, 3], 0.0), 1.0)
         mean = float(cell[_LIGHT])
         cell[_LIGHT] = np.uint16(mean + (light - mean) / cell[_HITS] + 0.5)
         for axis, share in ((_X, u - i), (_Y, v - j), (_Z, w - k)):
-            here = min(int(share * 256.0), 255)
-            low, high = np.int64(cell[axis]) & 255, np.int64(cell[axis]) >> 8
-            if cell[_HITS] == 1:
-                low = high = here
-            cell[axis] = np.uint16(min(low, here) | max(high, here) << 8)
+            cell[axis] = _wider(cell[axis], min(int(share * 256.0), 255), cell[_HITS] == 1)
     return len(points)
+
+
+@inner
+def _wider(ends, here, first):  # pragma: no cover - compiled
+    """From where to where points are along an axis, `here` among them, as `_State` has it."""
+    low, high = np.int64(ends & 255), np.int64(ends >> 8)
+    if first:
+        low = high = here
+    return np.uint16(min(low, here) | max(high, here) << 8)
 
 
 @inner
@@ -570,11 +576,11 @@ def _ground(
     tile: tuple[int, int], lows: dict[tuple[int, int], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Height of the ground in the columns of a tile, shape (16, 16); NaN if nothing is known."""
-    return _levelled(_around_tile(tile, lows, TILE))[TILE:-TILE, TILE:-TILE]
+    return np.asarray(_levelled(_around_tile(tile, lows, TILE))[TILE:-TILE, TILE:-TILE])
 
 
 @njit(cache=True, nogil=True)
-def _levelled(lows) -> NDArray[np.float64]:  # pragma: no cover - compiled
+def _levelled(lows):  # pragma: no cover - compiled
     """Heights without those that stand out of the ground or lie below it, and gaps filled."""
     rows, columns = lows.shape
     heights = np.full_like(lows, np.nan)
