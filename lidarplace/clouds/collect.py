@@ -12,9 +12,10 @@ from lidarplace.clouds.clouds import Crop, PointClouds, as_kept
 from lidarplace.clouds.droplets import scatter_back
 from lidarplace.clouds.hashed import key_of
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import Hits, cast
+from lidarplace.clouds.raycast import Hits
 from lidarplace.clouds.returns import LARGEST_ERROR, sample_points
 from lidarplace.clouds.shade import ends_in_rig
+from lidarplace.clouds.static_world import cast_in_world
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.errors import MountingErrors
@@ -56,7 +57,7 @@ def collect(
 
     Args:
         log: a box log; its other frames are ignored.
-        frames: frame numbers, shape (F,); a frame without a box shows ground and buildings.
+        frames: frame numbers, shape (F,); a frame without a box shows ground, buildings and world.
         placement: mounts and LiDAR.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
         seed: of shapes and materials, drop-off and range noise.
@@ -141,7 +142,7 @@ class SimulatedClouds:
         """
         frame = int(self.frames[index])
         parts = self._body.and_(self._surroundings.parts(frame, self._reach))
-        ground = self._surroundings.ground(frame)
+        ground, world = self._surroundings.ground(frame), self._surroundings.world(frame)
         rig, ends = self._placement, self._ends
         if self._errors:
             rig = self._errors.drawn(rig, self._seed, frame)
@@ -156,12 +157,21 @@ class SimulatedClouds:
         for m, (mount, lidar, lift, own) in enumerate(views):
             wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
             into = self._hits.get(lidar.rays)
-            hits = cast(mount, lidar, parts, wide, into, own)
+            hits = cast_in_world(mount, lidar, parts, world, wide, into, own)
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)
             counts[m] = sample_points(
-                mount, lidar, hits, ground, self._crop, key, free, lift, classes
+                mount,
+                lidar,
+                hits,
+                ground,
+                self._crop,
+                key,
+                free,
+                lift,
+                classes,
+                level=world is None,
             )
         return self._points[: counts.sum()], counts
 

@@ -36,7 +36,7 @@ from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, blocks
 
-GROUND, NOTHING = -1, -5
+GROUND, NOTHING = -1, -6
 """What a ray hit when it was no part; parts have owners above and between."""
 
 NO_ENDS = np.empty(0)
@@ -53,8 +53,8 @@ class Hits(NamedTuple):
 
     Attributes:
         range: metres, `inf` where nothing is met within the LiDAR's range, shape (rays,), float64.
-        target: owner of the part (row of an object, BUILDING, SIGN, BODY), or GROUND, NOTHING,
-            shape (rays,), int32. What is at least SIGN returns light.
+        target: owner of the part (row of an object, BUILDING, SIGN, BODY), or GROUND, WORLD,
+            NOTHING, shape (rays,), int32. What is at least WORLD returns light.
         reflected: cosine between ray and surface normal times reflectivity, of the ground the
             cosine alone, 0 where nothing is met, shape (rays,), float64.
     """
@@ -75,6 +75,7 @@ def cast(
     crop: Sequence[float] = EVERYWHERE,
     into: Hits | None = None,
     ends: NDArray[np.float64] = NO_ENDS,
+    level: bool = True,
 ) -> Hits:
     """Cast all rays of one LiDAR: range noise, drop-off, the least range and what is too dark to
     return light are not applied.
@@ -87,6 +88,7 @@ def cast(
             that meet nothing there the answer is open: parts that cannot matter are skipped.
         into: hits of an earlier call for the same `lidar`, whose memory is used again.
         ends: inverse distances at which rays end at the rig, of `lidarplace.clouds.shade`.
+        level: whether the ground is flat, at z = 0; else there is none.
     """
     rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
@@ -101,6 +103,7 @@ def cast(
             np.array(crop, np.float64),
             ends[numbers],
             hits.of(numbers),
+            level,
         )
     return hits
 
@@ -266,11 +269,12 @@ def lost_share(ray, distance, factor, drop_off, beams):  # pragma: no cover - co
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cast_compiled(
-    origin, rotation, fired, parts, owners, reflectivities, crop, ends, hits
+    origin, rotation, fired, parts, owners, reflectivities, crop, ends, hits, level=True
 ):  # pragma: no cover - compiled
     """Fill the `hits` of the `Beams` that are fired; exact for what lies within `crop`.
 
-    `ends` are inverse distances at which rays end at the rig itself; or it is empty.
+    `ends` are inverse distances at which rays end at the rig itself; or it is empty. Without
+    `level` there is no ground.
 
     Parts apart from the hull of crop and sensor are skipped: the hull is convex, so it holds every
     ray up to a point in `crop`, and they cannot stand before one.
@@ -280,7 +284,7 @@ def cast_compiled(
     beams, steps = len(elevations), fired.azimuths.shape[2]
     # Until the end `ranges` holds inverse distances and `targets` rows of `parts`.
     farthest = 1.0 / reach * (1.0 - 4e-16)
-    high = origin[2] if origin[2] > 0.0 else np.nan  # at or below the ground there is none
+    high = origin[2] if level and origin[2] > 0.0 else np.nan  # at or below it there is none
     for beam in range(beams):
         ce, se = elevations[beam, 1], elevations[beam, 2]
         cosines, sines = along(fired, beam)

@@ -14,8 +14,16 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.ground import CELL_M, Ground
 from lidarplace.clouds.hashed import key_of, stream_of, uniform
-from lidarplace.clouds.raycast import GROUND, Hits, along, beams_of, lost_share, returns_light
-from lidarplace.clouds.shapes import SIGN
+from lidarplace.clouds.raycast import (
+    GROUND,
+    NOTHING,
+    Hits,
+    along,
+    beams_of,
+    lost_share,
+    returns_light,
+)
+from lidarplace.clouds.shapes import WORLD
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, blocks
 
@@ -36,6 +44,7 @@ def sample_points(
     points: NDArray[np.float32],
     lift: float = 0.0,
     classes: Sequence[str] = (),
+    level: bool = True,
 ) -> int:
     """Write the points that one LiDAR returns from within `crop`; return their number.
 
@@ -58,6 +67,7 @@ def sample_points(
         lift: metres by which the points are raised before they are cut.
         classes: of objects by the number that `hits` have of them, for a correction; what has
             another number is no object to it.
+        level: whether the ground is flat, at z = 0.
     """
     correction, count = lidar.correction, 0
     for own_mount, own, numbers in blocks(mount, lidar):
@@ -68,7 +78,7 @@ def sample_points(
             np.array(crop, np.float64),
             lift,
             hits.of(numbers),
-            (SIGN, GROUND),
+            (WORLD, GROUND, GROUND if level else NOTHING),
             _Cells(ground.reflectivity, *_to_cells(ground.pose)),
             _Chance(
                 lidar.range_noise,
@@ -175,7 +185,7 @@ def _sample(
 
     Beam by beam, in short loops over arrays without branches.
     """
-    faintest, ground = codes
+    faintest, ground, flat = codes  # what is flat is at z = 0
     elevations = beams.elevations
     ranges, targets, reflected = hits
     cells, cell_x, cell_y, cell_c, cell_s = ground_cells
@@ -209,7 +219,7 @@ def _sample(
             py = start_y + distance[n] * (ay * cosines[n] + by * sines[n] + cy)
             pz = bottom + distance[n] * (az * cosines[n] + bz * sines[n] + cz)
             # Rounding must not push the ground out of a crop that starts at z = 0.
-            pz = lift if target[n] == ground else pz
+            pz = lift if target[n] == flat else pz
             inside[n] = (
                 (target[n] >= faintest)
                 & (px >= left - slack)
@@ -252,7 +262,7 @@ def _sample(
             px = start_x + length * (ax * cosines[n] + bx * sines[n] + cx)
             py = start_y + length * (ay * cosines[n] + by * sines[n] + cy)
             dz = az * cosines[n] + bz * sines[n] + cz
-            pz = lift + error * dz if target[n] == ground else bottom + length * dz
+            pz = lift + error * dz if target[n] == flat else bottom + length * dz
             points[count, 0], points[count, 1], points[count, 2] = px, py, pz
             bright = light[n]
             if target[n] == ground:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.logs.boxes import GEOMETRY
 
-BUILDING, SIGN, BODY = -2, -3, -4
-"""Owners of parts that belong to no object: a building, a sign, and the vehicle's own body."""
+BUILDING, SIGN, WORLD, BODY = -2, -3, -4, -5
+"""Owners of parts that belong to no object: a building, a sign, what stands still in a recorded
+log, and the vehicle's own body."""
 
 PANE = -10
 """Owner of the windows of object 0, less by one for each further one. They hide and return nothing:

@@ -1,4 +1,4 @@
-"""What is around the vehicle in a frame of a box log: objects, buildings nearby, and the ground."""
+"""What is around the vehicle in a frame of a box log: objects, buildings, world and the ground."""
 
 import numpy as np
 import pandas as pd
@@ -8,8 +8,9 @@ from lidarplace.clouds.facades import facades
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
 from lidarplace.clouds.reflectivity import uniforms
 from lidarplace.clouds.shapes import Parts, shapes_of
+from lidarplace.clouds.static_world import WorldAround, Worlds, worlds_of
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes, full_poses
 
 
 class Surroundings:
@@ -21,8 +22,8 @@ class Surroundings:
             together with their place.
 
     Raises:
-        ValueError: a box is bad, a frame is listed twice, or buildings stand in a scene of which a
-            frame has no pose.
+        ValueError: a box is bad, a frame is listed twice, or a scene has buildings or a world and a
+            frame of it no pose.
     """
 
     def __init__(self, log: BoxLog, seed: int = 0) -> None:
@@ -42,14 +43,18 @@ class Surroundings:
             scene: facades(table[list(GEOMETRY)].to_numpy(np.float64), seed)
             for scene, table in log.buildings.groupby("scene", sort=False)
         }
+        self._worlds, self._scenes = worlds_of(log.world), {s: n for n, s in enumerate(log.world)}
         self._poses = self._poses_of(log)
+        self._places = full_poses(log.frames) if log.world else {}
 
     def _poses_of(self, log: BoxLog) -> dict[int, tuple[str, NDArray[np.float64]]]:
         """Scene and pose of every frame that has a finite one."""
         missing = [name for name in POSE_COLUMNS if name not in log.frames.columns]
-        if missing and self._buildings:
+        placed = [*self._buildings, *self._scenes]
+        if missing and placed:
+            needy = "buildings need" if self._buildings else "a static world needs"
             raise ValueError(
-                f"frames: no column {', '.join(missing)}; buildings need the pose of the vehicle"
+                f"frames: no column {', '.join(missing)}; {needy} the pose of the vehicle"
             )
         if missing:
             return {}
@@ -57,11 +62,12 @@ class Surroundings:
         poses = columns.to_numpy(np.float64, na_value=np.nan)
         numbers, scenes = log.frames["frame"].tolist(), log.frames["scene"]
         finite = np.isfinite(poses).all(axis=1)
-        bad = ~finite & scenes.isin(list(self._buildings)).to_numpy()
+        bad = ~finite & scenes.isin(placed).to_numpy()
         if bad.any():
+            what = "buildings" if self._buildings else "a static world"
             raise ValueError(
                 f"frames: frame {numbers[int(bad.argmax())]} needs a finite pose of the vehicle, "
-                f"found {poses[bad.argmax()].tolist()}; its scene has buildings"
+                f"found {poses[bad.argmax()].tolist()}; its scene has {what}"
             )
         rows = zip(numbers, scenes, poses, finite, strict=True)
         return {n: (scene, pose) for n, scene, pose, there in rows if there}
@@ -99,6 +105,19 @@ class Surroundings:
         moved[:, 0], moved[:, 1] = c * dx + s * dy, c * dy - s * dx
         moved[:, 6] -= yaw
         return objects.and_(Parts(moved, buildings.owner[near], buildings.reflectivity[near]))
+
+    def world(self, frame: int) -> WorldAround | None:
+        """What stands still around a frame, and its ground; None where the log has none."""
+        scene = self._scenes.get(self._poses.get(frame, ("", None))[0])
+        if scene is None:
+            return None
+        turn, place = self._places[frame]
+        return WorldAround(self._worlds, scene, turn, place - self._worlds.origins[scene])
+
+    @property
+    def worlds(self) -> Worlds:
+        """The worlds of all scenes."""
+        return self._worlds
 
     def ground(self, frame: int) -> Ground:
         """The ground of a frame; without a pose of the vehicle a place is drawn for it."""

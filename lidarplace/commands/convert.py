@@ -22,6 +22,7 @@ from lidarplace.commands.convert_output import (
     LidarOption,
     Real,
     RigOption,
+    WorldOption,
     clouds_in,
     convert_log,
     model,
@@ -120,6 +121,7 @@ def nuscenes(
     keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
+    world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
     """nuScenes v1.0, its annotated key frames."""
@@ -135,7 +137,7 @@ def nuscenes(
             keep_ignored=keep_ignored,
         )
 
-    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds)))
+    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds), world=world))
 
 
 @verb(app, "data/av2/sensor logs/av2 --split val")
@@ -149,6 +151,7 @@ def argoverse(
     keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
+    world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
     """Argoverse 2 sensor data set; train stays train, val becomes test."""
@@ -163,7 +166,7 @@ def argoverse(
             keep_ignored=keep_ignored,
         )
 
-    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds, CLOUDS_ORIGIN)))
+    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds, CLOUDS_ORIGIN), world=world))
 
 
 @verb(app, "data/waymo logs/waymo")
@@ -218,6 +221,7 @@ def openlabel(
     rig: RigOption = None,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
+    world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
     """ASAM OpenLABEL 1.0, the cuboids in it."""
@@ -236,7 +240,7 @@ def openlabel(
         )
 
     def real() -> Real:
-        return Real(ground, clouds_in(clouds, origin), rig=read_rig(rig, lidar))
+        return Real(ground, clouds_in(clouds, origin), rig=read_rig(rig, lidar), world=world)
 
     convert_log(read, out, real=real)
 
@@ -274,6 +278,7 @@ def table(
     rig: RigOption = None,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
+    world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
     """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
@@ -312,7 +317,7 @@ def table(
 
     def real() -> Real:
         at = (0.0, 0.0, 0.0) if meaning is None else (*(getattr(meaning.origin, a) for a in "xyz"),)
-        return Real(ground, clouds_in(clouds, at), rig=read_rig(rig, lidar))
+        return Real(ground, clouds_in(clouds, at), rig=read_rig(rig, lidar), world=world)
 
     convert_log(read, out, check, real)
 
@@ -337,6 +342,7 @@ def kitti(
     keep_ignored: KeepIgnoredOption = False,
     lidar: LidarOption = None,
     clouds: CloudsOption = None,
+    world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
     """KITTI's object layout, as `export` writes it; labels are enough."""
@@ -356,7 +362,7 @@ def kitti(
 
     def real() -> Real:
         own = source if part(source, "velodyne").is_dir() else None
-        return Real(ground, clouds_in(clouds or own), kept=clouds is not None)
+        return Real(ground, clouds_in(clouds or own), kept=clouds is not None, world=world)
 
     convert_log(read, out, real=real)
     if skipped:

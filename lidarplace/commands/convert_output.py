@@ -16,11 +16,13 @@ import typer
 from rich.table import Table
 
 from lidarplace.base.class_names import counts_of
+from lidarplace.clouds.clouds import read_clouds
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.terminal import table as shown_table
 from lidarplace.command_line.verbs import checked_input, known
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES, POINTS, points_of
+from lidarplace.logs.world import CELL_M, TILE_M
 from lidarplace.rig_files.mounted import check_lidars
 from lidarplace.rig_files.own import read_own
 from lidarplace.rigs.lidar import Lidar
@@ -29,6 +31,7 @@ from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.ground_level import OFF, OFF_M, levelled, off_ground
 from lidarplace.scenes.real_clouds import RealClouds, count_real_points
 from lidarplace.scenes.sanity_checks.units import doubts_of_units
+from lidarplace.scenes.static_world import static_worlds
 
 RECORDED = Path("clouds") / "recorded"
 """Of a log's folder: its real clouds, a folder each scene."""
@@ -50,6 +53,14 @@ CloudsOption = Annotated[
         "--clouds",
         help="folder of the real clouds: their points in boxes are counted for each LiDAR, and "
         "kept in OUT/clouds/recorded",
+    ),
+]
+WorldOption = Annotated[
+    bool,
+    typer.Option(
+        "--world",
+        help="with --clouds: build the static world, of what stands still and is no box, and the "
+        "ground; simulated rays stop there",
     ),
 ]
 RigOption = Annotated[
@@ -78,12 +89,14 @@ class Real:
         clouds: where real clouds are, or None.
         kept: whether they are kept; else a cloud that is wrong is a warning.
         rig: of all scenes, instead of those that the source has.
+        world: whether the static world is built of the clouds.
     """
 
     ground: str = KEEP
     clouds: RealClouds | None = None
     kept: bool = True
     rig: RecordedRig | None = None
+    world: bool = False
 
 
 def clouds_in(folder: Path | None, origin: Sequence[float] | None = None) -> RealClouds | None:
@@ -145,6 +158,8 @@ def convert_log(
             log = replace(log, rigs=dict.fromkeys(log.frames["scene"].unique(), told.rig))
         if told.clouds is not None:
             log = _counted(log, told, out, notes)
+        if told.world:
+            log = _with_world(log, told, out, notes)
         tables = [_frames_table(log), _boxes_table(log, ignored)]
         tables += [_points_table(log)] if POINTS in log.boxes else []
         ground = off_ground(log)
@@ -180,6 +195,20 @@ def _counted(log: BoxLog, told: Real, out: Path | None, notes: list[str]) -> Box
     several = any(len(rig.names) > 1 for rig in log.rigs.values())
     if several and not log.boxes[list(points_of(log.boxes).values())].notna().any(axis=None):
         notes.append("points are of all LiDARs together: the clouds have no column lidar")
+    return log
+
+
+def _with_world(log: BoxLog, told: Real, out: Path | None, notes: list[str]) -> BoxLog:
+    if told.clouds is None or not told.kept or out is None:
+        raise ValueError("--world: is built of recorded clouds; --clouds names their folder")
+    folders = sorted((out / RECORDED).iterdir())
+    log = replace(log, world=static_worlds(log, map(read_clouds, folders)))
+    cells = sum(len(world.keys) for world in log.world.values())
+    tiles = sum(len(world.tiles) for world in log.world.values())
+    notes.append(
+        f"static world: {cells:,} cells of {CELL_M:g} m, ground of "
+        f"{tiles * TILE_M**2 / 1e4:,.1f} ha, in {len(log.world):,} scenes"
+    )
     return log
 
 

@@ -42,9 +42,11 @@ from lidarplace.logs.boxes import (
     count_columns,
     points_of,
 )
+from lidarplace.logs.world import StaticWorld, read_worlds, write_worlds
 from lidarplace.rigs.recorded import RecordedRig
 
 RIG_FILE = "rig.json"
+WORLD_FILE = "world.npz"
 _RIGS = TypeAdapter(dict[str, RecordedRig])
 
 
@@ -66,6 +68,8 @@ class BoxLog:
             frame of its scene, in which `POSE_COLUMNS` place the vehicle. Mostly empty.
         rigs: the rig that recorded each scene, by the scene's name, where known; plain data of
             it, as JSON holds it, is taken too.
+        world: what stands still and the ground, of each scene of which recorded clouds show it, by
+            the scene's name, in the same frame as buildings.
 
     Raises:
         ValueError: a rig is invalid.
@@ -75,6 +79,7 @@ class BoxLog:
     frames: pd.DataFrame
     buildings: pd.DataFrame = field(default_factory=_no_buildings)
     rigs: Mapping[str, RecordedRig] = field(default_factory=dict)
+    world: Mapping[str, StaticWorld] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rigs", _RIGS.validate_python(self.rigs))
@@ -89,6 +94,8 @@ class BoxLog:
             text += f", {len(self.buildings):,} buildings"
         if self.rigs:
             text += f", rigs of {len(self.rigs):,} scenes"
+        if self.world:
+            text += f", static world of {len(self.world):,} scenes"
         return f"BoxLog({text.replace(' ()', '')})"
 
 
@@ -96,7 +103,8 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     """One log of several, in their order; their frame numbers must differ.
 
     Raises:
-        ValueError: there is no log, a frame number occurs in two of them, or a scene has two rigs.
+        ValueError: there is no log, a frame number occurs in two of them, or a scene has two rigs
+            or worlds.
     """
     if not logs:
         raise ValueError("no box log to join")
@@ -106,11 +114,15 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     for scene, rig in (item for log in logs for item in log.rigs.items()):
         if rigs.setdefault(scene, rig) != rig:
             raise ValueError(f"scene {scene}: two of the logs have different rigs for it")
+    world: dict[str, StaticWorld] = {}
+    for scene, own in (item for log in logs for item in log.world.items()):
+        if world.setdefault(scene, own) is not own:
+            raise ValueError(f"scene {scene}: two of the logs have a static world of it")
     boxes, frames, buildings = (
         pd.concat([getattr(log, name) for log in logs], ignore_index=True)
         for name in ("boxes", "frames", "buildings")
     )
-    joined = BoxLog(boxes, frames, buildings, rigs)
+    joined = BoxLog(boxes, frames, buildings, rigs, world)
     twice = joined.frames["frame"].duplicated()
     if twice.any():
         frame = joined.frames.loc[twice, "frame"].iloc[0]
@@ -119,7 +131,8 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
 
 
 def write_box_log(folder: Path, log: BoxLog) -> None:
-    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`, and rigs as `rig.json`.
+    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`, rigs as `rig.json`
+    and static worlds as `world.npz`.
 
     They are renamed into place when all of them are written.
     """
@@ -127,6 +140,10 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
     poses = [name for name in (*POSE_COLUMNS, *FULL_POSE_COLUMNS) if name in log.frames.columns]
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
+    if log.world:
+        write_worlds(folder / WORLD_FILE, log.world)
+    else:
+        (folder / WORLD_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
         for name, table, columns in (
             ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
@@ -150,7 +167,8 @@ def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
 
 
 def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
-    """Read what `write_box_log` wrote; `buildings.parquet` and `rig.json` may be missing.
+    """Read what `write_box_log` wrote; `buildings.parquet`, `rig.json` and
+    `world.npz` may be missing.
 
     Args:
         most_frames: read at most so many frames, spread evenly over the log; the boxes of others
@@ -159,7 +177,8 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     Raises:
         ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
             (a class no name, a split none of `SPLITS`), a box is in no frame of `frames`, or a
-            LiDAR has counts but is none of its scene's rig; names file and row.
+            LiDAR has counts but is none of its scene's rig, or there is a world without poses;
+            names file and row.
     """
     if most_frames is None:
         boxes, frames = _boxes(folder / "boxes.parquet"), read_frames(folder)
@@ -175,16 +194,17 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
         )
     rigs = read_rigs(folder)
     _check_counted(rigs, boxes, folder / RIG_FILE)
-    path = folder / "buildings.parquet"
-    if not is_there(path):
-        return BoxLog(boxes, frames, rigs=rigs)
-    buildings = checked_buildings(read_parquet(path), str(path))
-    if len(buildings) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
+    world = read_worlds(folder / WORLD_FILE) if is_there(folder / WORLD_FILE) else {}
+    path, buildings = folder / "buildings.parquet", _no_buildings()
+    if is_there(path):
+        buildings = checked_buildings(read_parquet(path), str(path))
+    if (len(buildings) or world) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         raise ValueError(
             f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; "
-            "buildings need the pose of the vehicle"
+            f"{'buildings need' if len(buildings) else 'a static world needs'} the pose of the "
+            "vehicle"
         )
-    return BoxLog(boxes, frames, buildings, rigs)
+    return BoxLog(boxes, frames, buildings, rigs, world)
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:

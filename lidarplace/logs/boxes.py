@@ -9,9 +9,11 @@ import reprlib
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from lidarplace.base.class_names import fault_of_name
 from lidarplace.files.columns import check_columns, numbers, sizes
+from lidarplace.rigs.pose import rotation
 
 CLASSES = ("Car", "Cyclist", "Pedestrian")
 """The classes of simulated traffic, and those that are meant unless others are named: KITTI's. Here
@@ -37,6 +39,23 @@ BUILDING_COLUMNS = ("scene", *GEOMETRY)
 POINTS = "points"
 """Column of the real points in a box, of all LiDARs; NaN where unknown. `points/NAME` holds those
 of the LiDAR NAME of the recorded rig."""
+
+
+def full_poses(frames: pd.DataFrame) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """From the ego frame to the world of the scene, by frame: rotation (3, 3) and position (3,).
+
+    Height, roll and pitch are 0 where they are not known, so the world is level there. Frames
+    without a finite pose are left out. Needs `POSE_COLUMNS`.
+    """
+    names = (*POSE_COLUMNS, *FULL_POSE_COLUMNS)
+    table = frames.reindex(columns=[*names]).apply(pd.to_numeric, errors="coerce")
+    table[list(FULL_POSE_COLUMNS)] = table[list(FULL_POSE_COLUMNS)].fillna(0.0)
+    poses = zip(frames["frame"].tolist(), table.to_numpy(np.float64), strict=True)
+    return {
+        frame: (rotation(roll, pitch, yaw), np.array([x, y, z]))
+        for frame, (x, y, yaw, z, roll, pitch) in poses
+        if np.isfinite([x, y, yaw]).all()
+    }
 
 
 def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:

@@ -1,10 +1,11 @@
 """The objects of a log that count, and what rigs hit of them.
 
-Rays are cast at them as for point clouds, without noise: objects, buildings and the vehicle's own
-body hide what is behind them. Drop-off and corrections lose the same share of the returns as in
-clouds. The random number of a ray depends on seed, frame and ray alone: placements lose the same
-rays, so their differences vary less, and what a mount hits does not depend on its place in the rig.
-A rig of one LiDAR loses those of its clouds; in clouds, the LiDARs of a rig have different numbers.
+Rays are cast at them as for point clouds, without noise: objects, buildings, the static world and
+the vehicle's own body hide what is behind them. Drop-off and corrections lose the same share of the
+returns as in clouds. The random number of a ray depends on seed, frame and ray alone: placements
+lose the same rays, so their differences vary less, and what a mount hits does not depend on its
+place in the rig. A rig of one LiDAR loses those of its clouds; in clouds, the LiDARs of a rig have
+different numbers.
 """
 
 from __future__ import annotations
@@ -212,6 +213,9 @@ class CountedObjects:
             rows = row_of.reindex(self._surroundings.rows(number), fill_value=BUILDING)
             owners.append(np.where(owner < 0, BUILDING, rows.to_numpy()[np.maximum(owner, 0)]))
         edges = np.append(first, len(geometry)).astype(np.int64)
+        world = [self._surroundings.world(number) for number in numbers.tolist()]
+        turns = [np.eye(3) if own is None else own.turn for own in world]
+        shifts = [np.zeros(3) if own is None else own.shift for own in world]
         return Frames(
             parts=np.concatenate([np.empty((0, 10)), *(own.geometry for own in parts)]),
             owner=np.concatenate([np.empty(0, np.int32), *owners]).astype(np.int32),
@@ -221,6 +225,10 @@ class CountedObjects:
             near=_around(geometry, edges, self._crop),
             geometry=geometry,
             slices=slices_of(geometry, self.cell),
+            worlds=self._surroundings.worlds,
+            scene=np.array([-1 if own is None else own.scene for own in world], np.int64),
+            turn=np.array(turns).reshape(-1, 3, 3),
+            shift=np.array(shifts).reshape(-1, 3),
         )
 
 

@@ -26,6 +26,7 @@ from lidarplace.clouds.raycast import (
     lost_share,
     returns_light,
 )
+from lidarplace.clouds.static_world import Worlds, stop_at_world
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, blocks
 
@@ -76,6 +77,9 @@ class Frames(NamedTuple):
         near: x0, y0, z0, x1, y1, z1 that hold all objects of a frame, float64, shape (frames, 6).
         geometry: rows of `lidarplace.logs.boxes.GEOMETRY`, float64, shape (objects, 7).
         slices: see `slices_of`.
+        worlds: of the scenes of the frames.
+        scene: of each frame in them, -1 where its log has no world, shape (frames,), int64.
+        turn, shift: from the ego frame to that of the world, (frames, 3, 3) and (frames, 3).
     """
 
     parts: NDArray[np.float64]
@@ -86,6 +90,10 @@ class Frames(NamedTuple):
     near: NDArray[np.float64]
     geometry: NDArray[np.float64]
     slices: NDArray[np.int64]
+    worlds: Worlds
+    scene: NDArray[np.int64]
+    turn: NDArray[np.float64]
+    shift: NDArray[np.float64]
 
 
 class Loss(NamedTuple):
@@ -197,7 +205,21 @@ def _cells_in_frames(
             frames.near[frame],
             ends,
             (ranges, targets, reflected),
+            frames.scene[frame] < 0,
         )
+        if frames.scene[frame] >= 0:
+            stop_at_world(
+                origin,
+                rotation,
+                beams,
+                frames.worlds,
+                frames.scene[frame],
+                frames.turn[frame],
+                frames.shift[frame],
+                frames.near[frame],
+                True,
+                (ranges, targets, reflected),
+            )
         first, last = frames.first_object[frame], frames.first_object[frame + 1]
         start = np.zeros(last - first + 1, np.int64)
         start[1:] = np.cumsum(cells_of[first:last])

@@ -14,7 +14,14 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
 from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
-from lidarplace.logs.box_log import RIG_FILE, BoxLog, read_box_log, read_frames, read_rigs
+from lidarplace.logs.box_log import (
+    RIG_FILE,
+    WORLD_FILE,
+    BoxLog,
+    read_box_log,
+    read_frames,
+    read_rigs,
+)
 from lidarplace.logs.boxes import SPLITS
 from lidarplace.rigs.recorded import RecordedRig, one_rig
 from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap, check_class_map
@@ -132,9 +139,10 @@ class LogScene(Settings):
         return f"column split of {self.folder / 'frames.parquet'} has to name some"
 
     def digest(self) -> str:
-        """Hash of the log's tables and rigs."""
+        """Hash of the log's tables, rigs and static worlds."""
         digest = hashlib.sha256()
-        for path in sorted([*self.folder.glob("*.parquet"), *self.folder.glob(RIG_FILE)]):
+        extra = [path for name in (RIG_FILE, WORLD_FILE) for path in self.folder.glob(name)]
+        for path in sorted([*self.folder.glob("*.parquet"), *extra]):
             with reading(path):
                 digest.update(path.name.encode() + regular(path).read_bytes())
         return digest.hexdigest()

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import cast, expected_share
 from lidarplace.clouds.shade import ends_in_rig
-from lidarplace.clouds.shapes import BODY, BUILDING, PANE, SIGN, Parts
+from lidarplace.clouds.shapes import BODY, BUILDING, PANE, SIGN, WORLD, Parts
+from lidarplace.clouds.static_world import WorldAround, cast_in_world
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
@@ -67,12 +68,13 @@ def why_unseen(
     if object_id not in ids:
         raise ValueError(f"no object {object_id!r} in frame {number}; there are {', '.join(ids)}")
     own = ids.index(object_id)
+    world = surroundings.world(number)
     everything = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
     ends = ends_in_rig(placement, vehicle)
     object_class = surroundings.classes(number)[own]
     lidars = zip(placement.mounts, placement.lidars, ends, strict=True)
     return tuple(
-        _aimed(mount, lidar, everything, own, object_class, ids, met)
+        _aimed(mount, lidar, everything, world, own, object_class, ids, met)
         for mount, lidar, met in lidars
     )
 
@@ -81,6 +83,7 @@ def _aimed(
     mount: Mount,
     lidar: Lidar,
     parts: Parts,
+    world: WorldAround | None,
     own: int,
     object_class: str,
     ids: list[str],
@@ -88,9 +91,14 @@ def _aimed(
 ) -> AimedRays:
     mine = (parts.owner == own) | (parts.owner == PANE - own)
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
-    aimed = cast(mount, lidar, alone).target == own
-    met = cast(mount, lidar, parts, ends=ends)
-    names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"}
+    aimed = cast(mount, lidar, alone, level=world is None).target == own
+    met = cast_in_world(mount, lidar, parts, world, ends=ends)
+    names = {
+        BODY: "the vehicle itself",
+        BUILDING: "a building",
+        SIGN: "a sign",
+        WORLD: "what stands still and has no label",
+    }
     names |= dict(enumerate(ids))
     names |= {PANE - number: object_id for number, object_id in enumerate(ids)}
     targets = Counter(met.target[aimed].tolist())

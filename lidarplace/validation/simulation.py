@@ -1,7 +1,7 @@
 """Returns of the recorded rig from every box of a log, as the simulator has them.
 
 The log's ground is not the plane of our ego frame: boxes far away stand metres above or below it.
-So rays do not meet a ground here. Everything is cast deep below z = 0, where there is none.
+So rays do not meet a ground here.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba
@@ -30,8 +30,6 @@ SECTORS = 72
 
 REACH_M = 300.0
 """How far off buildings may hide."""
-
-_DEPTH_M = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +109,12 @@ class Met(NamedTuple):
 def rays_on_objects(
     mount: Mount, lidar: Lidar, parts: Parts, ends: NDArray[np.float64] = NO_ENDS
 ) -> Met:
-    """Cast a LiDAR deep below the ground, which therefore hides nothing.
+    """Cast a LiDAR without a ground.
 
     Args:
         mount, lidar, parts, ends: as of `lidarplace.clouds.raycast.cast`.
     """
-    geometry = parts.geometry.copy()
-    geometry[:, 2] -= _DEPTH_M
-    deep = replace(mount, z=mount.z - _DEPTH_M)
-    hits = cast(deep, lidar, Parts(geometry, parts.owner, parts.reflectivity), ends=ends)
+    hits = cast(mount, lidar, parts, ends=ends, level=False)
     (ray,) = np.nonzero(hits.target >= 0)
     away = hits.range[ray]
     seen = (away >= lidar.min_range) & (away <= lidar.sight(hits.reflected[ray]))

@@ -1,0 +1,533 @@
+"""Stop rays at the static world of a log: its cells, and ground that is not flat.
+
+Cells are tested block by block, from near to far: a block costs only the beams and azimuths that
+can meet it, and of those only the rays that nothing nearer has stopped. The result is that of
+testing every ray against every cell, and against every patch of ground, which is bilinear.
+
+A cell that stops a share of the rays stops a ray by chance: a hash of cell and ray, so that it is
+the same whenever the ray is cast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.clouds.convex import inner
+from lidarplace.clouds.hashed import uniform
+from lidarplace.clouds.raycast import (
+    EVERYWHERE,
+    GROUND,
+    HAIR,
+    NO_ENDS,
+    Hits,
+    along,
+    beams_in,
+    beams_of,
+    cast,
+    runs,
+)
+from lidarplace.clouds.shapes import WORLD, Parts
+from lidarplace.logs.world import (
+    BLOCK,
+    CELL_M,
+    HALF_LEVELS,
+    HALF_TILES,
+    PATCH_M,
+    PATCHES,
+    TILE,
+    TILE_M,
+    StaticWorld,
+    cells_of_keys,
+)
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, blocks
+
+_EDGE = BLOCK * CELL_M
+_COLUMNS = TILE * TILE
+_IN_BLOCK = BLOCK**3
+_LEVELS = 2 * HALF_LEVELS
+_ANY = -(2**31)  # of targets, panes among them
+_SUNK_M = 1e-6
+"""How far a ray may be under a patch where it comes in: rounding at the seam to its neighbour."""
+
+
+class Worlds(NamedTuple):
+    """Worlds of several scenes, as compiled code takes them; lengths in metres from the origins.
+
+    Attributes:
+        origins: of each scene, shape (S, 3), float64.
+        grids: first tile i and j, their numbers, and where they start in `tile_of`, shape (S, 5).
+        tile_of: row of each tile of the grids, -1 where there is none, int32.
+        heights: of the ground of each tile, NaN where unknown, shape (T, 9, 9), float32.
+        first_block: of each column of each tile, shape (T * 256 + 1,), int64.
+        block_keys: `cell_keys` without the place in the block, shape (B,), int64.
+        block_boxes: corner of the block, and the box that holds its cells, shape (B, 9), float64.
+        masks: which of its cells are there, shape (B, 8), uint64.
+        first_cell: before each word of its mask, shape (B, 8), int64.
+        cells: as of `StaticWorld`, shape (n, 8), uint8.
+    """
+
+    origins: NDArray[np.float64]
+    grids: NDArray[np.int64]
+    tile_of: NDArray[np.int32]
+    heights: NDArray[np.float32]
+    first_block: NDArray[np.int64]
+    block_keys: NDArray[np.int64]
+    block_boxes: NDArray[np.float64]
+    masks: NDArray[np.uint64]
+    first_cell: NDArray[np.int64]
+    cells: NDArray[np.uint8]
+
+
+class WorldAround(NamedTuple):
+    """The world in one frame.
+
+    Attributes:
+        worlds: of all scenes.
+        scene: which of them.
+        turn, shift: from the ego frame to metres from the origin of the scene, (3, 3) and (3,).
+    """
+
+    worlds: Worlds
+    scene: int
+    turn: NDArray[np.float64]
+    shift: NDArray[np.float64]
+
+
+def cast_in_world(
+    mount: Mount,
+    lidar: Lidar,
+    parts: Parts,
+    world: WorldAround | None,
+    crop: Sequence[float] = EVERYWHERE,
+    into: Hits | None = None,
+    ends: NDArray[np.float64] = NO_ENDS,
+    only_objects: bool = False,
+) -> Hits:
+    """Cast all rays of one LiDAR at parts and the static world, see `cast`.
+
+    Args:
+        world: around the vehicle; None: there is none, and the ground is flat.
+        only_objects: let the world stop only rays that hit an object; there is no other ground.
+    """
+    hits = cast(mount, lidar, parts, crop, into, ends, level=world is None)
+    if world is None:
+        return hits
+    for own_mount, own, numbers in blocks(mount, lidar):
+        stop_at_world(
+            own_mount.position,
+            own_mount.rotation,
+            beams_of(own),
+            *world,
+            np.array(crop, np.float64),
+            only_objects,
+            hits.of(numbers),
+        )
+    return hits
+
+
+def worlds_of(worlds: Mapping[str, StaticWorld]) -> Worlds:
+    """Join the worlds of scenes, in their order."""
+    grids, tiles_of, heights, tile_keys, blocks = [], [], [], [], []
+    number = start = 0
+    for world in worlds.values():
+        block_keys = world.keys // _IN_BLOCK
+        of_cells = np.unique(world.keys // (_IN_BLOCK * _LEVELS * _COLUMNS))
+        i, j = world.tiles.astype(np.int64).T + HALF_TILES
+        of_ground = i * 2 * HALF_TILES + j
+        tiles = np.union1d(of_cells, of_ground)
+        i, j = tiles // (2 * HALF_TILES) - HALF_TILES, tiles % (2 * HALF_TILES) - HALF_TILES
+        low = [int(a.min(initial=0 if not len(a) else a[0])) for a in (i, j)]
+        ni, nj = (int(a.max(initial=b)) - b + 1 for a, b in zip((i, j), low, strict=True))
+        grids.append((*low, ni, nj, start))
+        start += ni * nj
+        grid = np.full((ni, nj), -1, np.int32)
+        grid[i - low[0], j - low[1]] = number + np.arange(len(tiles))
+        tiles_of.append(grid.ravel())
+        own = np.full((len(tiles), PATCHES + 1, PATCHES + 1), np.nan, np.float32)
+        own[np.searchsorted(tiles, of_ground)] = world.heights
+        heights.append(own)
+        # Columns are numbered through all tiles of all scenes.
+        tile, rest = np.divmod(block_keys // _LEVELS, _COLUMNS)
+        blocks.append((number + np.searchsorted(tiles, tile)) * _COLUMNS + rest)
+        tile_keys.append(block_keys)
+        number += len(tiles)
+    columns = np.concatenate([np.empty(0, np.int64), *blocks])
+    keys = np.concatenate([np.empty(0, np.int64), *tile_keys])
+    cells = np.concatenate([np.empty((0, 8), np.uint8), *(w.cells for w in worlds.values())])
+    places = [cells_of_keys(world.keys) for world in worlds.values()]
+    place = np.concatenate([np.empty((0, 3), np.int64), *places])
+    new = np.ones(len(keys), bool)
+    new[1:] = (np.diff(columns) != 0) | (np.diff(keys) != 0)
+    first = np.flatnonzero(new)
+    masks, first_cell, boxes = _blocks(place, cells, np.append(first, len(keys)))
+    return Worlds(
+        origins=np.array([world.origin for world in worlds.values()]).reshape(-1, 3),
+        grids=np.array(grids, np.int64).reshape(-1, 5),
+        tile_of=np.concatenate([np.empty(0, np.int32), *tiles_of]),
+        heights=np.concatenate([np.empty((0, PATCHES + 1, PATCHES + 1), np.float32), *heights]),
+        first_block=np.searchsorted(columns[first], np.arange(number * _COLUMNS + 1)),
+        block_keys=keys[first],
+        block_boxes=boxes,
+        masks=masks,
+        first_cell=first_cell,
+        cells=cells,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _blocks(place, cells, edges):  # pragma: no cover - compiled
+    """Masks, first cells and boxes of blocks, whose cells are from one of `edges` to the next."""
+    number = len(edges) - 1
+    masks, first_cell = np.zeros((number, BLOCK), np.uint64), np.zeros((number, BLOCK), np.int64)
+    boxes = np.empty((number, 9))
+    for b in range(number):
+        boxes[b, 3:6], boxes[b, 6:] = np.inf, -np.inf
+        for axis in range(3):
+            boxes[b, axis] = (place[edges[b], axis] // BLOCK) * BLOCK * CELL_M
+        for n in range(edges[b], edges[b + 1]):
+            word, bit = place[n, 0] % BLOCK, place[n, 1] % BLOCK * BLOCK + place[n, 2] % BLOCK
+            masks[b, word] |= np.uint64(1) << np.uint64(bit)
+            for axis in range(3):
+                low, high = cells[n, axis] / 255.0, cells[n, axis + 3] / 255.0
+                boxes[b, axis + 3] = min(boxes[b, axis + 3], (place[n, axis] + low) * CELL_M)
+                boxes[b, axis + 6] = max(boxes[b, axis + 6], (place[n, axis] + high) * CELL_M)
+        count = edges[b]
+        for word in range(BLOCK):
+            first_cell[b, word] = count
+            count += _ones(masks[b, word])
+    return masks, first_cell, boxes
+
+
+@inner
+def _ones(word):  # pragma: no cover - compiled
+    """Number of bits of a word that are set."""
+    word -= (word >> np.uint64(1)) & np.uint64(0x5555555555555555)
+    word = (word & np.uint64(0x3333333333333333)) + (
+        (word >> np.uint64(2)) & np.uint64(0x3333333333333333)
+    )
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int64((word * np.uint64(0x0101010101010101)) >> np.uint64(56))
+
+
+@inner
+def stops(share, key, ray):  # pragma: no cover - compiled
+    """Whether a cell that stops a share of rays, in 1/255, stops this one."""
+    if share == 255:
+        return True
+    return 255.0 * uniform(np.uint64(key) * np.uint64(0xD1342543DE82EF95), np.uint64(ray)) < share
+
+
+@inner
+def _span(origin, way, low, high):  # pragma: no cover - compiled
+    """From where to where a ray is between two planes across an axis."""
+    if way == 0.0:
+        return (-np.inf, np.inf) if low <= origin <= high else (np.inf, -np.inf)
+    a, b = (low - origin) / way, (high - origin) / way
+    return min(a, b), max(a, b)
+
+
+@inner
+def _enter(ox, oy, oz, dx, dy, dz, box, at):  # pragma: no cover - compiled
+    """From where to where a ray is in `box[at:at + 6]`; it is not if the first is larger."""
+    x0, x1 = _span(ox, dx, box[at], box[at + 3])
+    y0, y1 = _span(oy, dy, box[at + 1], box[at + 4])
+    z0, z1 = _span(oz, dz, box[at + 2], box[at + 5])
+    return max(x0, y0, z0), min(x1, y1, z1)
+
+
+@inner
+def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):  # pragma: no cover - compiled
+    """Distance at which a ray meets a cell of a block, at most `most`, and the cell; or inf, -1.
+
+    Cells follow each other along the ray, so the first that is met is the nearest.
+    """
+    box = worlds.block_boxes[b]
+    start, end = _enter(ox, oy, oz, dx, dy, dz, box, 3)
+    start, end = max(start, 0.0), min(end, most)
+    if start > end:
+        return np.inf, -1
+    # In cells from the corner of the block.
+    x, y, z = (ox - box[0]) / CELL_M, (oy - box[1]) / CELL_M, (oz - box[2]) / CELL_M
+    vx, vy, vz = dx / CELL_M, dy / CELL_M, dz / CELL_M
+    i = min(max(math.floor(x + start * vx), 0), BLOCK - 1)
+    j = min(max(math.floor(y + start * vy), 0), BLOCK - 1)
+    k = min(max(math.floor(z + start * vz), 0), BLOCK - 1)
+    si, sj, sk = 1 if vx > 0.0 else -1, 1 if vy > 0.0 else -1, 1 if vz > 0.0 else -1
+    ti = (i + (si > 0) - x) / vx if vx != 0.0 else np.inf
+    tj = (j + (sj > 0) - y) / vy if vy != 0.0 else np.inf
+    tk = (k + (sk > 0) - z) / vz if vz != 0.0 else np.inf
+    wi = abs(1.0 / vx) if vx != 0.0 else np.inf
+    wj = abs(1.0 / vy) if vy != 0.0 else np.inf
+    wk = abs(1.0 / vz) if vz != 0.0 else np.inf
+    while True:
+        mask = worlds.masks[b, i]
+        bit = np.uint64(1) << np.uint64(j * BLOCK + k)
+        if mask & bit:
+            cell = worlds.first_cell[b, i] + _ones(mask & (bit - np.uint64(1)))
+            own = worlds.cells[cell]
+            x0, x1 = _span(x - i, vx, own[0] / 255.0, own[3] / 255.0)
+            y0, y1 = _span(y - j, vy, own[1] / 255.0, own[4] / 255.0)
+            z0, z1 = _span(z - k, vz, own[2] / 255.0, own[5] / 255.0)
+            near = max(x0, y0, z0)
+            key = worlds.block_keys[b] * 512 + (i * BLOCK + j) * BLOCK + k
+            if 0.0 < near <= min(x1, y1, z1, most) and stops(own[6], key, ray):
+                return near, cell
+        if min(ti, tj, tk) > end:
+            return np.inf, -1
+        if ti <= tj and ti <= tk:
+            i, ti = i + si, ti + wi
+        elif tj <= tk:
+            j, tj = j + sj, tj + wj
+        else:
+            k, tk = k + sk, tk + wk
+        if min(i, j, k) < 0 or max(i, j, k) >= BLOCK:
+            return np.inf, -1
+
+
+@inner
+def _meet_patch(ox, oy, oz, dx, dy, dz, patch, most):  # pragma: no cover - compiled
+    """Distance at which a ray comes down to a patch of ground, at most `most`, or inf.
+
+    `patch`: x and y of its corner, heights there, further along y, along x, and along both.
+    """
+    x0, x1 = _span(ox, dx, patch[0], patch[0] + PATCH_M)
+    y0, y1 = _span(oy, dy, patch[1], patch[1] + PATCH_M)
+    start, end = max(x0, y0, 0.0), min(x1, y1, most)
+    if start > end:
+        return np.inf
+    u, v = (ox + start * dx - patch[0]) / PATCH_M, (oy + start * dy - patch[1]) / PATCH_M
+    du, dv = dx / PATCH_M, dy / PATCH_M
+    along_u, along_v = patch[4] - patch[2], patch[3] - patch[2]
+    both = patch[5] - patch[4] - along_v
+    # Height above the patch, at `start` and beyond: c + b t + a t².
+    c = oz + start * dz - (patch[2] + along_u * u + along_v * v + both * u * v)
+    b = dz - (along_u * du + along_v * dv + both * (u * dv + v * du))
+    a = -both * du * dv
+    if c <= 0.0:
+        return start if c >= -_SUNK_M and start > 0.0 else np.inf
+    root = b * b - 4.0 * a * c
+    if root < 0.0 or (b >= 0.0 and a >= 0.0):
+        return np.inf
+    # The smaller positive root, without cancellation.
+    q = math.sqrt(root)
+    t = 2.0 * c / (q - b) if b <= 0.0 else (b + q) / (-2.0 * a)
+    return start + t if start + t <= end else np.inf
+
+
+@inner
+def _slope(x, y, dx, dy, dz, patch):  # pragma: no cover - compiled
+    """Cosine of incidence on a patch at (x, y)."""
+    u, v = (x - patch[0]) / PATCH_M, (y - patch[1]) / PATCH_M
+    both = patch[5] - patch[4] - patch[3] + patch[2]
+    hx = (patch[4] - patch[2] + both * v) / PATCH_M
+    hy = (patch[3] - patch[2] + both * u) / PATCH_M
+    return min(max((hx * dx + hy * dy - dz) / math.sqrt(1.0 + hx * hx + hy * hy), 0.0), 1.0)
+
+
+@inner
+def _seen_under(centre, half, origin, rotation):  # pragma: no cover - compiled
+    """Azimuth and half width, least and greatest elevation, and least distance of a box.
+
+    Of the upright ring around the sensor's axis that holds the box; all azimuths if that meets
+    the axis.
+    """
+    ex, ey, ez = centre[0] - origin[0], centre[1] - origin[1], centre[2] - origin[2]
+    x = rotation[0, 0] * ex + rotation[1, 0] * ey + rotation[2, 0] * ez
+    y = rotation[0, 1] * ex + rotation[1, 1] * ey + rotation[2, 1] * ez
+    z = rotation[0, 2] * ex + rotation[1, 2] * ey + rotation[2, 2] * ez
+    hx = hy = hz = 0.0
+    for k in range(3):
+        hx += abs(rotation[k, 0]) * half[k]
+        hy += abs(rotation[k, 1]) * half[k]
+        hz += abs(rotation[k, 2]) * half[k]
+    radius, away = math.sqrt(hx * hx + hy * hy), math.sqrt(x * x + y * y)
+    azimuth, width, near = math.atan2(y, x), math.pi, 0.0
+    if away > radius * 1.0001 + 1e-9:
+        near = away - radius
+        # The tangent of the half width is above it.
+        width = min(radius / math.sqrt(away * away - radius * radius) + HAIR, math.pi)
+    low, high, far = z - hz, z + hz, away + radius
+    lowest = math.atan2(low, near if low < 0.0 else far) - HAIR
+    highest = math.atan2(high, near if high > 0.0 else far) + HAIR
+    height = max(low, -high, 0.0)
+    return azimuth, width, lowest, highest, math.sqrt(near * near + height * height)
+
+
+@inner
+def _render(  # pragma: no cover - compiled
+    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
+):
+    """Stop the rays at a patch of ground, or, if `block` is none of -1, at the cells of a block."""
+    azimuth, width, lowest, highest, near = _seen_under(centre, half, origin, rotation)
+    if near > fired.reach:
+        return
+    elevations = fired.elevations
+    ranges, targets, reflected = hits
+    least = 0 if only_objects else _ANY
+    steps = fired.azimuths.shape[2]
+    first_beam, last_beam = beams_in(fired, azimuth, width, width)
+    spans = runs(fired, first_beam, azimuth, width, width)
+    for beam in range(first_beam, last_beam):
+        if not lowest <= elevations[beam, 0] <= highest:
+            continue
+        ce, se = elevations[beam, 1], elevations[beam, 2]
+        cosines, sines = along(fired, beam)
+        if len(fired.aimed):
+            spans = runs(fired, beam, azimuth, width, width)
+        for first, last in spans:
+            # Counted without branches, as vector code: mostly something nearer has stopped them.
+            left = 0
+            for ray in range(beam * steps + first, beam * steps + last):
+                left += (ranges[ray] >= near) & (targets[ray] >= least)
+            if left == 0:
+                continue
+            for step in range(first, last):
+                ray = beam * steps + step
+                most = ranges[ray]
+                if most < near or targets[ray] < least:
+                    continue
+                most = min(most, fired.reach)
+                x, y = ce * cosines[step], ce * sines[step]
+                dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
+                dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
+                dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+                ox, oy, oz = origin[0], origin[1], origin[2]
+                if block < 0:
+                    t = _meet_patch(ox, oy, oz, dx, dy, dz, patch, most)
+                    if t < ranges[ray]:
+                        ranges[ray], targets[ray] = t, GROUND
+                        reflected[ray] = _slope(ox + t * dx, oy + t * dy, dx, dy, dz, patch)
+                else:
+                    t, cell = _meet_block(ox, oy, oz, dx, dy, dz, block, most, ray, worlds)
+                    if t < ranges[ray]:
+                        ranges[ray], targets[ray] = t, WORLD
+                        reflected[ray] = worlds.cells[cell, 7] / 255.0
+
+
+@inner
+def _tile_at(worlds, scene, x, y):  # pragma: no cover - compiled
+    """Row of the tile that holds a place, -1 if there is none."""
+    i0, j0, ni, nj, start = worlds.grids[scene]
+    i, j = math.floor(x / TILE_M) - i0, math.floor(y / TILE_M) - j0
+    if i < 0 or j < 0 or i >= ni or j >= nj:
+        return -1
+    return worlds.tile_of[start + i * nj + j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stop_at_world(  # pragma: no cover - compiled
+    place, turn_in_ego, fired, worlds, scene, turn, shift, crop, only_objects, hits
+):
+    """Let rays end at the world, in place, where that is nearer than what they hit.
+
+    Args:
+        place, turn_in_ego: position and rotation of the sensor in the ego frame.
+        fired: `Beams`.
+        worlds, scene, turn, shift: as of `WorldAround`.
+        crop: hits within it are right, as of `cast`.
+        only_objects: rays that hit no object are left as they are.
+        hits: without ground.
+    """
+    origin, rotation = turn @ place + shift, turn @ turn_in_ego
+    ranges, targets, reflected = hits
+    beams, steps = len(fired.elevations), fired.azimuths.shape[2]
+    # Where no ground is known it is flat, as seen from the vehicle.
+    if place[2] > 0.0:
+        for beam in range(beams):
+            ce, se = fired.elevations[beam, 1], fired.elevations[beam, 2]
+            cosines, sines = along(fired, beam)
+            for step in range(steps):
+                ray = beam * steps + step
+                if only_objects and targets[ray] < 0:
+                    continue
+                x, y = ce * cosines[step], ce * sines[step]
+                down = -(turn_in_ego[2, 0] * x + turn_in_ego[2, 1] * y + turn_in_ego[2, 2] * se)
+                if down * min(ranges[ray], fired.reach) <= place[2]:
+                    continue
+                t = place[2] / down
+                px = origin[0] + t * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se)
+                py = origin[1] + t * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se)
+                tile = _tile_at(worlds, scene, px, py)
+                if tile < 0 or math.isnan(worlds.heights[tile, 0, 0]):
+                    ranges[ray], targets[ray], reflected[ray] = t, GROUND, down
+    # What the hull of crop and sensor is apart from cannot stand before a point in the crop.
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    corner = np.empty(3)
+    for n in range(8):
+        for axis in range(3):
+            limit = place[axis] - fired.reach, place[axis] + fired.reach
+            near, far = max(crop[axis], limit[0]), min(crop[axis + 3], limit[1])
+            corner[axis] = max(far, place[axis]) if n >> axis & 1 else min(near, place[axis])
+        for axis in range(2):
+            at = turn[axis] @ corner + shift[axis]
+            low[axis], high[axis] = min(low[axis], at), max(high[axis], at)
+    i0, j0, ni, nj, start = worlds.grids[scene]
+    ti, tj = math.floor(origin[0] / TILE_M), math.floor(origin[1] / TILE_M)
+    farthest = max(ti - i0, i0 + ni - 1 - ti, tj - j0, j0 + nj - 1 - tj)
+    farthest = min(farthest, int(fired.reach / TILE_M) + 1)
+    for ring in range(farthest + 1):
+        for i in range(max(ti - ring, i0), min(ti + ring, i0 + ni - 1) + 1):
+            if i * TILE_M > high[0] or (i + 1) * TILE_M < low[0]:
+                continue
+            step_j = 1 if abs(i - ti) == ring else max(2 * ring, 1)
+            for j in range(tj - ring, tj + ring + 1, step_j):
+                if j < j0 or j >= j0 + nj or j * TILE_M > high[1] or (j + 1) * TILE_M < low[1]:
+                    continue
+                tile = worlds.tile_of[start + (i - i0) * nj + j - j0]
+                if tile >= 0:
+                    _render_tile(
+                        tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
+                    )
+
+
+@inner
+def _render_tile(  # pragma: no cover - compiled
+    tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
+):
+    """Ground and cells of a tile, its near side first."""
+    centre, half, patch = np.empty(3), np.empty(3), np.empty(6)
+    x, y = i * TILE_M, j * TILE_M
+    back_x, back_y = origin[0] > x + 0.5 * TILE_M, origin[1] > y + 0.5 * TILE_M
+    heights = worlds.heights[tile]
+    for a in range(0 if math.isnan(heights[0, 0]) else PATCHES):
+        p = PATCHES - 1 - a if back_x else a
+        patch[0] = x + p * PATCH_M
+        if patch[0] > high[0] or patch[0] + PATCH_M < low[0]:
+            continue
+        for b in range(PATCHES):
+            q = PATCHES - 1 - b if back_y else b
+            patch[1] = y + q * PATCH_M
+            if patch[1] > high[1] or patch[1] + PATCH_M < low[1]:
+                continue
+            patch[2], patch[3] = heights[p, q], heights[p, q + 1]
+            patch[4], patch[5] = heights[p + 1, q], heights[p + 1, q + 1]
+            top, bottom = patch[2:].max(), patch[2:].min()
+            centre[0], centre[1] = patch[0] + 0.5 * PATCH_M, patch[1] + 0.5 * PATCH_M
+            centre[2], half[2] = 0.5 * (top + bottom), 0.5 * (top - bottom)
+            half[0] = half[1] = 0.5 * PATCH_M
+            _render(centre, half, patch, -1, origin, rotation, fired, worlds, only_objects, hits)
+    for a in range(TILE):
+        p = TILE - 1 - a if back_x else a
+        if x + p * _EDGE > high[0] or x + (p + 1) * _EDGE < low[0]:
+            continue
+        for b in range(TILE):
+            q = TILE - 1 - b if back_y else b
+            column = tile * _COLUMNS + p * TILE + q
+            first, last = worlds.first_block[column], worlds.first_block[column + 1]
+            if first == last or y + q * _EDGE > high[1] or y + (q + 1) * _EDGE < low[1]:
+                continue
+            for block in range(first, last):
+                box = worlds.block_boxes[block]
+                for axis in range(3):
+                    centre[axis] = 0.5 * (box[axis + 3] + box[axis + 6])
+                    half[axis] = 0.5 * (box[axis + 6] - box[axis + 3])
+                _render(
+                    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
+                )

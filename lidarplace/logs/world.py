@@ -1,0 +1,138 @@
+"""What stands still in a scene and is no box, as small boxes in cells, and the ground as heights.
+
+Cells are cubes of `CELL_M`; 8 cells along each axis are a block, blocks above each other a column,
+and 16 by 16 columns a tile. The ground is known where there are tiles, at points `PATCH_M` apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.files.arrays import read_npz
+from lidarplace.files.atomic import replacing
+
+CELL_M = 0.2
+BLOCK = 8
+"""Cells along an edge of a block."""
+TILE = 16
+"""Columns along an edge of a tile."""
+PATCHES = 8
+"""Patches of ground along an edge of a tile."""
+TILE_M = CELL_M * BLOCK * TILE
+PATCH_M = TILE_M / PATCHES
+HALF_TILES, HALF_LEVELS = 2**12, 2**9
+"""Tiles along x and y, and blocks along z, to each side of the origin."""
+
+
+@dataclass(frozen=True, eq=False)
+class StaticWorld:
+    """The static world of a scene.
+
+    Attributes:
+        origin: x, y, z of a corner of cell (0, 0, 0) in the world frame of the scene, metres,
+            shape (3,), float64.
+        keys: of the cells, see `cell_keys`; ascending, shape (n,), int64.
+        cells: x0, y0, z0, x1, y1, z1 of what is in each cell, in 1/255 of its edge; the share of
+            the rays at it that it stops; and its reflectivity, as a recorded intensity; both in
+            1/255; shape (n, 8), uint8.
+        tiles: i, j of tiles with ground, which start at (i, j) * `TILE_M` from the origin, shape
+            (t, 2), int32.
+        heights: of the ground at the corners of their patches, metres above the origin, [x, y],
+            shape (t, 9, 9), float32.
+    """
+
+    origin: NDArray[np.float64]
+    keys: NDArray[np.int64]
+    cells: NDArray[np.uint8]
+    tiles: NDArray[np.int32]
+    heights: NDArray[np.float32]
+
+    def boxes(self) -> NDArray[np.float64]:
+        """Boxes of the cells: x0, y0, z0, x1, y1, z1 in the world frame, metres, shape (n, 6)."""
+        corner = np.tile(cells_of_keys(self.keys), 2)
+        return np.tile(self.origin, 2) + CELL_M * (corner + self.cells[:, :6] / 255.0)
+
+
+def cell_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number of each cell (i, j, k), shape (n, 3) to (n,): by tile, column, block and place."""
+    i, j, k = cells.T
+    tile = (i // (TILE * BLOCK) + HALF_TILES) * 2 * HALF_TILES + j // (TILE * BLOCK) + HALF_TILES
+    column = i // BLOCK % TILE * TILE + j // BLOCK % TILE
+    block = (tile * TILE**2 + column) * 2 * HALF_LEVELS + k // BLOCK + HALF_LEVELS
+    return np.asarray(((block * BLOCK + i % BLOCK) * BLOCK + j % BLOCK) * BLOCK + k % BLOCK)
+
+
+def cells_of_keys(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The inverse of `cell_keys`, shape (n,) to (n, 3)."""
+    rest, k = np.divmod(keys, BLOCK)
+    rest, j = np.divmod(rest, BLOCK)
+    rest, i = np.divmod(rest, BLOCK)
+    rest, level = np.divmod(rest, 2 * HALF_LEVELS)
+    rest, column = np.divmod(rest, TILE**2)
+    ti, tj = np.divmod(rest, 2 * HALF_TILES)
+    ti, tj = (ti - HALF_TILES) * TILE + column // TILE, (tj - HALF_TILES) * TILE + column % TILE
+    return np.stack(
+        [ti * BLOCK + i, tj * BLOCK + j, (level - HALF_LEVELS) * BLOCK + k], axis=1
+    ).astype(np.int64)
+
+
+_ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+    "origin": (np.float64, (3,)),
+    "keys": (np.int64, (-1,)),
+    "cells": (np.uint8, (-1, 8)),
+    "tiles": (np.int32, (-1, 2)),
+    "heights": (np.float32, (-1, PATCHES + 1, PATCHES + 1)),
+}
+"""Type and shape of every attribute; -1 for any length."""
+
+
+def write_worlds(path: Path, worlds: Mapping[str, StaticWorld]) -> None:
+    """Write the worlds of scenes to a `.npz` file, renamed into place."""
+    arrays = {
+        f"{number}/{item.name}": getattr(world, item.name)
+        for number, world in enumerate(worlds.values())
+        for item in fields(StaticWorld)
+    }
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, scenes=np.array(list(worlds), dtype=str), **arrays)
+
+
+def read_worlds(path: Path) -> dict[str, StaticWorld]:
+    """Read what `write_worlds` wrote, by the names of the scenes.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such file, or a damaged one.
+    """
+    arrays, worlds = read_npz(path), {}
+    scenes = arrays.get("scenes", np.empty(0, str))
+    if "scenes" not in arrays or scenes.dtype.kind != "U" or scenes.ndim != 1:
+        raise ValueError(f"{path}: is no static world of a log")
+    for number, scene in enumerate(scenes.tolist()):
+        for name, (dtype, shape) in _ARRAYS.items():
+            found = arrays.get(f"{number}/{name}")
+            if (
+                found is None
+                or found.dtype != dtype
+                or found.ndim != len(shape)
+                or any(
+                    have != want for have, want in zip(found.shape, shape, strict=True) if want >= 0
+                )
+            ):
+                raise ValueError(f"{path}: scene {scene}: {name} is missing or of another shape")
+        world = StaticWorld(**{name: arrays[f"{number}/{name}"] for name in _ARRAYS})
+        if not (
+            len(world.keys) == len(world.cells)
+            and len(world.tiles) == len(world.heights)
+            and bool((np.diff(world.keys) > 0).all())
+            and np.isfinite(world.origin).all()
+            and np.isfinite(world.heights).all()
+        ):
+            raise ValueError(f"{path}: scene {scene}: its arrays do not fit together")
+        worlds[scene] = world
+    return worlds

@@ -1,0 +1,651 @@
+"""Build the static world of a scene from recorded clouds and poses, frame by frame.
+
+A cell counts the points in it, the frames that they are of, and the rays that pass through the
+middle of where its points are. What is in a labelled box counts as if rays had passed. Cells that
+enough frames hit and that stop enough of their rays stand still; the lowest of them are ground.
+
+The vehicle leaves tiles behind: what is known of them is condensed, so memory does not grow with
+the number of points, only by what stands along the way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.kernel_cache import njit
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.convex import inner
+from lidarplace.clouds.shapes import OWN_BODY
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, full_poses
+from lidarplace.logs.world import (
+    BLOCK,
+    CELL_M,
+    HALF_LEVELS,
+    HALF_TILES,
+    PATCHES,
+    TILE,
+    TILE_M,
+    StaticWorld,
+    cell_keys,
+    cells_of_keys,
+)
+
+LEAST_FRAMES = 3
+"""Frames that hit a cell that stands still; fewer if the scene has fewer."""
+
+LEAST_SHARE = 0.2
+"""Of the rays at a cell, that it stops; what moves is in a cell for a moment only."""
+
+REACH_M = 100.0
+"""Points farther from the vehicle are left out: too few hit a cell there."""
+
+CLEAR_M = 0.35
+"""Lower above the ground nothing stands: it is ground."""
+
+MARGIN_M = 0.2
+"""Labelled boxes are grown by so much to all sides: labels err."""
+
+_BEHIND_M = 0.5  # a ray passes a cell if it ends so far behind: it may end at the same surface
+_STEEPEST, _KERB_M = 0.3, 0.25  # of the ground, from column to column
+_CLIMB, _STEP_M = 0.15, 0.5  # of the ground, from where the vehicle was
+_AROUND = 6  # columns among which ground is compared
+_EVERY = 4  # of the rays one in so many is followed to what it passes; in turn
+_MANY = 60_000  # counts are halved at this number
+_HITS, _PASSES, _LIGHT, _FRAMES, _LAST, _X, _Y, _Z = range(8)
+
+
+class _State(NamedTuple):
+    """Counts of the cells around the vehicle, by blocks in a hash table.
+
+    Attributes:
+        table: rows of blocks by hash of their keys, -1 where free, int64.
+        keys: of the blocks, -1 for a row without one, int64.
+        free: rows without a block, the first `size[0]` of them, int64.
+        size: shape (1,), int64.
+        cells: points, passes, mean intensity in 1/65280, frames, the last of them, and from where
+            to where along x, y and z points are, in 1/256, the upper end in the high byte;
+            shape (rows, 512, 8), uint16.
+    """
+
+    table: NDArray[np.int64]
+    keys: NDArray[np.int64]
+    free: NDArray[np.int64]
+    size: NDArray[np.int64]
+    cells: NDArray[np.uint16]
+
+
+def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, StaticWorld]:
+    """The static world of every scene of a log.
+
+    Args:
+        log: frames with poses, boxes, and the rig of every scene, which says where rays start.
+        clouds: of the log's frames, in the ego frame; the frames of a scene follow each other.
+
+    Raises:
+        ValueError: a frame has no pose, a scene no rig, or the clouds tell other LiDARs apart.
+    """
+    missing = [name for name in POSE_COLUMNS if name not in log.frames.columns]
+    if missing:
+        raise InputError(
+            "a static world needs poses of the vehicle",
+            place="frames",
+            expected=", ".join(POSE_COLUMNS),
+            found=f"no {', '.join(missing)}",
+        )
+    places = full_poses(log.frames)
+    scene_of = dict(zip(log.frames["frame"].tolist(), log.frames["scene"], strict=True))
+    rows_of = log.boxes.groupby("frame").indices
+    geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
+    builders: dict[str, WorldBuilder] = {}
+    for part in clouds:
+        for index, frame in enumerate(part.frames.tolist()):
+            scene = scene_of[frame]
+            eyes = _eyes(log, scene, part.counts.shape[1])
+            if frame not in places:
+                raise InputError(
+                    "a static world needs the pose of every frame with a cloud",
+                    place=f"frames: frame {frame}",
+                    expected="finite numbers",
+                )
+            builders.setdefault(scene, WorldBuilder()).add(
+                part[index],
+                part.lidar(index),
+                eyes,
+                *places[frame],
+                geometry[rows_of.get(frame, np.empty(0, np.int64))],
+            )
+    return {scene: builder.world() for scene, builder in builders.items()}
+
+
+def _eyes(log: BoxLog, scene: str, lidars: int) -> NDArray[np.float64]:
+    """Where the rays of each LiDAR of a scene start, ego frame, shape (LiDARs, 3).
+
+    Points of an unknown LiDAR start in the middle of the rig.
+    """
+    if scene not in log.rigs:
+        raise InputError(
+            "a static world needs the rig that recorded the clouds",
+            place=f"scene {scene}",
+            fix="--rig names a file of mounts",
+        )
+    eyes = np.array([mount.position for mount in log.rigs[scene].placement.mounts])
+    if lidars == 1:
+        return np.asarray(eyes.mean(axis=0, keepdims=True))
+    if lidars != len(eyes):
+        raise InputError(
+            "clouds of other LiDARs than the rig's",
+            place=f"scene {scene}",
+            expected=f"{len(eyes)}",
+            found=f"{lidars}",
+        )
+    return eyes
+
+
+class WorldBuilder:
+    """Takes the frames of a scene in their order, and makes its world."""
+
+    def __init__(self) -> None:
+        self._origin: NDArray[np.float64] | None = None
+        self._state = _state(2**10)
+        self._frames = 0
+        self._tidied = np.full(2, np.inf)
+        self._path: list[NDArray[np.float64]] = []
+        self._found: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]]] = []
+        self._lows: dict[tuple[int, int], NDArray[np.float64]] = {}
+
+    def add(
+        self,
+        points: NDArray[np.float32],
+        lidar: NDArray[np.uint8],
+        eyes: NDArray[np.float64],
+        turn: NDArray[np.float64],
+        place: NDArray[np.float64],
+        boxes: NDArray[np.float64],
+    ) -> None:
+        """Add a frame.
+
+        Args:
+            points: x, y, z, intensity in [0, 1], ego frame, shape (n, 4).
+            lidar: which LiDAR each point is of, shape (n,).
+            eyes: where the LiDARs are, ego frame, shape (LiDARs, 3).
+            turn, place: from the ego frame to the world of the scene, shapes (3, 3) and (3,).
+            boxes: labelled objects, rows of `GEOMETRY`, ego frame, shape (m, 7).
+
+        Raises:
+            ValueError: the vehicle is farther from the first frame than a world reaches.
+        """
+        if self._origin is None:
+            self._origin = np.floor(place / TILE_M) * TILE_M
+        shift = place - self._origin
+        limits = np.array([HALF_TILES, HALF_TILES, HALF_LEVELS / TILE]) * TILE_M - 2 * REACH_M
+        if (np.abs(shift) > limits).any():
+            raise ValueError(
+                f"poses: frame {self._frames} of the scene is {np.abs(shift).max():.4g} m from its "
+                f"first one; expected at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height"
+            )
+        self._path.append(shift)
+        grown = np.concatenate([boxes, np.array([OWN_BODY])])
+        grown[:, 3:6] += 2 * MARGIN_M
+        self._frames += 1
+        owned = _in_boxes(points, grown)
+        view = turn / CELL_M, shift / CELL_M
+        done = _count_points(points, owned, *view, 0, self._frames, self._state)
+        while done < len(points):
+            self._state = _state(2 * len(self._state.keys), self._state)
+            done = _count_points(points, owned, *view, done, self._frames, self._state)
+        _count_passes(points, lidar, eyes, *view, self._frames, self._state)
+        if not np.hypot(*(shift[:2] - self._tidied)) < TILE_M:
+            self._tidied = shift[:2].copy()
+            self._condense(shift[:2], REACH_M + TILE_M)
+
+    def world(self) -> StaticWorld:
+        """What stood still, and the ground; the builder is used up."""
+        self._condense(np.zeros(2), -1.0)
+        nothing = np.empty(0, np.int64), np.empty((0, 8), np.uint8), np.empty(0, np.int64)
+        keys, cells, weight = (
+            np.concatenate(parts) for parts in zip(nothing, *self._found, strict=True)
+        )
+        order = np.lexsort((-weight, keys))  # of two visits to a place the one that tells more
+        keys, cells = keys[order], cells[order]
+        first = np.ones(len(keys), bool)
+        first[1:] = np.diff(keys) != 0
+        ground = {tile: _ground(tile, self._lows) for tile in self._lows}
+        ground = {tile: own for tile, own in ground.items() if np.isfinite(own).all()}
+        first &= _above(keys, cells, ground)
+        return StaticWorld(
+            np.zeros(3) if self._origin is None else self._origin,
+            keys[first],
+            cells[first],
+            np.array([*ground], np.int32).reshape(-1, 2),
+            np.array([_corners(tile, ground) for tile in ground], np.float32).reshape(
+                -1, PATCHES + 1, PATCHES + 1
+            ),
+        )
+
+    def _condense(self, centre: NDArray[np.float64], reach: float) -> None:
+        """Keep what stands still in tiles farther than `reach`, and forget how it was counted."""
+        rows = np.flatnonzero(self._state.keys >= 0)
+        i, j = _tiles(self._state.keys[rows] * BLOCK**3)
+        away = np.hypot((i + 0.5) * TILE_M - centre[0], (j + 0.5) * TILE_M - centre[1])
+        rows = rows[away > reach]
+        rows = rows[np.argsort(self._state.keys[rows])]
+        if not len(rows):
+            return
+        block_keys = self._state.keys[rows]
+        least = min(LEAST_FRAMES, self._frames)
+        found = _standing(self._state.cells, rows, block_keys, least)
+        columns = block_keys // (2 * HALF_LEVELS)
+        own = np.unique(columns)
+        lows = _lows(found[0], found[1], own)
+        lows[_far_off(own, lows, np.array(self._path))] = np.nan
+        new: dict[tuple[int, int], NDArray[np.float64]] = {}
+        for n, (ti, tj) in enumerate(zip(*_tiles(own * 2 * HALF_LEVELS * BLOCK**3), strict=True)):
+            tile = new.setdefault((int(ti), int(tj)), np.full((TILE, TILE), np.nan))
+            tile[divmod(int(own[n] % TILE**2), TILE)] = lows[n]
+        for at, tile in new.items():
+            old = self._lows.get(at, tile)
+            self._lows[at] = np.where(np.isnan(tile), old, tile)
+        kept = _above(found[0], found[1], {at: _ground(at, self._lows) for at in new})
+        self._found.append((found[0][kept], found[1][kept], found[2][kept]))
+        _forget(self._state, rows)
+
+
+def _tiles(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tiles i and j of keys of cells."""
+    tile = keys // (TILE**2 * 2 * HALF_LEVELS * BLOCK**3)
+    return tile // (2 * HALF_TILES) - HALF_TILES, tile % (2 * HALF_TILES) - HALF_TILES
+
+
+def _state(rows: int, old: _State | None = None) -> _State:
+    """Room for so many blocks, with those of `old`."""
+    new = _State(
+        np.full(4 * rows, -1, np.int64),
+        np.full(rows, -1, np.int64),
+        np.arange(rows, dtype=np.int64)[::-1].copy(),
+        np.array([rows]),
+        np.zeros((rows, BLOCK**3, 8), np.uint16),
+    )
+    if old is not None:
+        number = len(old.keys)
+        new.keys[:number], new.cells[:number] = old.keys, old.cells
+        used = np.flatnonzero(new.keys >= 0)
+        free = np.setdiff1d(new.free, used)[::-1]
+        new.free[: len(free)] = free
+        new.size[0] = len(free)
+        _fill_table(new)
+    return new
+
+
+def _forget(state: _State, rows: NDArray[np.int64]) -> None:
+    """Free rows of blocks."""
+    size = int(state.size[0])
+    state.free[size : size + len(rows)] = rows
+    state.size[0] = size + len(rows)
+    state.keys[rows] = -1
+    state.cells[rows] = 0
+    state.table[:] = -1
+    _fill_table(state)
+
+
+@inner
+def _find(table, keys, key):  # pragma: no cover - compiled
+    """Where in the table a block is, or would be."""
+    at = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) % len(table)
+    while table[at] >= 0 and keys[table[at]] != key:
+        at = at + np.int64(1) if at + 1 < len(table) else np.int64(0)
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _fill_table(state):  # pragma: no cover - compiled
+    for row in range(len(state.keys)):
+        if state.keys[row] >= 0:
+            state.table[_find(state.table, state.keys, state.keys[row])] = row
+
+
+@inner
+def _key(i, j, k):  # pragma: no cover - compiled
+    """Key of the block (i, j, k)."""
+    tile = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
+    return (tile * TILE**2 + i % TILE * TILE + j % TILE) * 2 * HALF_LEVELS + k + HALF_LEVELS
+
+
+@njit(cache=True, nogil=True)
+def _in_boxes(points, boxes) -> NDArray[np.bool_]:  # pragma: no cover - compiled
+    """Whether each point is in one of the boxes."""
+    inside = np.zeros(len(points), np.bool_)
+    for b in range(len(boxes)):
+        x, y, z, length, width, height, yaw = boxes[b]
+        c, s = math.cos(yaw), math.sin(yaw)
+        around = 0.25 * (length * length + width * width)
+        for n in range(len(points)):
+            dx, dy = points[n, 0] - x, points[n, 1] - y
+            if dx * dx + dy * dy <= around:
+                inside[n] |= (
+                    abs(c * dx + s * dy) <= 0.5 * length
+                    and abs(c * dy - s * dx) <= 0.5 * width
+                    and abs(points[n, 2] - z) <= 0.5 * height
+                )
+    return inside
+
+
+@njit(cache=True, nogil=True)
+def _count_points(
+    points, owned, turn, shift, start, frame, state
+) -> int:  # pragma: no cover - compiled
+    """Count points in cells from the `start`-th on; return at which one there is no more room."""
+    mark = np.uint16(frame % 2**16)
+    levels = HALF_LEVELS * BLOCK
+    for n in range(start, len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        if not x * x + y * y + z * z <= REACH_M * REACH_M:
+            continue
+        u = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + shift[0]
+        v = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + shift[1]
+        w = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift[2]
+        i, j, k = math.floor(u), math.floor(v), math.floor(w)
+        if not -levels <= k < levels:
+            continue
+        key = _key(i // BLOCK, j // BLOCK, k // BLOCK)
+        at = _find(state.table, state.keys, key)
+        if state.table[at] < 0:
+            if owned[n]:
+                continue
+            if state.size[0] == 0:
+                return n
+            state.size[0] -= 1
+            row = state.free[state.size[0]]
+            state.table[at], state.keys[row] = row, key
+        row = state.table[at]
+        cell = state.cells[row, (i % BLOCK * BLOCK + j % BLOCK) * BLOCK + k % BLOCK]
+        if owned[n]:
+            _count(cell, _PASSES)  # as many rays are not followed, it weighs more
+            continue
+        if cell[_LAST] != mark or cell[_FRAMES] == 0:
+            cell[_LAST] = mark
+            if cell[_FRAMES] < _MANY:
+                cell[_FRAMES] += np.uint16(1)
+        _count(cell, _HITS)
+        light = 65280.0 * min(max(points[n, 3], 0.0), 1.0)
+        mean = float(cell[_LIGHT])
+        cell[_LIGHT] = np.uint16(mean + (light - mean) / cell[_HITS] + 0.5)
+        for axis, share in ((_X, u - i), (_Y, v - j), (_Z, w - k)):
+            cell[axis] = _wider(cell[axis], min(int(share * 256.0), 255), cell[_HITS] == 1)
+    return len(points)
+
+
+@inner
+def _wider(ends, here, first):  # pragma: no cover - compiled
+    """From where to where points are along an axis, `here` among them, as `_State` has it."""
+    low, high = np.int64(ends & 255), np.int64(ends >> 8)
+    if first:
+        low = high = here
+    return np.uint16(min(low, here) | max(high, here) << 8)
+
+
+@inner
+def _count(cell, what):  # pragma: no cover - compiled
+    """One more; of large counts only the ratio matters."""
+    cell[what] += np.uint16(1)
+    if cell[what] >= _MANY:
+        cell[_HITS] //= np.uint16(2)
+        cell[_PASSES] //= np.uint16(2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _count_passes(points, lidar, eyes, turn, shift, frame, state):  # pragma: no cover - compiled
+    """Count the rays that pass through the middle of what is in a cell."""
+    p, d, last = np.empty(3), np.empty(3), np.empty(3)
+    block, step, to, width = (
+        np.empty(3, np.int64),
+        np.empty(3, np.int64),
+        np.empty(3),
+        np.empty(3),
+    )
+    behind, reach = _BEHIND_M / CELL_M, REACH_M / CELL_M
+    for n in range(frame % _EVERY, len(points), _EVERY):
+        eye = eyes[lidar[n]]
+        length = 0.0
+        for axis in range(3):
+            p[axis], last[axis] = shift[axis], shift[axis]
+            for m in range(3):
+                p[axis] += turn[axis, m] * eye[m]
+                last[axis] += turn[axis, m] * points[n, m]
+            d[axis] = last[axis] - p[axis]
+            length += d[axis] * d[axis]
+        length = math.sqrt(length)
+        end = min(length - behind, reach)
+        if not end > 0.0:
+            continue
+        for axis in range(3):
+            d[axis] /= length
+            block[axis] = math.floor(p[axis] / BLOCK)
+            step[axis] = 1 if d[axis] > 0.0 else -1
+            edge = (block[axis] + (1 if d[axis] > 0.0 else 0)) * BLOCK
+            to[axis] = (edge - p[axis]) / d[axis] if d[axis] != 0.0 else np.inf
+            width[axis] = abs(BLOCK / d[axis]) if d[axis] != 0.0 else np.inf
+        t = 0.0
+        while t < end:
+            leave = min(to[0], to[1], to[2], end)
+            if -HALF_LEVELS <= block[2] < HALF_LEVELS:
+                key = _key(block[0], block[1], block[2])
+                row = state.table[_find(state.table, state.keys, key)]
+                if row >= 0:
+                    _pass_block(state.cells[row], p, d, block, step, t, leave)
+            t = leave
+            axis = 0 if to[0] <= to[1] and to[0] <= to[2] else 1 if to[1] <= to[2] else 2
+            block[axis] += step[axis]
+            to[axis] += width[axis]
+
+
+@inner
+def _pass_block(cells, p, d, block, step, start, end):  # pragma: no cover - compiled
+    """Count a ray in the cells of a block that it passes from `start` to `end`."""
+    x, y, z = p[0] - block[0] * BLOCK, p[1] - block[1] * BLOCK, p[2] - block[2] * BLOCK
+    i = min(max(math.floor(x + start * d[0]), 0), BLOCK - 1)
+    j = min(max(math.floor(y + start * d[1]), 0), BLOCK - 1)
+    k = min(max(math.floor(z + start * d[2]), 0), BLOCK - 1)
+    ti = (i + (step[0] > 0) - x) / d[0] if d[0] != 0.0 else np.inf
+    tj = (j + (step[1] > 0) - y) / d[1] if d[1] != 0.0 else np.inf
+    tk = (k + (step[2] > 0) - z) / d[2] if d[2] != 0.0 else np.inf
+    wi, wj, wk = abs(1.0 / d[0]), abs(1.0 / d[1]), abs(1.0 / d[2])
+    while True:
+        cell = cells[(i * BLOCK + j) * BLOCK + k]
+        if _through_middle(cell, x - i, y - j, z - k, d):
+            _count(cell, _PASSES)
+        if min(ti, tj, tk) >= end:
+            return
+        if ti <= tj and ti <= tk:
+            i, ti = i + step[0], ti + wi
+        elif tj <= tk:
+            j, tj = j + step[1], tj + wj
+        else:
+            k, tk = k + step[2], tk + wk
+        if min(i, j, k) < 0 or max(i, j, k) >= BLOCK:
+            return
+
+
+@inner
+def _extent(cell, axis):  # pragma: no cover - compiled
+    """From where to where along an axis something is in a cell, as shares of its edge.
+
+    Few points do not reach to its ends: of n at random a share (n - 1) / (n + 1) is between them.
+    """
+    hits = float(cell[_HITS])
+    if hits < 2.0:
+        return 0.0, 1.0
+    low, high = float(cell[axis] & 255) / 256.0, float((cell[axis] >> 8) + 1) / 256.0
+    middle, half = 0.5 * (low + high), max(0.5 * (high - low) * (hits + 1.0) / (hits - 1.0), 0.05)
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+@inner
+def _through_middle(cell, x, y, z, d):  # pragma: no cover - compiled
+    """Whether a ray passes what is in a cell at half of its size, a quarter of its section."""
+    near, far = -np.inf, np.inf
+    for axis, start, way in ((_X, x, d[0]), (_Y, y, d[1]), (_Z, z, d[2])):
+        low, high = _extent(cell, axis)
+        low, high = 0.75 * low + 0.25 * high - start, 0.25 * low + 0.75 * high - start
+        if way == 0.0:
+            if low > 0.0 or high < 0.0:
+                return False
+            continue
+        near, far = max(near, min(low / way, high / way)), min(far, max(low / way, high / way))
+    return near <= far
+
+
+@njit(cache=True, nogil=True)
+def _standing(cells, rows, block_keys, least):  # pragma: no cover - compiled
+    """Keys, cells and points of what stands still in blocks; `least`: frames that hit it."""
+    number = 0
+    for row in rows:
+        for n in range(BLOCK**3):
+            number += cells[row, n, _FRAMES] >= least
+    keys, found = np.empty(number, np.int64), np.empty((number, 8), np.uint8)
+    points = np.empty(number, np.int64)
+    size = 0
+    for b in range(len(rows)):
+        for n in range(BLOCK**3):
+            cell = cells[rows[b], n]
+            if cell[_FRAMES] < least:
+                continue
+            # Those through the middle are a quarter of all that pass.
+            passes = 4.0 * _EVERY * float(cell[_PASSES])
+            share = float(cell[_HITS]) / (float(cell[_HITS]) + passes)
+            if share < LEAST_SHARE:
+                continue
+            keys[size], points[size] = block_keys[b] * BLOCK**3 + n, cell[_HITS]
+            for axis in range(3):
+                low, high = _extent(cell, _X + axis)
+                found[size, axis] = math.floor(255.0 * low)
+                found[size, axis + 3] = math.ceil(255.0 * high)
+            found[size, 6] = round(255.0 * share)
+            found[size, 7] = cell[_LIGHT] // 256
+            size += 1
+    return keys[:size], found[:size], points[:size]
+
+
+def _lows(
+    keys: NDArray[np.int64], cells: NDArray[np.uint8], columns: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Height above the origin of the lowest cells of columns, in the median over them, metres.
+
+    NaN where there is none. `keys` and `columns` ascend; a column is a key without block and cell.
+    """
+    place = cells_of_keys(keys)
+    fine, first = np.unique(
+        np.stack([place[:, 0], place[:, 1]], axis=1), axis=0, return_inverse=True
+    )
+    height = CELL_M * (place[:, 2] + (cells[:, 2] + 0.0 + cells[:, 5]) / 510.0)
+    lowest = np.full(len(fine), np.inf)
+    np.minimum.at(lowest, first.ravel(), height)
+    own = cell_keys(np.c_[fine, np.full(len(fine), -HALF_LEVELS * BLOCK)])
+    medians = pd.Series(lowest).groupby(own // (2 * HALF_LEVELS * BLOCK**3)).median()
+    return medians.reindex(columns).to_numpy(np.float64, copy=True)
+
+
+def _far_off(
+    columns: NDArray[np.int64], lows: NDArray[np.float64], path: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether columns start higher or lower than ground can be, seen from the vehicle's path."""
+    places = cells_of_keys(columns * 2 * HALF_LEVELS * BLOCK**3)[:, :2] * CELL_M
+    away, nearest = cKDTree(path[:, :2]).query(places + 0.5 * BLOCK * CELL_M)
+    return np.asarray(np.abs(lows - path[nearest, 2]) > _CLIMB * away + _STEP_M)
+
+
+def _around_tile(
+    tile: tuple[int, int], rasters: dict[tuple[int, int], NDArray[np.float64]], margin: int
+) -> NDArray[np.float64]:
+    """The raster of a tile and so many columns around it, NaN where there is no tile."""
+    i, j = tile
+    empty = np.full((TILE, TILE), np.nan)
+    near = [[rasters.get((i + a, j + b), empty) for b in (-1, 0, 1)] for a in (-1, 0, 1)]
+    return np.block(near)[TILE - margin : 2 * TILE + margin, TILE - margin : 2 * TILE + margin]
+
+
+def _ground(
+    tile: tuple[int, int], lows: dict[tuple[int, int], NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Height of the ground in the columns of a tile, shape (16, 16); NaN if nothing is known."""
+    return np.asarray(_levelled(_around_tile(tile, lows, TILE))[TILE:-TILE, TILE:-TILE])
+
+
+@njit(cache=True, nogil=True)
+def _levelled(lows):  # pragma: no cover - compiled
+    """Heights without those that stand out of the ground or lie below it, and gaps filled."""
+    rows, columns = lows.shape
+    heights = np.full_like(lows, np.nan)
+    known = 0
+    for i in range(rows):
+        for j in range(columns):
+            if math.isnan(lows[i, j]):
+                continue
+            # The second of the others says how high ground can be: one may be an error.
+            most, second, lower, others = np.inf, np.inf, 0, 0
+            for a in range(max(i - _AROUND, 0), min(i + _AROUND + 1, rows)):
+                for b in range(max(j - _AROUND, 0), min(j + _AROUND + 1, columns)):
+                    if math.isnan(lows[a, b]) or (a == i and b == j):
+                        continue
+                    rise = _STEEPEST * BLOCK * CELL_M * math.hypot(a - i, b - j) + _KERB_M
+                    bound = lows[a, b] + rise
+                    if bound < most:
+                        most, second = bound, most
+                    elif bound < second:
+                        second = bound
+                    others += 1
+                    lower += lows[i, j] + rise < lows[a, b]
+            if lows[i, j] <= second and 2 * lower <= others:
+                heights[i, j] = lows[i, j]
+                known += 1
+    while 0 < known < rows * columns:
+        before = heights.copy()
+        for i in range(rows):
+            for j in range(columns):
+                if not math.isnan(before[i, j]):
+                    continue
+                total = count = 0.0
+                for a in range(max(i - 1, 0), min(i + 2, rows)):
+                    for b in range(max(j - 1, 0), min(j + 2, columns)):
+                        if not math.isnan(before[a, b]):
+                            total, count = total + before[a, b], count + 1.0
+                if count > 0.0:
+                    heights[i, j] = total / count
+                    known += 1
+    return heights
+
+
+def _above(
+    keys: NDArray[np.int64],
+    cells: NDArray[np.uint8],
+    ground: dict[tuple[int, int], NDArray[np.float64]],
+) -> NDArray[np.bool_]:
+    """Which cells stand out of the ground."""
+    place = cells_of_keys(keys)
+    top = CELL_M * (place[:, 2] + cells[:, 5] / 255.0)
+    column = place[:, :2] // BLOCK
+    tiles, of_tile = np.unique(column // TILE, axis=0, return_inverse=True)
+    unknown = np.full((TILE, TILE), -np.inf)
+    heights = np.array([ground.get((int(i), int(j)), unknown) for i, j in tiles])
+    if not len(tiles):
+        return np.empty(0, np.bool_)
+    level = heights[of_tile.ravel(), column[:, 0] % TILE, column[:, 1] % TILE]
+    return np.asarray(top > np.nan_to_num(level, nan=-np.inf) + CLEAR_M)
+
+
+def _corners(
+    tile: tuple[int, int], ground: dict[tuple[int, int], NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Heights at the corners of the patches of a tile: means of the columns there, (9, 9)."""
+    around = _around_tile(tile, ground, 1)
+    wide = TILE // PATCHES
+    four = [around[a::wide, b::wide][: PATCHES + 1, : PATCHES + 1] for a in (0, 1) for b in (0, 1)]
+    return np.asarray(np.nanmean(four, axis=0))
