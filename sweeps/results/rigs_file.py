@@ -80,6 +80,7 @@ def _model(lidar: Lidar) -> dict[str, object]:
         drop_off=lidar.drop_off,
         wavelength_nm=round(1e9 * lidar.wavelength, DIGITS),
         window=lidar.window,
+        offsets_m=lidar.offsets,
         size_mm=lidar.size and tuple(round(1000 * side, DIGITS) for side in lidar.size),
     )
     return settings.model_dump(mode="json", exclude_defaults=True)

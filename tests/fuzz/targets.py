@@ -101,6 +101,22 @@ def _rig(world: Path) -> object:
     return check_rig(world / "clouds", PAPER_PLACEMENTS["line"])
 
 
+def _correction(world: Path) -> object:
+    from pydantic import ValidationError
+
+    from lidarplace.clouds.raycast import beams_of
+    from lidarplace.configuration.correction import read_correction
+    from lidarplace.configuration.sensor import SensorSettings
+    from lidarplace.configuration.settings import fault
+
+    path = str(world / "correction.yaml")
+    read_correction(path)
+    try:
+        return beams_of(SensorSettings(beams=3, correction=path, unit="up").lidar())
+    except ValidationError as error:
+        raise fault(error) from None
+
+
 def _checkpoint(world: Path) -> object:
     from training import build_detector
     from training.checkpoints import load_checkpoint
