@@ -140,9 +140,7 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
     poses = [name for name in (*POSE_COLUMNS, *FULL_POSE_COLUMNS) if name in log.frames.columns]
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
-    if log.world:
-        write_worlds(folder / WORLD_FILE, log.world)
-    else:
+    if not log.world:
         (folder / WORLD_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
         for name, table, columns in (
@@ -157,6 +155,8 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
             partial = stack.enter_context(replacing(folder / RIG_FILE))
             rigs = {scene: asdict(rig) for scene, rig in log.rigs.items()}
             partial.write_text(json.dumps(rigs) + "\n", encoding="utf-8")
+        if log.world:
+            write_worlds(stack.enter_context(replacing(folder / WORLD_FILE)), log.world)
 
 
 def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.files.arrays import read_npz
-from lidarplace.files.atomic import replacing
 
 CELL_M = 0.2
 BLOCK = 8
@@ -92,13 +91,13 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 
 
 def write_worlds(path: Path, worlds: Mapping[str, StaticWorld]) -> None:
-    """Write the worlds of scenes to a `.npz` file, renamed into place."""
+    """Write the worlds of scenes to a `.npz` file."""
     arrays = {
         f"{number}/{item.name}": getattr(world, item.name)
         for number, world in enumerate(worlds.values())
         for item in fields(StaticWorld)
     }
-    with replacing(path) as partial, partial.open("wb") as file:
+    with path.open("wb") as file:
         np.savez_compressed(file, scenes=np.array(list(worlds), dtype=str), **arrays)
 
 
