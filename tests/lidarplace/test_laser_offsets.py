@@ -16,8 +16,7 @@ from lidarplace.clouds.returns import sample_points
 from lidarplace.clouds.shapes import bricks
 from lidarplace.configuration.correction import CorrectionFile
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.coverage.cone import covered_by_cones
-from lidarplace.coverage.rays import covered_by_rays
+from lidarplace.coverage import coverage
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
@@ -86,9 +85,9 @@ def test_requirements_and_coverage_take_offsets(mount, offsets, drop_off):
     assert found.alone.shape == (len(BOXES), 1)
     cells = count_cells(sights, BOXES[:1], 0.2)
     np.testing.assert_array_equal(cells.all, cells.alone[:, 0])
-    for cover in (covered_by_cones, lambda rig, roi: covered_by_rays(rig, roi, "dda")):
-        expected = np.logical_or.reduce([cover(one, ROI) for one in alone])
-        np.testing.assert_array_equal(cover(rig, ROI), expected)
+    for method in ("cone", "dda"):
+        expected = np.logical_or.reduce([coverage(one, ROI, method) for one in alone])
+        np.testing.assert_array_equal(coverage(rig, ROI, method), expected)
 
 
 @settings(max_examples=10, deadline=None)

@@ -15,6 +15,8 @@ READ = re.compile(
 )
 """A file is opened, and not by what `regular` returns."""
 OWN = {
+    "lidarplace.clouds.cloud_files": "by regular itself",
+    "lidarplace.configuration.correction": "of the package",
     "lidarplace.rigs.catalogue.datasheet": "of the package",
     "lidarplace.recall.detection_curve": "of the package",
     "lidarplace.viewing.page": "of the package",
