@@ -19,7 +19,7 @@ from lidarplace.logs.boxes import CLASSES, GEOMETRY, POINTS, points_of
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.correction import OTHER
 from lidarplace.rigs.placement import Placement
-from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.rigs.recorded import RecordedRig, one_rig
 from lidarplace.validation.cloud_frames import FATES, Seen, real_clouds, seen_in
 from lidarplace.validation.comparison import BELOW_M, comparison, floor
 from lidarplace.validation.fit import FEWEST_TRACKS, Fit, Problem
@@ -198,25 +198,21 @@ def _checked(log: BoxLog) -> tuple[RecordedRig, BoxLog]:
             found=f"{len(counted) - len(missing)}",
             fix="convert the data set again with its calibration, or with --rig",
         )  # fmt: skip
-    rigs = [log.rigs[scene] for scene in counted]
-    for scene, rig in zip(counted, rigs, strict=True):
-        if rig.names != rigs[0].names or rig.placement.lidars != rigs[0].placement.lidars:
-            raise InputError(
-                f"scene {scene}: another rig than that of {counted[0]}", place="rig.json",
-                expected=", ".join(rigs[0].names), found=", ".join(rig.names),
-                fix="validate each vehicle by itself",
-            )  # fmt: skip
-    unknown = set(points_of(log.boxes)) - set(rigs[0].names)
+    try:
+        rig = one_rig({scene: log.rigs[scene] for scene in counted})
+    except ValueError as error:
+        raise InputError(str(error), place="rig.json") from None
+    unknown = set(points_of(log.boxes)) - set(rig.names)
     if unknown:
         raise InputError(
             f"real points of LiDAR {sorted(unknown)[0]}, which is not in the rig",
-            place="boxes.parquet", expected=", ".join(rigs[0].names), found=sorted(unknown)[0],
+            place="boxes.parquet", expected=", ".join(rig.names), found=sorted(unknown)[0],
         )  # fmt: skip
     frames = log.frames[log.frames["scene"].isin(counted)]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
     if not (boxes[POINTS] > 0).any():
         raise InputError("every box has 0 real points", place="boxes.parquet")
-    return rigs[0], replace(log, boxes=boxes, frames=frames)
+    return rig, replace(log, boxes=boxes, frames=frames)
 
 
 def _objects(log: BoxLog) -> pd.DataFrame:

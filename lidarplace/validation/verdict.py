@@ -58,6 +58,12 @@ def verdict(found: Validation) -> Verdict:
         else f"judged on {found.routes} routes left out of the fit in turn"
     )
     why.append(f"With the correction, {how}, every check is met.")
+    of_routes = found.scores.query("model == 'corrected' and by == 'route'")["bias"]
+    if len(of_routes) > 1:
+        low, high = 2 ** of_routes.min(), 2 ** of_routes.max()
+        why.append(
+            f"Of single routes the median object has {low:.2f} to {high:.2f} times its points."
+        )
     return Verdict("with a correction", tuple(why))
 
 
