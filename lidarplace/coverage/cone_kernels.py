@@ -19,6 +19,7 @@ _LINES_Y = TILE_Y + 8  # grid lines of a tile, and more to make whole vectors
 _HAIR = 1e-9  # cubes are grown by this share of their edge
 _ULPS = 4e-16  # rounding of a sine: no beam may slip between two voxels
 _BLOCK = 4  # columns along each side of what is decided at once within a tile
+_RUN = 8  # voxels of a column that are decided at once; a divisor of 64
 _LEAST_K = 1e-2  # a cone with a smaller n2^2 - s^2 is too steep to be computed as a graph
 
 
@@ -365,12 +366,13 @@ def _dot(a, x, y, z):  # pragma: no cover - compiled
 
 
 @_inner
-def _side_of_cube(x, y, z, half, away, view):  # pragma: no cover - compiled
-    """`_side_of_view` of a cube by its middle, which is so far away; not decided near the range."""
+def _side_of_cube(x, y, z, half, view):  # pragma: no cover - compiled
+    """`_side_of_view` of a cube by its middle; not decided near the range."""
     radius = math.sqrt(3.0) * half
-    if away - radius > view.reach:
+    square = x * x + y * y + z * z
+    if square > (view.reach + radius) ** 2:
         return -1
-    inside = away + radius <= view.reach
+    inside = square <= max(view.reach - radius, 0.0) ** 2
     if view.width >= 2 * math.pi:
         return 1 if inside else 0
     first, last = _dot(view.first, x, y, z), _dot(view.last, x, y, z)
@@ -386,31 +388,47 @@ def _side_of_cube(x, y, z, half, away, view):  # pragma: no cover - compiled
 
 
 @_inner
-def _corners_span(x, y, z, half, s, view):  # pragma: no cover - compiled
-    """Whether a cone passes between corners of a cube that are seen.
+def _near_beams(x, y, z, half, sines, view):  # pragma: no cover - compiled
+    """First and past the last of the sines that a cube may hold."""
+    away = math.sqrt(x * x + y * y + z * z)
+    if away <= 2.0 * half:
+        return 0, len(sines)
+    middle = _dot(view.n, x, y, z) / away
+    spread = 3.0 * half / away  # no sine within the cube is farther from that of its middle
+    return _between(sines, middle - spread, middle + spread)
+
+
+@_inner
+def _corners_span(x, y, z, half, beams, sines, view):  # pragma: no cover - compiled
+    """Whether a cone of `sines[beams[0]:beams[1]]` passes between corners of a cube that are seen.
 
     What of the cube is in range and on the inner side of a plane is convex: a cone that has two
     points of it on either side meets it.
     """
-    by_square, farthest = s * abs(s), view.reach * view.reach
-    full, narrow = view.width >= 2 * math.pi, view.width <= math.pi
-    first_above = first_below = last_above = last_below = False
-    for i in range(8):
-        cx = x + half if i & 1 else x - half
-        cy = y + half if i & 2 else y - half
-        cz = z + half if i & 4 else z - half
-        along, square = _dot(view.n, cx, cy, cz), cx * cx + cy * cy + cz * cz
-        side = along * abs(along) - by_square * square  # has the sign of n.d - s |d|
-        near = square <= farthest
-        first = near and (full or _dot(view.first, cx, cy, cz) >= 0)
-        last = near and (full or _dot(view.last, cx, cy, cz) >= 0)
-        if narrow:
-            first = last = first and last
-        first_above |= first and side >= 0
-        first_below |= first and side <= 0
-        last_above |= last and side >= 0
-        last_below |= last and side <= 0
-    return (first_above and first_below) or (last_above and last_below)
+    # The corner that is farthest inside the nearer plane comes first, then the one above or below.
+    nearer = view.first if _dot(view.first, x, y, z) < _dot(view.last, x, y, z) else view.last
+    dx, dy = math.copysign(half, nearer[0]), math.copysign(half, nearer[1])
+    for b in range(beams[0], beams[1]):
+        by_square = sines[b] * abs(sines[b])
+        first_above = first_below = last_above = last_below = False
+        for i in range(8):
+            cx = x - dx if i & 4 else x + dx
+            cy = y - dy if i & 2 else y + dy
+            cz = z + half if i & 1 else z - half
+            along, square = _dot(view.n, cx, cy, cz), cx * cx + cy * cy + cz * cz
+            side = along * abs(along) - by_square * square  # has the sign of n.d - s |d|
+            near = square <= view.reach * view.reach
+            in_first = near and (view.width >= 2 * math.pi or _dot(view.first, cx, cy, cz) >= 0)
+            in_last = near and (view.width >= 2 * math.pi or _dot(view.last, cx, cy, cz) >= 0)
+            if view.width <= math.pi:
+                in_first = in_last = in_first and in_last
+            first_above |= in_first and side >= 0
+            first_below |= in_first and side <= 0
+            last_above |= in_last and side >= 0
+            last_below |= in_last and side <= 0
+            if (first_above and first_below) or (last_above and last_below):
+                return True
+    return False
 
 
 # Runs of voxels in the columns of a tile. `scratch` holds a bit a voxel, shape
@@ -684,7 +702,7 @@ def keep_seen(sensor, grid, bits):  # pragma: no cover - compiled
 
 @_inner
 def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):  # pragma: no cover
-    """`keep_seen` voxel by voxel: most are decided by their middle and their corners."""
+    """`keep_seen` voxel by voxel: most are decided by their run, their middle or their corners."""
     _, frame, sines, azimuth, reach = sensor
     i0, i1, j0, j1, k0, k1 = block
     grow = _HAIR * resolution
@@ -693,27 +711,36 @@ def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):  # prag
     for i in range(i0, i1):
         for j in range(j0, j1):
             x, y = start[0] + (i + 0.5) * resolution, start[1] + (j + 0.5) * resolution
-            for k in range(k0, k1 + 1):
-                bit = np.uint64(1) << np.uint64(k & 63)
-                if not bits[k >> 6, i, j] & bit:
+            for run in range(k0 // _RUN * _RUN, k1 + 1, _RUN):
+                mask = np.uint64((1 << _RUN) - 1) << np.uint64(run & 63)
+                if not bits[run >> 6, i, j] & mask:
                     continue
-                z = start[2] + (k + 0.5) * resolution
-                away = math.sqrt(x * x + y * y + z * z)
-                side = _side_of_cube(x, y, z, half, away, view)
-                if side == 0:
-                    # No sine within the cube is farther from that of its middle.
-                    middle = _dot(view.n, x, y, z) / away if away > 0.0 else 0.0
-                    spread = 3.0 * half / away if away > 2.0 * half else 2.0
-                    first, last = _between(sines, middle - spread, middle + spread)
-                    for b in range(first, last):
-                        side += _corners_span(x, y, z, half, sines[b], view)
-                if side == 0:
-                    _span(low, high, 0, start, i, i + 1, resolution, grow)
-                    _span(low, high, 1, start, j, j + 1, resolution, grow)
-                    _span(low, high, 2, start, k, k + 1, resolution, grow)
-                    side += _cube_is_covered(low, high, sines, frame, azimuth, planes, reach)
-                if side <= 0:
-                    bits[k >> 6, i, j] ^= bit
+                z0, z1 = start[2] + run * resolution - grow, start[2] + (run + _RUN) * resolution
+                x0, x1, y0, y1 = x - half, x + half, y - half, y + half
+                side = _side_of_view(x0, x1, y0, y1, z0, z1 + grow, planes, view.width, reach)
+                if side < 0:
+                    bits[run >> 6, i, j] &= ~mask
+                if side != 0:
+                    continue
+                for k in range(run, run + _RUN):
+                    bit = np.uint64(1) << np.uint64(k & 63)
+                    if not bits[run >> 6, i, j] & bit:
+                        continue
+                    z = start[2] + (k + 0.5) * resolution
+                    side = _side_of_cube(x, y, z, half, view)
+                    if side == 0:
+                        beams = _near_beams(x, y, z, half, sines, view)
+                        if _corners_span(x, y, z, half, beams, sines, view):
+                            continue
+                        _span(low, high, 0, start, i, i + 1, resolution, grow)
+                        _span(low, high, 1, start, j, j + 1, resolution, grow)
+                        _span(low, high, 2, start, k, k + 1, resolution, grow)
+                        for b in range(beams[0], beams[1]):
+                            if _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
+                                side = 1
+                                break
+                    if side <= 0:
+                        bits[run >> 6, i, j] ^= bit
 
 
 @_inner

@@ -139,7 +139,11 @@ def test_a_sumo_network_needs_no_pedestrians():
         ("a.xodr", b"<OpenDRIVE></OpenDRIVE>", r"a.xodr: not an OpenDRIVE map: .*No nodes loaded"),
         ("a.xodr.gz", b"<OpenDRIVE>", r"a.xodr.gz: not a gzip file"),
         ("a.xodr.gz", gzip.compress(b"<OpenDRIVE>", mtime=0)[:-9], r"a.xodr.gz: not a gzip file"),
-        ("a.xodr.gz", gzip.compress(b"", mtime=0)[:10] + b"\xff" * 20, r"a.xodr.gz: not a gzip file"),
+        (
+            "a.xodr.gz",
+            gzip.compress(b"", mtime=0)[:10] + b"\xff" * 20,
+            r"a.xodr.gz: not a gzip file",
+        ),
         ("a.net.xml", b"<net><edge", r"a.net.xml: not a SUMO network: "),
         ("a.net.xml", b"<net></net>", r"a.net.xml: not a SUMO network: no 'version'"),
         ("a.net.xml", b"<html></html>", r"a.net.xml has no lanes"),
