@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.kernel_cache import njit
 from training.dataset import Sample
 from training.detectors.detector import PointRange
 from training.ground_truth_sampling import ObjectDatabase
@@ -37,37 +38,53 @@ class Augmentation:
         sample = within_range(sample, self.point_range)
         # A detector that takes so many points of a voxel, or voxels of a frame, takes the first.
         order = generator(Purpose.SHUFFLE, *key).permutation(len(sample.points))
-        return Sample(sample.points[order], sample.boxes, sample.labels)
+        return Sample(sample.points.take(order, axis=0), sample.boxes, sample.labels)
 
 
 def moved(sample: Sample, settings: TrainingSettings, random: np.random.Generator) -> Sample:
     """Mirror, turn and scale a frame. The points and boxes of `sample` are changed in place."""
-    points, boxes = sample.points, sample.boxes
     mirrored = random.random() < 0.5  # drawn in any case: turns and scales stay what they are
-    if settings.flip_y and mirrored:
-        points[:, 1] *= -1
-        boxes[:, 1] *= -1
-        boxes[:, 6] *= -1
+    mirror = settings.flip_y and mirrored
     angle = random.uniform(-settings.rotation, settings.rotation)
+    scale = np.float32(random.uniform(*settings.scaling))
     cos, sin = np.float32(math.cos(angle)), np.float32(math.sin(angle))
-    for rows in (points, boxes):  # no matrix product, which rounds otherwise on another processor
-        x, y = rows[:, 0].copy(), rows[:, 1].copy()
-        rows[:, 0], rows[:, 1] = x * cos - y * sin, x * sin + y * cos
+    boxes = sample.boxes
+    for rows in (sample.points, boxes):
+        _move(rows, mirror, cos, sin, scale)
+    boxes[:, 3:6] *= scale
+    if mirror:
+        boxes[:, 6] *= -1
     boxes[:, 6] += angle
     boxes[:, 6] -= 2 * math.pi * np.floor(boxes[:, 6] / (2 * math.pi) + 0.5)
-    scale = random.uniform(*settings.scaling)
-    points[:, :3] *= scale
-    boxes[:, :6] *= scale
     return sample
+
+
+@njit(cache=True)
+def _move(rows, mirror, cos, sin, scale) -> None:  # pragma: no cover - compiled
+    """Mirror, turn and scale x, y and z, which come first, in place and in float32."""
+    for i in range(len(rows)):
+        x, y = rows[i, 0], -rows[i, 1] if mirror else rows[i, 1]
+        rows[i, 0], rows[i, 1] = (x * cos - y * sin) * scale, (x * sin + y * cos) * scale
+        rows[i, 2] *= scale
 
 
 def within_range(sample: Sample, point_range: PointRange) -> Sample:
     """The points and the boxes' centres in `point_range` as seen from above, at any height."""
     # In the points' own precision, which spares a copy of them in double.
     low, high = np.array(point_range, np.float32).reshape(2, 3)[:, :2]
+    kept = _within(sample.boxes, low, high)
+    # `take` copies rows ten times as fast as an index.
+    points = sample.points.take(_within(sample.points, low, high), axis=0)
+    return Sample(points, sample.boxes[kept], sample.labels[kept])
 
-    def inside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
-        return np.asarray(((rows[:, :2] >= low) & (rows[:, :2] <= high)).all(axis=1))
 
-    kept = inside(sample.boxes)
-    return Sample(sample.points[inside(sample.points)], sample.boxes[kept], sample.labels[kept])
+@njit(cache=True)
+def _within(rows, low, high) -> NDArray[np.int64]:  # pragma: no cover - compiled
+    """Which rows have x and y, which come first, between two corners."""
+    found = np.empty(len(rows), np.int64)
+    count = 0
+    for i in range(len(rows)):
+        found[count] = i
+        x, y = rows[i, 0], rows[i, 1]
+        count += (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+    return found[:count]

@@ -57,7 +57,7 @@ class TrainingFrames:
     ) -> None:
         check_boxes(ground_truth, "ground truth")
         self._clouds = clouds
-        self._lift = np.array([0, 0, sensor_height, 0], np.float32)
+        self._lift = np.float32(sensor_height)
         self._rows = spread(len(clouds), share)
         self.numbers = clouds.frames[self._rows]
         own = ground_truth[
@@ -88,11 +88,9 @@ class TrainingFrames:
 
     def __getitem__(self, index: int) -> Sample:
         """The `index`-th frame; its arrays are the caller's own."""
-        return Sample(
-            self._clouds[self._rows[index]] - self._lift,
-            self._boxes[index].copy(),
-            self._labels[index].copy(),
-        )
+        points = self._clouds[self._rows[index]]
+        points[:, 2] -= self._lift
+        return Sample(points, self._boxes[index].copy(), self._labels[index].copy())
 
     def objects(self, index: int) -> NDArray[np.int64]:
         """Which of `all_objects` the boxes of the `index`-th frame are, shape (M,)."""

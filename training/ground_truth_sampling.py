@@ -105,10 +105,10 @@ class ObjectDatabase:
         objects = np.concatenate([np.zeros(0, np.int64), *drawn])
         if not len(objects):
             return sample
-        free = _owners(sample.points, self.boxes[objects]) < 0
+        free = np.flatnonzero(_owners(sample.points, self.boxes[objects]) < 0)
         own = [self.points[self.offsets[k] : self.offsets[k + 1]] for k in objects.tolist()]
         return Sample(
-            np.concatenate([*own, sample.points[free]]),
+            np.concatenate([*own, sample.points.take(free, axis=0)]),
             boxes,
             np.concatenate([sample.labels, self.labels[objects]]),
         )
@@ -116,5 +116,4 @@ class ObjectDatabase:
 
 def _owners(points: NDArray[np.float32], boxes: NDArray[np.float32]) -> NDArray[np.int64]:
     """Row of the box that each point lies in, -1 outside all, shape (N,)."""
-    xyz = torch.from_numpy(np.ascontiguousarray(points[:, :3]))
-    return box_of_points(xyz, torch.from_numpy(boxes)).numpy()
+    return box_of_points(torch.from_numpy(points), torch.from_numpy(boxes)).numpy()

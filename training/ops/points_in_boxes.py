@@ -11,34 +11,64 @@ MARGIN = 1e-5
 """A point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel."""
 _CHUNK = 1 << 24
 """Pairs that the torch path holds at once."""
+_CELLS = 64
+"""Cells along each side of the square around all boxes."""
 
 
 def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
-    """The first of the boxes (M, 7) that each point (N, 3) lies in, -1 if none, (N,) int64."""
+    """The first of the boxes (M, 7) that each point lies in, -1 if none, (N,) int64.
+
+    The columns of `points` are x, y, z and maybe more.
+    """
     search = _first_box_numba if points.is_cpu else _first_box_torch
     return search(points.detach(), boxes.detach().to(points))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _first_box_kernel(points, boxes, cosine, sine, margin, out):
     count = len(boxes)
-    reach = np.empty_like(boxes[:, 0])
+    out[:] = -1
+    if count == 0:
+        return
     half = boxes[:, 3:6] / boxes.dtype.type(2)
+    # Rounded up: the exact test follows.
+    along, aside = half[:, 0] + margin, half[:, 1] + margin
+    reach_x = boxes.dtype.type(1.001) * (np.abs(cosine) * along + np.abs(sine) * aside)
+    reach_y = boxes.dtype.type(1.001) * (np.abs(sine) * along + np.abs(cosine) * aside)
+    x, y = boxes[:, 0], boxes[:, 1]
+    low_x, low_y = (x - reach_x).min(), (y - reach_y).min()
+    cells_a_side = boxes.dtype.type(_CELLS)
+    by_x = cells_a_side / ((x + reach_x).max() - low_x)
+    by_y = cells_a_side / ((y + reach_y).max() - low_y)
+    # Most points are in a cell, seen from above, that no box comes near.
+    cells = np.zeros((_CELLS, _CELLS), np.bool_)
     for k in range(count):
-        # Rounded up: the exact test follows.
-        reach[k] = boxes.dtype.type(1.001) * (half[k, 0] + half[k, 1] + margin)
+        x0 = _cell(x[k] - reach_x[k], low_x, by_x) - 1
+        x1 = _cell(x[k] + reach_x[k], low_x, by_x) + 2
+        y0 = _cell(y[k] - reach_y[k], low_y, by_y) - 1
+        y1 = _cell(y[k] + reach_y[k], low_y, by_y) + 2
+        cells[max(x0, 0) : x1, max(y0, 0) : y1] = True
     for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        out[i] = -1
+        if not cells[_cell(points[i, 0], low_x, by_x), _cell(points[i, 1], low_y, by_y)]:
+            continue
         for k in range(count):
-            dx, dy = x - boxes[k, 0], y - boxes[k, 1]
-            if abs(dx) > reach[k] or abs(dy) > reach[k] or abs(z - boxes[k, 2]) > half[k, 2]:
+            dx, dy, dz = points[i, 0] - x[k], points[i, 1] - y[k], points[i, 2] - boxes[k, 2]
+            if abs(dx) > reach_x[k] or abs(dy) > reach_y[k] or abs(dz) > half[k, 2]:
                 continue
             u = dx * cosine[k] + dy * sine[k]
             v = dy * cosine[k] - dx * sine[k]
             if abs(u) < half[k, 0] + margin and abs(v) < half[k, 1] + margin:
                 out[i] = k
                 break
+
+
+@njit(cache=True, error_model="numpy")
+def _cell(x, low, by) -> int:
+    """The cell of a coordinate, or the nearest; `by`: cells a metre."""
+    cell = (x - low) * by
+    if not cell > 0:  # of what is no number too
+        return 0
+    return int(cell) if cell < _CELLS - 1 else _CELLS - 1
 
 
 def _first_box_numba(points: Tensor, boxes: Tensor) -> Tensor:
