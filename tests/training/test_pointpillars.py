@@ -7,6 +7,7 @@ frame * ny * nx + iy * nx + ix and the number of points.
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from anchor_reference import assert_head_is_openpcdets, assert_training_is_openpcdets
@@ -23,12 +24,7 @@ from training.detectors.backbones.pillars import (
 )
 from training.detectors.detector import Selection
 from training.detectors.heads.anchor_head import HeadOutput, direction_bin
-from training.detectors.heads.anchors import (
-    AnchorClass,
-    anchor_grid,
-    assign_targets,
-    nearest_bev_iou,
-)
+from training.detectors.heads.anchors import AnchorClass, anchor_grid, assign_targets
 from training.detectors.heads.box_coder import decode, encode
 from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
 from training.detectors.heads.selection import select_boxes
@@ -245,8 +241,49 @@ def test_anchors_and_their_objects():
     background = assign_targets(grid, [car], boxes[:0], torch.zeros(0, dtype=torch.int64))
     assert (background.labels == 0).all()
     assert len(background.positive) == 0
-    overlap = nearest_bev_iou(boxes[:1], torch.tensor([[3.0, 3.0, 0.0, 4.0, 2.0, 1.5, 1.57]]))
-    assert overlap.item() == pytest.approx(4 / 12)
+
+
+def edges_of(boxes):
+    """Lowest x and y, then highest, of boxes turned to the nearest multiple of 90 degrees."""
+    turned = (boxes[:, 6] / math.pi + 0.5) % 1 - 0.5
+    across = turned.abs() >= 0.25
+    x, y = (torch.where(across == swapped, boxes[:, 3], boxes[:, 4]) / 2 for swapped in (0, 1))
+    return boxes[:, 0] - x, boxes[:, 1] - y, boxes[:, 0] + x, boxes[:, 1] + y
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_targets_are_those_of_all_pairs(seed):
+    random = np.random.default_rng(seed)
+    classes = [AnchorClass((4.0, 2.0, 1.5), -1.0, 0.5, 0.35), AnchorClass((2, 1, 1), -1, 0.4, 0.2)]
+    anchors = anchor_grid(classes, (0.0, 0.0, -2.0, 20.0, 16.0, 2.0), (20, 16), centred=True)
+    size = [[4, 2, 1.5]] * 8 + [[2, 1, 1]] * 6
+    where = random.uniform([-2, -2, 0], [22, 18, 0], (14, 3))
+    yaw = random.uniform(-4, 4, (14, 1))
+    boxes = torch.tensor(np.hstack([where, size * random.uniform(0.5, 1.5, (14, 3)), yaw])).float()
+    labels = torch.tensor([1] * 8 + [2] * 6)
+    found = assign_targets(anchors, classes, boxes, labels)
+    expected = torch.full(anchors.shape[:3], -1)
+    chosen = torch.zeros(anchors.shape[:3], dtype=torch.int64)
+    for label, item in enumerate(classes, 1):
+        own = torch.nonzero(labels == label).flatten()
+        part = slice(2 * label - 2, 2 * label)
+        ax0, ay0, ax1, ay1 = (edge[:, None] for edge in edges_of(boxes[own]))
+        bx0, by0, bx1, by1 = edges_of(anchors[:, :, part].reshape(-1, 7))
+        dx = (torch.minimum(ax1, bx1) - torch.maximum(ax0, bx0)).clamp_min(0)
+        dy = (torch.minimum(ay1, by1) - torch.maximum(ay0, by0)).clamp_min(0)
+        areas = (ax1 - ax0) * (ay1 - ay0) + (bx1 - bx0) * (by1 - by0)
+        overlap = dx * dy / (areas - dx * dy)
+        best, target = overlap.max(dim=0)
+        top = overlap.amax(dim=1, keepdim=True)
+        forced = ((overlap == top) & (top > 0)).any(dim=0)
+        view = expected[:, :, part]
+        view[(best < item.unmatched).view(view.shape)] = 0
+        view[(forced | (best >= item.matched)).view(view.shape)] = label
+        chosen[:, :, part] = own[target].view(view.shape)
+    assert torch.equal(found.labels, expected.flatten())
+    assert torch.equal(found.positive, torch.nonzero(expected.flatten() > 0).flatten())
+    assert len(found.positive) > 14
+    assert torch.equal(found.boxes, boxes[chosen.flatten()[found.positive]])
 
 
 @pytest.mark.usefixtures("last_bits")

@@ -40,6 +40,7 @@ class AnchorHead(nn.Module):
         super().__init__()
         self.classes = tuple(classes)
         self.register_buffer("anchors", anchors, persistent=False)
+        self._grid = anchors  # stays on the CPU
         count = anchors.shape[2]
         self.conv_cls = nn.Conv2d(inputs, count * len(self.classes), 1)
         self.conv_box = nn.Conv2d(inputs, count * 7, 1)
@@ -67,7 +68,7 @@ class AnchorHead(nn.Module):
     def targets(self, boxes: Sequence[Tensor], labels: Sequence[Tensor]) -> list[AnchorTargets]:
         """What the anchors of each frame have to learn."""
         return [
-            assign_targets(self.anchors, self.classes, frame_boxes, frame_labels)
+            assign_targets(self._grid, self.classes, frame_boxes, frame_labels)
             for frame_boxes, frame_labels in zip(boxes, labels, strict=True)
         ]
 

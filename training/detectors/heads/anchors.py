@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lidarplace.base.kernel_cache import njit
 from training.detectors.backbones.backbone_2d import BackboneSettings
 from training.detectors.detector import PointRange
 from training.detectors.heads.box_coder import limit_period
@@ -153,24 +154,18 @@ def anchor_grid(
     return torch.stack(anchors, dim=2)
 
 
-def nearest_bev_iou(a: Tensor, b: Tensor) -> Tensor:
-    """IoU from above of boxes (N, 7) and (M, 7) turned to the nearest multiple of 90°, (N, M)."""
-    ax0, ay0, ax1, ay1 = (edge[:, None] for edge in _upright(a))
-    bx0, by0, bx1, by1 = _upright(b)
-    dx = (torch.minimum(ax1, bx1) - torch.maximum(ax0, bx0)).clamp_min(0)
-    dy = (torch.minimum(ay1, by1) - torch.maximum(ay0, by0)).clamp_min(0)
-    common = dx * dy
-    areas = (ax1 - ax0) * (ay1 - ay0) + (bx1 - bx0) * (by1 - by0)
-    return common / (areas - common).clamp_min(1e-6)
-
-
 def _upright(boxes: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Lowest x and y, then highest, of the turned boxes, each (N,)."""
-    x, y, _, length, width, _, yaw = boxes.unbind(dim=1)
-    across = limit_period(yaw, 0.5, math.pi).abs() >= math.pi / 4
-    half_x = torch.where(across, width, length) / 2
-    half_y = torch.where(across, length, width) / 2
+    half_x, half_y = _halves(boxes)
+    x, y = boxes[:, 0], boxes[:, 1]
     return x - half_x, y - half_y, x + half_x, y + half_y
+
+
+def _halves(boxes: Tensor) -> tuple[Tensor, Tensor]:
+    """Half of the sides along x and along y of the turned boxes, each (N,)."""
+    length, width, yaw = boxes[:, 3], boxes[:, 4], boxes[:, 6]
+    across = limit_period(yaw, 0.5, math.pi).abs() >= math.pi / 4
+    return torch.where(across, width, length) / 2, torch.where(across, length, width) / 2
 
 
 def assign_targets(
@@ -179,44 +174,80 @@ def assign_targets(
     """Give every anchor an object of its class, background, or neither.
 
     As OpenPCDet's AxisAlignedTargetAssigner: an anchor takes the object that it overlaps most if
-    that is at least `matched`; each object's best anchors learn whatever the overlap.
+    that is at least `matched`; each object's best anchors learn whatever the overlap. Overlap is
+    the IoU from above of boxes turned to the nearest multiple of 90 degrees.
 
     Args:
-        anchors: (ny, nx, K, 7) of `anchor_grid`.
+        anchors: (ny, nx, K, 7) of `anchor_grid`, on a CPU.
         boxes, labels: objects of the frame, (M, 7) and (M,), labels from 1 in order of `classes`.
+
+    Returns:
+        Where `boxes` are.
     """
-    per_class = [len(item.rotations) for item in classes]
-    result = anchors.new_full(anchors.shape[:3], -1, dtype=torch.int64)
-    chosen = anchors.new_zeros(anchors.shape[:3], dtype=torch.int64)
+    grid, own = anchors.numpy(), labels.cpu().numpy()
+    edges = torch.stack(_upright(boxes.to(anchors))).numpy()
+    x, y = anchors[0, :, :, 0].numpy(), anchors[:, 0, :, 1].numpy()
+    halves = torch.stack(_halves(anchors[0, 0])).numpy()
+    result = np.full(grid.shape[:3], -1, np.int64)
+    chosen = np.empty(grid.shape[:3], np.int64)
     first = 0
-    for index, item in enumerate(classes):
-        last = first + per_class[index]
-        own = torch.nonzero(labels == index + 1).flatten()
-        label, target = _assign_class(
-            anchors[:, :, first:last].reshape(-1, 7), item, boxes[own], index + 1
+    for label, item in enumerate(classes, 1):
+        part = slice(first, first + len(item.rotations))
+        first = part.stop
+        best, target, forced = _overlaps(
+            x[:, part], y[:, part], halves[:, part], edges, np.flatnonzero(own == label)
         )
-        result[:, :, first:last] = label.view(result[:, :, first:last].shape)
-        if len(own):
-            chosen[:, :, first:last] = own[target].view(result[:, :, first:last].shape)
-        first = last
-    flat = result.flatten()
-    positive = torch.nonzero(flat > 0).flatten()
-    return AnchorTargets(flat, positive, boxes[chosen.flatten()[positive]])
+        view = result[:, :, part]
+        view[best < item.unmatched] = 0
+        view[forced | (best >= item.matched)] = label
+        chosen[:, :, part] = target
+    flat = result.ravel()
+    positive = np.flatnonzero(flat > 0)
+    found = boxes[torch.from_numpy(chosen.ravel()[positive]).to(boxes.device)]
+    return AnchorTargets(
+        torch.from_numpy(flat).to(boxes.device), torch.from_numpy(positive).to(boxes.device), found
+    )
 
 
-def _assign_class(
-    anchors: Tensor, item: AnchorClass, boxes: Tensor, label: int
-) -> tuple[Tensor, Tensor]:
-    """Label of each anchor and the row of `boxes` that it overlaps most."""
-    labels = torch.full((len(anchors),), -1, dtype=torch.int64, device=anchors.device)
-    if len(boxes) == 0:
-        return labels.zero_(), labels
-    # Few objects, many anchors: anchors along the contiguous dimension are several times faster.
-    overlap = nearest_bev_iou(boxes, anchors)
-    best, target = overlap.max(dim=0)
-    best_of_box = overlap.amax(dim=1, keepdim=True)
-    # An object that no anchor touches has no best anchor.
-    forced = ((overlap == best_of_box) & (best_of_box > 0)).any(dim=0)
-    labels[best < item.unmatched] = 0
-    labels[forced | (best >= item.matched)] = label
-    return labels, target
+@njit(cache=True, error_model="numpy")
+def _overlaps(x, y, halves, edges, objects):  # pragma: no cover - compiled
+    """Largest overlap of each anchor, with which object, and whether it is that one's best.
+
+    Args:
+        x, y: of the anchors by column and by row of the grid, shapes (nx, R) and (ny, R).
+        halves: of their sides along x and y, shape (2, R).
+        edges: lowest x and y, then highest, of all objects, shape (4, M).
+        objects: those that count.
+    """
+    shape = len(y), len(x), x.shape[1]
+    best = np.zeros(shape, x.dtype)
+    target = np.zeros(shape, np.int64)
+    forced = np.zeros(shape, np.bool_)
+    least = x.dtype.type(1e-6)
+    for m in objects:
+        x0, y0, x1, y1 = edges[:, m]
+        area = (x1 - x0) * (y1 - y0)
+        most = x.dtype.type(0)
+        for again in range(2):
+            for k in range(shape[2]):
+                hx, hy = halves[:, k]
+                for i in range(shape[0]):
+                    low, high = y[i, k] - hy, y[i, k] + hy
+                    dy = min(y1, high) - max(y0, low)
+                    if not dy > 0:
+                        continue
+                    side = high - low
+                    for j in range(shape[1]):
+                        low, high = x[j, k] - hx, x[j, k] + hx
+                        dx = min(x1, high) - max(x0, low)
+                        if not dx > 0:
+                            continue
+                        common = dx * dy
+                        overlap = common / max(area + (high - low) * side - common, least)
+                        if again:
+                            forced[i, j, k] |= overlap == most
+                        else:
+                            most = max(most, overlap)
+                            if overlap > best[i, j, k]:
+                                best[i, j, k], target[i, j, k] = overlap, m
+    return best, target, forced
