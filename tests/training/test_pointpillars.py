@@ -4,6 +4,7 @@ tests/data/openpcdet/pointpillar.npz, see openpcdet_reference; `cells` and `coun
 frame * ny * nx + iy * nx + ix and the number of points.
 """
 
+import copy
 import math
 from dataclasses import replace
 
@@ -115,9 +116,10 @@ def test_grouping_keeps_the_first_points_and_pillars():
     assert one.cells.tolist() == [1]
 
 
+@pytest.mark.parametrize("training", [False, True])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("limits", [(None, None), (3, (5, 40)), (1, (1, 1))])
-def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype):
+@pytest.mark.parametrize("limits", [(None, None), (3, (40, 40)), (3, (5, 40)), (1, (1, 1))])
+def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype, training):
     torch.manual_seed(0)
     grid = PillarGrid((0.0, -2.0, -1.0, 4.0, 2.0, 1.0), (0.5, 0.4), *limits)
     encoder = PillarEncoder(grid, 7, 0.1)
@@ -127,19 +129,27 @@ def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype):
         (norm.bias, -1, 1),
     ):  # fmt: skip
         torch.nn.init.uniform_(values, low, high)
-    encoder.to(dtype).eval()
+    encoder.to(dtype).train(training)
     low, high = torch.tensor([-0.5, -2.2, -1.1, 0.0]), torch.tensor([4.5, 2.2, 1.1, 1.0])
     frames = [torch.rand(count, 4) * (high - low) + low for count in (300, 0, 40, 1)]
     frames[0][:3, 0], frames[0][3, 3] = math.nan, math.inf
     frames[0][4] = torch.tensor([4.0, 2.0, 1.0, 0.5])  # on the far corner: outside
-    batch = group(frames, grid, training=False, device=torch.device("cpu"))
-    with torch.no_grad():
-        batch = replace(batch, points=batch.points.to(dtype))
-        expected = scatter(encoder(batch), batch, grid)
-        found = pillar_image(frames, encoder)
+    ours = copy.deepcopy(encoder)
+    batch = group(frames, grid, training=training, device=torch.device("cpu"))
+    batch = replace(batch, points=batch.points.to(dtype))
+    expected = scatter(encoder(batch), batch.cells, len(frames), grid)
+    found = pillar_image(frames, ours)
     assert expected[0].count_nonzero() > 0
     assert found.is_contiguous(memory_format=torch.channels_last)
-    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
+    close = {"rtol": 1e-4, "atol": 1e-5} if dtype == torch.float32 else {"rtol": 1e-6, "atol": 1e-6}
+    torch.testing.assert_close(found, expected, **close)
+    gradient = torch.randn_like(expected)
+    expected.backward(gradient)
+    found.backward(gradient)
+    for one, other in zip(encoder.parameters(), ours.parameters(), strict=True):
+        torch.testing.assert_close(other.grad, one.grad, **close | {"atol": 1e-3})
+    for one, other in zip(encoder.buffers(), ours.buffers(), strict=True):
+        torch.testing.assert_close(other, one, **close)
 
 
 def test_few_anchors_decoded_are_those_of_all():

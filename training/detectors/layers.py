@@ -22,15 +22,20 @@ class PaddedBatchNorm(nn.BatchNorm1d):
             return super().forward(rows)
         mean = rows.sum(dim=0) / total
         variance = ((rows - mean).square().sum(dim=0) + zeros * mean.square()) / total
-        with torch.no_grad():
-            assert self.running_mean is not None
-            assert self.running_var is not None
-            assert self.momentum is not None
-            assert self.num_batches_tracked is not None
-            self.running_mean.lerp_(mean, self.momentum)
-            self.running_var.lerp_(variance * (total / (total - 1)), self.momentum)
-            self.num_batches_tracked += 1
+        self.follow(mean, variance, total)
         return (rows - mean) * torch.rsqrt(variance + self.eps) * self.weight + self.bias
+
+    @torch.no_grad()
+    def follow(self, mean: Tensor, variance: Tensor, rows: int) -> None:
+        """Move the running statistics towards those (C,) of a batch of so many rows."""
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        assert self.momentum is not None
+        assert self.num_batches_tracked is not None
+        self.running_mean.lerp_(mean.to(self.running_mean), self.momentum)
+        unbiased = variance * (rows / (rows - 1))
+        self.running_var.lerp_(unbiased.to(self.running_var), self.momentum)
+        self.num_batches_tracked += 1
 
 
 class RowConv2d(nn.Conv2d):

@@ -118,12 +118,12 @@ class PointPillars(OneStageDetector):
 
     def _pillars(self, points: Sequence[Tensor]) -> Tensor:
         """The image of the pillars, (B, C, ny, nx)."""
-        if self.device.type == "cpu" and not (self.training or torch.is_grad_enabled()):
+        if self.device.type == "cpu":
             return pillar_image(points, self.vfe)
         batch = group(points, self.grid, self.training, self.device)
         weight = self.dense_head.conv_cls.weight
         batch = replace(batch, points=batch.points.to(weight.dtype))
-        return scatter(self.vfe(batch), batch, self.grid)
+        return scatter(self.vfe(batch), batch.cells, len(points), self.grid)
 
 
 build = builder(PointPillars, PRESETS)

@@ -1,127 +1,236 @@
-"""The image of pillars in one pass over the points: evaluation on a CPU.
+"""The image of pillars in one pass over the points, on a CPU.
 
 What `group`, `PillarEncoder` and `scatter` do one after the other, without a row for every point. A
-point's features are linear in its offset from the pillar's centre and its intensity, but for what
-all points of the pillar share: its centre, and where the mean of its points lies. So, with batch
-norm folded into the weights, the maximum over the pillar is that of four products a point and
-channel, and the rest is added once. A maximum asks for no order: points stay unsorted.
+point's features are linear in ten terms: its offset from the pillar's centre (3) and its intensity,
+and what all points of the pillar share: its centre (3), and the offset of the mean of its points
+from there (3). Batch norm keeps or turns round the order of the values of a channel. So the maximum
+over the pillar is that of four products a point and channel, the rest is added once, and statistics
+of a batch follow from the sums of the terms and of their products. A maximum asks for no order:
+points stay unsorted.
 """
 
+from __future__ import annotations
+
+import math
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.utils.fusion import fuse_linear_bn_weights
 
 from lidarplace.base.kernel_cache import njit
-from training.detectors.backbones.pillars import PillarEncoder, PillarFeatureLayer
-
-
-class _Weights(NamedTuple):
-    """What C channels take of a point and of its pillar; float arrays.
-
-    Attributes:
-        point: of offset from the centre and intensity, shape (4, C).
-        centre: of the pillar's centre, shape (3, C).
-        mean: of the offset of the mean from the centre, shape (3, C).
-        bias: shape (C,).
-    """
-
-    point: NDArray[np.floating]
-    centre: NDArray[np.floating]
-    mean: NDArray[np.floating]
-    bias: NDArray[np.floating]
+from training.detectors.backbones.pillars import (
+    PillarEncoder,
+    PillarFeatureLayer,
+    PillarGrid,
+    scatter,
+)
+from training.detectors.layers import PaddedBatchNorm
 
 
 def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     """Pillars of frames of points (N, 4) as an image (frames, C, ny, nx), channels last in memory.
 
-    That of `scatter` for an encoder in evaluation, up to rounding, in the dtype of its weights.
-    These are on a CPU; gradients do not flow.
+    That of `scatter`, up to rounding, in the dtype of the encoder's weights. These are on a CPU;
+    gradients flow to them, not to the points.
     """
-    grid = encoder.grid
-    nx, ny = grid.shape
-    weights = _folded(cast(PillarFeatureLayer, encoder.pfn_layers[0]))
-    x, _, z = grid.centres(torch.arange(nx)).T.numpy()
-    _, y, _ = grid.centres(nx * torch.arange(ny)).T.numpy()
-    image = np.zeros((len(frames), ny * nx, encoder.filters), weights.bias.dtype)
-    # What upstream fills a pillar up with goes through batch norm, too.
-    padding = weights.bias if grid.max_points else np.zeros_like(weights.bias)
-    for frame, pixels in zip(frames, image, strict=True):
-        points = frame.detach().cpu().numpy().astype(np.float32, copy=False)
-        _fill(
-            points, grid.cells(points), (x, y, z[0]), grid.limits(False), weights, padding, pixels
+    layer = cast(PillarFeatureLayer, encoder.pfn_layers[0])
+    norm, grid = layer.norm, encoder.grid
+    points = np.concatenate([np.zeros((0, 4), np.float32), *(f.numpy() for f in frames)])
+    ends = np.cumsum([len(frame) for frame in frames])
+    parameters = (layer.linear.weight, norm.weight, norm.bias)
+    features, cells = _Features.apply(*parameters, points, ends, grid, norm)  # type: ignore[no-untyped-call]
+    return scatter(features, cells, len(frames), grid)
+
+
+class _Pillars(NamedTuple):
+    """Pillars, as compiled code finds them.
+
+    Attributes:
+        cells: as of `PillarBatch`, shape (P,), int64.
+        counts: points of each, shape (P,), int64.
+        sums: of the offset from the centre and of intensity over its points, shape (P, 4), float64.
+        best: largest sum of the four products, shape (P, C).
+        winner: row of the point that has it, shape (P, C), int32.
+    """
+
+    cells: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    sums: NDArray[np.float64]
+    best: NDArray[np.floating]
+    winner: NDArray[np.int32]
+
+
+class _Features(torch.autograd.Function):
+    """Linear layer, batch norm, ReLU and maximum, with the gradient in closed form.
+
+    g: the gradient at the output of batch norm, of the points that are a maximum alone; u: the ten
+    terms of a point; V: their weights; x: normalised values. Then
+    dL/dV = γ/σ (Σ g u - mean(g) Σ u - mean(g x) Σ x u), and Σ x u = (V Σ u uᵀ - μ Σ u)/σ.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        weight: Tensor,
+        gamma: Tensor,
+        beta: Tensor,
+        points: NDArray[np.float32],
+        ends: NDArray[np.int64],
+        grid: PillarGrid,
+        norm: PaddedBatchNorm,
+    ) -> tuple[Tensor, Tensor]:
+        """Features (P, C) of the pillars, and their cells (P,)."""
+        own = weight.detach().numpy()
+        from_mean, from_centre = own[:, 4:7], own[:, 7:]
+        moving = np.hstack([own[:, :3] + from_mean + from_centre, own[:, 3:4]])
+        shared = np.hstack([own[:, :3], -from_mean])
+        sign = np.where(gamma.detach().numpy() < 0, -1, 1).astype(own.dtype)
+        x, _, z = grid.centres(torch.arange(grid.shape[0])).T.numpy()
+        _, y, _ = grid.centres(grid.shape[0] * torch.arange(grid.shape[1])).T.numpy()
+        products = np.zeros((4, 4))
+        pillars = _Pillars(
+            *_collect(
+                points,
+                grid.cells(points),
+                ends,
+                (x, y, z[0]),
+                grid.limits(norm.training),
+                np.ascontiguousarray((sign[:, None] * moving).T),
+                products,
+            )
         )
-    return torch.from_numpy(image).view(len(frames), ny, nx, -1).permute(0, 3, 1, 2)
+        column, row = pillars.cells % len(x), pillars.cells // len(x) % len(y)
+        centres = np.stack([x[column], y[row], np.full(len(row), z[0])], axis=1)
+        rest = np.hstack([centres, pillars.sums[:, :3] / pillars.counts[:, None]])
+        raw = pillars.best  # from here on in place: these are the large arrays
+        raw *= sign
+        raw += rest.astype(own.dtype) @ shared.T
+        rows = int(pillars.counts.sum())
+        if grid.max_points:  # upstream fills a pillar up with rows of zeros
+            rows = len(raw) * grid.max_points
+            zero = (pillars.counts < grid.max_points)[:, None] & (sign * raw < 0)
+            raw[zero], pillars.winner[zero] = 0, -1
+        total = np.hstack([pillars.sums.sum(axis=0), pillars.counts @ rest])
+        by_rest = pillars.sums.T @ rest
+        squares = np.block(
+            [[products, by_rest], [by_rest.T, rest.T @ (pillars.counts[:, None] * rest)]]
+        )
+        terms = np.hstack([moving, shared]).astype(np.float64)
+        batch = norm.training and rows > 1  # one row has no variance
+        if batch:
+            mean = terms @ total / rows
+            spread = squares / rows - np.outer(total, total) / rows**2
+            variance = np.maximum(np.einsum("ci,ij,cj->c", terms, spread, terms), 0)
+            norm.follow(torch.from_numpy(mean), torch.from_numpy(variance), rows)
+        else:
+            mean, variance = (
+                cast(Tensor, t).numpy() for t in (norm.running_mean, norm.running_var)
+            )
+        scale = 1 / np.sqrt(variance + norm.eps)
+        raw -= mean.astype(own.dtype)
+        raw *= scale.astype(own.dtype)
+        out = raw * gamma.detach().numpy()
+        out += beta.detach().numpy()
+        np.maximum(out, 0, out=out)
+        ctx.kept = points, pillars.winner, centres, rest, raw, out
+        ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
+        ctx.save_for_backward(gamma)
+        cells = torch.from_numpy(pillars.cells)
+        ctx.mark_non_differentiable(cells)
+        return torch.from_numpy(out), cells
 
-
-def _folded(layer: PillarFeatureLayer) -> _Weights:
-    """The weights of a linear layer and its batch norm, brought into the terms of `_Weights`."""
-    norm = layer.norm
-    assert norm.running_mean is not None
-    assert norm.running_var is not None
-    weight, bias = fuse_linear_bn_weights(
-        layer.linear.weight,
-        None,
-        norm.running_mean,
-        norm.running_var,
-        norm.eps,
-        norm.weight,
-        norm.bias,
-    )
-    place, intensity, from_mean, from_centre = weight.detach().T.split([3, 1, 3, 3])
-    point = torch.cat([place + from_mean + from_centre, intensity])
-    terms = (point, place, -from_mean, bias.detach())
-    return _Weights(*(term.contiguous().numpy() for term in terms))
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor, _: Any) -> tuple[Tensor | None, ...]:
+        """Gradients of weight, gamma and beta."""
+        points, winner, centres, rest, normal, out = ctx.kept
+        terms, total, squares, mean, scale, rows = ctx.sums
+        (gamma,) = ctx.saved_tensors
+        g = np.where(out > 0, gradient.numpy(), 0)
+        of_points = np.where(winner >= 0, g, 0)
+        moving = _sum_winners(points, centres, winner, of_points)
+        found = np.hstack([moving, of_points.T @ rest])
+        of_gamma, of_beta = np.einsum("pc,pc->c", g, normal), g.sum(axis=0)
+        by_normal = (terms @ squares - np.outer(mean, total)) * scale[:, None]
+        found -= np.outer(of_beta, total) / rows + of_gamma[:, None] * by_normal / rows
+        found *= (gamma.detach().numpy() * scale)[:, None]
+        place = found[:, :3]
+        of_weight = np.hstack([place + found[:, 4:7], found[:, 3:4], place - found[:, 7:], place])
+        kind = gamma.dtype
+        of_all = (torch.from_numpy(item).to(kind) for item in (of_weight, of_gamma, of_beta))
+        return (*of_all, None, None, None, None)
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(points, cells, centres, limits, weights, padding, pixels):
-    """Write the features of all pillars of a frame into `pixels`, shape (ny * nx, C).
+def _collect(
+    points, cells, ends, centres, limits, weights, products
+):  # pragma: no cover - compiled
+    """The fields of `_Pillars`; adds the products of the four terms of all points to `products`.
 
-    `centres` are x of every column of pillars, y of every row, and z.
+    Args:
+        points: of frame after frame, shape (N, 4); `cells` (N,) of each in its frame.
+        ends: where the frames end.
+        centres: x of every column of pillars, y of every row, and z.
+        limits: points of a pillar, and pillars of a frame.
+        weights: of the four terms, shape (4, C).
     """
-    max_points, max_pillars = limits
     columns, rows, height = centres
-    channels = pixels.shape[1]
-    counts = np.zeros(len(pixels), np.int32)
-    sums = np.zeros((len(pixels), 3), points.dtype)
-    pillars = np.empty(min(len(points), len(pixels)), np.int32)
-    found = 0
-    for i in range(len(points)):
-        cell = cells[i]
-        if cell < 0 or counts[cell] >= max_points:
-            continue
-        pixel = pixels[cell]
-        if counts[cell] == 0:
-            if found == max_pillars:
+    max_points, max_pillars = limits
+    channels = weights.shape[1]
+    most = min(len(points), len(ends) * min(max_pillars, len(columns) * len(rows)))
+    table = np.empty(len(columns) * len(rows), np.int32)
+    found_cells, counts = np.empty(most, np.int64), np.zeros(most, np.int64)
+    sums = np.zeros((most, 4))
+    best = np.full((most, channels), -np.inf, weights.dtype)
+    winner = np.empty((most, channels), np.int32)
+    found = start = 0
+    for frame in range(len(ends)):
+        table[:] = -1
+        first = found
+        for n in range(start, ends[frame]):
+            cell = cells[n]
+            if cell < 0:
                 continue
-            pillars[found] = cell
-            found += 1
-            pixel[:] = -np.inf
-        counts[cell] += 1
-        row = cell // len(columns)
-        x, y = points[i, 0] - columns[cell - row * len(columns)], points[i, 1] - rows[row]
-        z, light = points[i, 2] - height, points[i, 3]
-        sums[cell, 0] += x
-        sums[cell, 1] += y
-        sums[cell, 2] += z
-        for c in range(channels):
-            value = weights.point[0, c] * x + weights.point[1, c] * y
-            value += weights.point[2, c] * z + weights.point[3, c] * light
-            pixel[c] = value if value > pixel[c] else pixel[c]
-    for cell in pillars[:found]:
-        pixel = pixels[cell]
-        centre_x, centre_y = columns[cell % len(columns)], rows[cell // len(columns)]
-        x, y, z = sums[cell] / np.float32(counts[cell])
-        full = counts[cell] == max_points
-        for c in range(channels):
-            value = pixel[c] + weights.bias[c]
-            value += weights.centre[0, c] * centre_x + weights.centre[1, c] * centre_y
-            value += weights.centre[2, c] * height + weights.mean[0, c] * x
-            value += weights.mean[1, c] * y + weights.mean[2, c] * z
-            value = padding[c] if padding[c] > value and not full else value
-            pixel[c] = 0.0 if value < 0.0 else value
+            p = table[cell]
+            if p < 0:
+                if found - first == max_pillars:
+                    continue
+                p = table[cell] = found
+                found_cells[p] = cell + frame * len(table)
+                found += 1
+            if counts[p] == max_points:
+                continue
+            counts[p] += 1
+            row = cell // len(columns)
+            x, y = points[n, 0] - columns[cell - row * len(columns)], points[n, 1] - rows[row]
+            z, light = points[n, 2] - height, points[n, 3]
+            for c in range(channels):
+                value = weights[0, c] * x + weights[1, c] * y
+                value += weights[2, c] * z + weights[3, c] * light
+                better = value > best[p, c]
+                best[p, c] = value if better else best[p, c]
+                winner[p, c] = n if better else winner[p, c]
+            u = (np.float64(x), np.float64(y), np.float64(z), np.float64(light))
+            for i in range(4):
+                sums[p, i] += u[i]
+                for j in range(4):
+                    products[i, j] += u[i] * u[j]
+        start = ends[frame]
+    return found_cells[:found], counts[:found], sums[:found], best[:found], winner[:found]
+
+
+@njit(cache=True)
+def _sum_winners(points, centres, winner, gradient):  # pragma: no cover - compiled
+    """Sum of the four terms of the winners times their gradients, shape (C, 4), float64."""
+    total = np.zeros((winner.shape[1], 4))
+    for p in range(len(winner)):
+        for c in range(winner.shape[1]):
+            g = gradient[p, c]
+            if g != 0:
+                n = winner[p, c]
+                for axis in range(3):
+                    total[c, axis] += g * (points[n, axis] - centres[p, axis])
+                total[c, 3] += g * points[n, 3]
+    return total

@@ -218,10 +218,10 @@ class PillarEncoder(nn.Module):
         return features
 
 
-def scatter(features: Tensor, batch: PillarBatch, grid: PillarGrid) -> Tensor:
+def scatter(features: Tensor, cells: Tensor, frames: int, grid: PillarGrid) -> Tensor:
     """Pillar features (P, C) as an image (frames, C, ny, nx), zero where there is no pillar."""
     nx, ny = grid.shape
-    image = features.new_zeros(batch.frames * ny * nx, features.shape[1])
-    image.index_copy_(0, batch.cells, features)
+    image = features.new_zeros(frames * ny * nx, features.shape[1])
+    image.index_copy_(0, cells, features)
     # Channels last in memory, which convolutions on a CPU like better.
-    return image.view(batch.frames, ny, nx, -1).permute(0, 3, 1, 2)
+    return image.view(frames, ny, nx, -1).permute(0, 3, 1, 2)
