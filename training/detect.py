@@ -13,6 +13,7 @@ from torch import Tensor
 from lidarplace.clouds.clouds import Frames
 from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
+from training.detectors.contract import as_arrays
 from training.detectors.detector import PointRange, Selection
 from training.detectors.folding import fold_batch_norm
 from training.device import device
@@ -52,18 +53,19 @@ def detect(
     """
     model = build(detector, classes, point_range=point_range, typical=typical)
     model.load_state_dict(state_dict)
-    fold_batch_norm(model)
-    model.to(device())
+    if type(model).__module__.startswith("training."):  # others may call layers one by one
+        fold_batch_norm(model)
+    model.to(device()).eval()
     selection = _selection(model.selection, settings)
     size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH
     lift = np.array([0, 0, model.sensor_height, 0], np.float32)
     found: list[dict[str, NDArray[np.generic]]] = []
     for first in range(0, len(clouds), size):
         batch = range(first, min(first + size, len(clouds)))
-        predictions = model.predict([torch.from_numpy(clouds[i] - lift) for i in batch], selection)
-        found += [
-            {name: value.cpu().numpy() for name, value in item.items()} for item in predictions
-        ]
+        points = [torch.from_numpy(clouds[i] - lift) for i in batch]
+        with torch.no_grad():
+            predictions = model.predict(points, selection)
+        found += as_arrays(model, predictions, [clouds.frames[i] for i in batch])
 
     def table(name: str) -> pd.DataFrame:
         """The boxes `name` of all frames."""

@@ -248,6 +248,8 @@ def _train_epoch(
         try:
             losses = optimisation.step(as_tensors(samples))
         except ArithmeticError as error:
+            if type(error) is not ArithmeticError:  # of the network's own code
+                raise
             raise ArithmeticError(
                 f"{error} in epoch {seed[1]}, step {1 + first // batch_size}, frames "
                 f"{frames.numbers[rows].tolist()}; a lower lr than "

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from training.detectors.contract import checked_losses
 from training.detectors.detector import Detector
 from training.one_cycle import OneCycle
 from training.settings import TrainingSettings
@@ -54,7 +55,7 @@ class Optimisation:
             if "betas" in group:
                 group["betas"] = (momentum, group["betas"][1])
         with torch.autocast(self._model.device.type, self._dtype, enabled=self._mixed):
-            losses = self._model.loss(*batch)
+            losses = checked_losses(self._model, self._model.loss(*batch))
         if not math.isfinite(losses["loss"].item()):
             raise ArithmeticError(f"the loss is {losses['loss'].item()}")
         self._optimizer.zero_grad()

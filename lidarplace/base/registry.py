@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import pkgutil
 import sys
+import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -25,6 +26,9 @@ T = TypeVar("T")
 PLUGINS: dict[str, Distribution | None] = {}
 """Top-level packages whose names were asked for, and what installed them; None: a folder."""
 
+FOLDERS: list[Path] = []
+"""Of configurations: `package.module:name` is looked up there, then in the current folder."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -33,6 +37,17 @@ class PluginError(KeyError, ValueError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def plugin_place(error: BaseException) -> str:
+    """`FILE:LINE: ` of the innermost call in a plug-in that raised it; empty if there is none."""
+    place = ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        package = str(frame.f_globals.get("__name__")).partition(".")[0]
+        if package in PLUGINS:
+            _, folder, file = frame.f_code.co_filename.rpartition(f"/{package}/")
+            place = f"{folder[1:]}{file}:{line}: "
+    return place
 
 
 class Registry(Mapping[str, T]):
@@ -83,8 +98,8 @@ class Registry(Mapping[str, T]):
             return f"{found[0].module}:{found[0].attr}"
         if name in self.own or ":" not in name:
             return None
-        if (folder := str(Path.cwd())) not in sys.path:
-            sys.path.append(folder)
+        folders = (str(folder) for folder in (*FOLDERS, Path.cwd()))
+        sys.path += [folder for folder in dict.fromkeys(folders) if folder not in sys.path]
         PLUGINS.setdefault(name.partition(":")[0].partition(".")[0], None)
         return name
 
@@ -114,8 +129,10 @@ class Registry(Mapping[str, T]):
         where = name if name == path else f"{name} ({path})"
         try:
             found = pkgutil.resolve_name(path)
-        except Exception as error:  # a plug-in can raise anything
-            why = " ".join(f"{type(error).__name__}: {error}".split())
+        except (Exception, SystemExit) as error:  # a plug-in can raise anything
+            why = plugin_place(error) + " ".join(f"{type(error).__name__}: {error}".split())
+            if getattr(error, "name", None) == path.partition(":")[0].partition(".")[0]:
+                why += "; put its folder next to the configuration, here, or on PYTHONPATH"
             raise PluginError(f"{where}: cannot be imported: {why}") from error
         if not self._fits(found):
             kind = type(found).__name__

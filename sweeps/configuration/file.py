@@ -10,6 +10,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.registry import FOLDERS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
@@ -60,6 +61,7 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
         if key not in model.model_fields:
             problem = unknown_key(str(key), model)
             raise ConfigError(problem, place=str(path), key=shortened(str(key)))
+    FOLDERS.append(path.parent.resolve())
     return raw
 
 

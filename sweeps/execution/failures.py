@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from lidarplace.base.registry import plugin_place
 from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets
@@ -40,9 +41,10 @@ class Failure:
         """What to keep of an exception, while it is handled."""
         text = hide_secrets(" ".join(str(error).split()))
         name = type(error).__name__
+        place = plugin_place(error)
         damaged = isinstance(error, DamagedResult)
         return cls(
-            text if isinstance(error, ValueError) else f"{name}: {text}",
+            text if isinstance(error, ValueError) and not place else f"{place}{name}: {text}",
             hide_secrets(traceback.format_exc()),
             lasting=isinstance(error, (ValueError, ArithmeticError)) and not damaged,
             damaged=damaged,

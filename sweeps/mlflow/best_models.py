@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import warnings
 from collections.abc import Iterable
 from importlib.metadata import version
@@ -50,7 +51,7 @@ def log_best_models(
             "seed": point.seed,
             f"{HEADLINE_METRIC}.{point.classes[0]}": f"{ap:.2f}",
         }
-        log.model(Model(detector, trial.key, own, about))
+        log.model(Model(re.sub(r"[/:.%\"']", "_", detector), trial.key, own, about))
 
 
 def save_model(trial: DetectorTrial, store: AnyStore, path: Path) -> None:

@@ -7,6 +7,7 @@ from lidarplace.clouds.clouds import Crop
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.sweep import Point
+from training import NETWORKS, build_detector, network_of
 from training.typical_objects import TypicalObject, from_plain
 
 
@@ -54,7 +55,7 @@ def checkpoint_of(
     And the typical objects of the classes: those of the checkpoint, unless `new_heads` are trained,
     before those of the data. Sizes of the configuration, of the classes `fixed`, stay.
     """
-    from training import build_detector  # torch, which a sweep from scratch need not wait for
+    # torch, which a sweep from scratch need not wait for
     from training.checkpoints import load_checkpoint, read_checkpoint
 
     try:
@@ -69,3 +70,14 @@ def checkpoint_of(
         raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
     except ValueError as error:
         raise ConfigError(f"training.checkpoint: {error}") from None
+
+
+def check_network(
+    detector: str, classes: Sequence[str], point_range: Crop, typical: tuple[TypicalObject, ...]
+) -> None:
+    """Build a network of a plug-in: what is wrong is told before hours of scenes."""
+    if NETWORKS.roots([network_of(detector)]):
+        try:
+            build_detector(detector, classes, point_range=point_range, typical=typical)
+        except ValueError as error:
+            raise ConfigError(f"detector: {error}") from None

@@ -34,7 +34,7 @@ from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.named_files import checkpoint_of, curve_names, curves_of
+from sweeps.plan.named_files import check_network, checkpoint_of, curve_names, curves_of
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
 from sweeps.tasks.parameters import (
     AccuracyParams,
@@ -122,6 +122,7 @@ class _Builder:
         self._digest_of = cache(clouds_digest)
         self._check_recorded = cache(_check_recorded)
         self._checkpoint = cache(checkpoint_of)
+        self._check_network = cache(check_network)
         self._curves = cache(curves_of)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
@@ -312,6 +313,7 @@ class _Builder:
                 typical,
                 frozenset(n for n, own in point.class_settings.items() if own.size is not None),
             )
+        self._check_network(detector, point.classes, crop, typical)
         network = NetworkParams(detector, point.classes, settings, crop, typical=typical)
         training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
         before: tuple[Task, ...] = ()

@@ -9,7 +9,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.base.class_names import fault_of_name
-from lidarplace.base.registry import Registry
+from lidarplace.base.errors import InputError
+from lidarplace.base.registry import Registry, plugin_place
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from training.typical_objects import TypicalObject
@@ -50,11 +51,21 @@ def build(
     ):
         raise ValueError(f"point_range needs finite low < high on every axis, found {point_range}")
     # torch takes seconds to import, and who only evaluates does not need it.
+    from training.detectors.detector import Detector
     from training.vector_math import settle_vector_math
 
     settle_vector_math()
     make = plug_in or importlib.import_module(f"training.detectors.{network}").build
-    model: Detector = make(classes, own or preset or "openpcdet", point_range, typical)
+    try:
+        model = make(classes, own or preset or "openpcdet", point_range, typical)
+    except Exception as error:
+        if not plug_in:
+            raise
+        fault = f"{plugin_place(error)}{type(error).__name__}: {error}"
+        raise InputError(fault, place=network) from error
+    if not isinstance(model, Detector):
+        expected, found = "a Detector, see training.detectors.detector", type(model).__name__
+        raise InputError("wrong type", place=network, expected=expected, found=found)
     model.typical = tuple(item for item in typical if item.name in classes)
     return model
 
@@ -78,6 +89,6 @@ def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> 
 def network_and_preset(name: str) -> tuple[str, str | None]:
     """The network that a detector is, and the preset that its name says."""
     for preset in ("paper", "tiny"):
-        if name.endswith(f"_{preset}"):
+        if name.endswith(f"_{preset}") and name not in PLUG_INS:
             return name.removesuffix(f"_{preset}"), preset
     return name, None

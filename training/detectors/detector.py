@@ -58,8 +58,8 @@ class Detector(nn.Module, ABC):
         self,
         classes: Sequence[str],
         point_range: PointRange,
-        sensor_height: float,
-        selection: Selection,
+        sensor_height: float = 0.0,
+        selection: Selection = Selection(),
     ) -> None:
         super().__init__()
         self.classes = tuple(classes)
