@@ -10,14 +10,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from lidarplace.base.metrics import HEADLINE_METRIC
+from lidarplace.base.registry import PLUGINS
 from lidarplace.files.atomic import sync
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import metric_mean
 from sweeps.store.open import AnyStore
 from sweeps.store.whole_folder import whole_folder
+from sweeps.tasks.code_version import place_of
 from tracking.mlflow.content import Model
 from tracking.mlflow.log import SweepLog
+from training import NETWORKS, network_of
 from training.typical_objects import as_plain
 
 _OF_PREDICTION = ("batch_size", "score_threshold", "nms_threshold")
@@ -62,6 +65,10 @@ def save_model(trial: DetectorTrial, store: AnyStore, path: Path) -> None:
 
     with TemporaryDirectory() as temporary, whole_folder(path) as folder, warnings.catch_warnings():
         weights, about = _write_parts(trial, store, Path(temporary))
+        network = NETWORKS.roots([network_of(trial.evaluate.params.detector)])
+        plugins = {name: PLUGINS[name] for name in (root.partition(".")[0] for root in network)}
+        folders = [name for name, installed in plugins.items() if installed is None]
+        needed = ["lidarplace", "torch", *(own.name for own in plugins.values() if own)]
         signature = ModelSignature(
             Schema([ColSpec(kind, name) for name, kind in _POINTS.items()]),
             Schema([ColSpec(kind, name) for name, kind in _BOXES.items()]),
@@ -72,7 +79,8 @@ def save_model(trial: DetectorTrial, store: AnyStore, path: Path) -> None:
             python_model=str(_CODE),
             artifacts={"weights": str(weights), "detector": str(about)},
             signature=signature,
-            pip_requirements=[f"{name}=={version(name)}" for name in ("lidarplace", "torch")],
+            pip_requirements=[f"{name}=={version(name)}" for name in needed],
+            code_paths=[str(place_of(name)) for name in folders] or None,
         )
         for file in folder.rglob("*"):
             sync(file)
