@@ -106,6 +106,10 @@ def make_world(folder: Path) -> None:
     )
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
     shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")
+    shutil.copytree(ROOT / "examples/own_detector", folder / "examples/own_detector")
+    own = {key: GENERALIST[key] for key in GENERALIST if key != "grid"}
+    own |= {"detector": "own_detector.nets:build", "grid": {"placement": ["line", "center"]}}
+    (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(own))
     _tables(folder)
     _data_sets(folder / "data")
     for verb, *arguments in (

@@ -1,0 +1,443 @@
+"""`examples/own_detector`: a network from outside trains, resumes, and wraps those of others."""
+
+import shutil
+import signal
+import sys
+import time
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from torch import nn
+
+from lidarplace.base import registry
+from lidarplace.base.errors import InputError
+from sweeps.execution import ray_cluster
+from sweeps.execution.failures import Failure
+from sweeps.tasks import code_version, task
+from tests.docs_blocks import ROOT
+from tests.extending import install, python
+from tests.forked import GUARD_S, Forked
+from tests.mlflow_database import write_database
+from tests.sweeps.small_log import write_small_log
+from training import build_detector
+from training.detectors.contract import as_arrays, checked_losses
+from training.detectors.detector import Detector
+
+EXAMPLE = ROOT / "examples/own_detector"
+NETWORK = "own_detector.nets:build"
+BOX = torch.tensor([[5.0, 2.0, 0.8, 4.0, 2.0, 1.6, 0.5]])
+RANGE = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
+
+
+@pytest.fixture
+def plugins(monkeypatch):
+    """As in a new process: no plug-in was asked for."""
+    for module in (registry, ray_cluster):
+        monkeypatch.setattr(module, "PLUGINS", plugins := getattr(registry, "PLUGINS", {}))
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    known = set(sys.modules)
+    plugins.clear()
+    yield plugins
+    plugins.clear()
+    for name in set(sys.modules) - known:
+        if name.partition(".")[0] in ("own_detector", "broken"):
+            del sys.modules[name]
+    code_version.code_version.cache_clear()
+    code_version._code.cache_clear()
+
+
+@pytest.fixture
+def example(plugins, monkeypatch):
+    """The example's package, as `PYTHONPATH` has it."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+
+
+def write_sweep(folder):
+    """A project whose network is next to its configuration, not in the current folder."""
+    write_small_log(folder / "log")
+    write_database(folder / "runs/mlflow.db")
+    shutil.copytree(EXAMPLE, folder / "project", ignore=shutil.ignore_patterns("__pycache__"))
+    config = {
+        "classes": ["Car"],
+        "scene": {"source": "log", "folder": "log"},
+        "lidar": {"beams": 8, "azimuth_steps": 90},
+        "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
+        "detector": NETWORK,
+        "training": {"epochs": 4, "batch_size": 1},
+        "grid": {"placement": ["line"]},
+        "ray": "debug",
+    }
+    (folder / "project/sweep.yaml").write_text(yaml.safe_dump(config))
+
+
+def test_it_is_killed_resumes_and_is_started_from(tmp_path):
+    """It resumes to the same weights; then a sweep starts from them and logs a model."""
+    pretrain, ends = ["pretrain", "project/sweep.yaml", "--out", "base.pt"], []
+    for name in ("undisturbed", "killed"):
+        folder = tmp_path / name
+        folder.mkdir()
+        write_sweep(folder)
+        log = folder / "out.log"
+        if name == "killed":
+            first = Forked(pretrain, folder, log)
+            while not [*folder.glob("runs/store/**/last.pt")]:
+                assert first.poll() is None, log.read_text()
+                time.sleep(0.005)
+            first.kill()
+            assert first.wait(GUARD_S) == -signal.SIGKILL
+        assert Forked(pretrain, folder, log).wait(GUARD_S) == 0, log.read_text()
+        ends.append(torch.load(folder / "base.pt", weights_only=True))
+    whole, resumed = (end.pop("model_state") for end in ends)
+    assert ends[0] == ends[1]
+    assert all(torch.equal(whole[name], resumed[name]) for name in whole)
+
+    run = ["run", "project/sweep.yaml", "--set", "training.checkpoint=base.pt"]
+    assert Forked(run, folder, log).wait(GUARD_S) == 0, log.read_text()
+    assert "MLflow refuses" not in log.read_text()
+    (code,) = folder.glob("runs/sweep/models/*/*/code/own_detector/nets.py")
+    assert code.read_bytes() == (EXAMPLE / "own_detector/nets.py").read_bytes()
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_it_learns(example):
+    torch.manual_seed(0)
+    model = build_detector(NETWORK, ["Car"], point_range=(0.0, -4.0, 0.0, 12.0, 8.0, 4.0))
+    points = torch.rand(300, 4) * torch.tensor([4.0, 2.0, 1.6, 0.0]) + torch.tensor([3, 1, 0, 0.5])
+    optimiser = torch.optim.Adam(model.parameters(), 0.01)
+    for step in range(100):
+        optimiser.param_groups[0]["lr"] = 0.01 if step < 60 else 0.001
+        loss = model.loss([points], [BOX], [torch.ones(1, dtype=torch.int64)])["loss"]
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    with torch.no_grad():
+        (found,) = as_arrays(model.eval(), model.predict([points]), [0])
+    assert np.allclose(found["boxes"][0], BOX.numpy(), atol=0.2)
+    assert found["labels"][0] == 1
+
+
+def test_installed_it_has_a_name(tmp_path):
+    package = shutil.copytree(EXAMPLE, tmp_path / "package")  # pip writes into it
+    site = install(package, tmp_path / "site")
+    use = "from training import build_detector; print(build_detector('centre_net_tiny', ['Car']))"
+    assert "heat_head" in python(tmp_path, "-c", use, path=site)
+
+
+def test_its_code_reaches_workers_and_keys(plugins, tmp_path, monkeypatch):
+    shutil.copytree(EXAMPLE / "own_detector", tmp_path / "own_detector")
+    monkeypatch.setattr(registry, "FOLDERS", [tmp_path])
+    build_detector(NETWORK, ["Car"])
+    assert ray_cluster._plug_ins() == [str(tmp_path / "own_detector")]
+    assert task.code_of("evaluate", f"{NETWORK}_tiny") == (
+        code := task.code_of("evaluate", NETWORK)
+    )
+    text = (tmp_path / "own_detector/nets.py").read_text()
+    (tmp_path / "own_detector/nets.py").write_text(text.replace("SPREAD = 1.5", "SPREAD = 1.6"))
+    code_version.code_version.cache_clear()
+    code_version._code.cache_clear()
+    assert task.code_of("evaluate", NETWORK) != code
+
+
+BROKEN = """
+from training.detectors.detector import Detector
+
+class Net(Detector):
+    def loss(self, points, boxes, labels):
+        return points["x"]
+
+def build(classes, preset, point_range, typical):
+    return Net(classes, (0, 0, 0, 1, 1, 1))
+
+class Whole(Net):
+    def predict(self, points, selection=None):
+        return 1 / 0
+
+def net_tiny(classes, preset, point_range, typical):
+    return Whole(classes, (0, 0, 0, 1, 1, 1))
+
+def three(classes, preset, point_range):
+    pass
+
+def none(*arguments):
+    pass
+"""
+
+
+@pytest.fixture
+def broken(plugins, tmp_path, monkeypatch):
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken/__init__.py").touch()
+    (tmp_path / "broken/nets.py").write_text(BROKEN)
+    (tmp_path / "broken/bad.py").write_text("import torch\nint('x')\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("nets:build", r"broken.nets:build: broken/nets.py:9: TypeError: .*abstract.* predict"),
+        ("nets:three", r"broken.nets:three: TypeError: three\(\) takes 3 .* but 4 were given"),
+        ("nets:none", r"broken.nets:none: wrong type; expected a Detector, .*, found NoneType"),
+        ("bad:build", r"broken.bad:build: cannot be imported: broken/bad.py:2: ValueError: inval"),
+        ("nets:nothing", r"broken.nets:nothing: cannot be imported: AttributeError: module"),
+    ],
+)
+def test_what_cannot_be_built_is_one_line(broken, name, told):
+    with pytest.raises(ValueError, match=told):
+        build_detector(f"broken.{name}", ["Car"])
+
+
+def test_a_mistake_in_the_users_code_has_its_file_and_line(broken):
+    model = build_detector("broken.nets:net_tiny", ["Car"])  # the whole name, not a preset
+    for call, told in (
+        (lambda: model.predict([]), "broken/nets.py:13: ZeroDivisionError: division by zero"),
+        (lambda: model.loss([], [], []), "broken/nets.py:6: TypeError: list indices must be"),
+    ):
+        with pytest.raises(Exception) as error:  # noqa: PT011 - of any kind
+            call()
+        assert Failure.of(error.value).reason.startswith(told)
+
+
+def test_a_package_that_is_not_there():
+    with pytest.raises(ValueError, match=r"put its folder next to the configuration, here, or on"):
+        build_detector("no_such_package.nets:build", ["Car"])
+
+
+class Returns(Detector):
+    """A network that returns whatever it is given."""
+
+    def __init__(self) -> None:
+        super().__init__(["Car", "Cyclist"], RANGE)
+
+    def loss(self, points, boxes, labels):
+        raise NotImplementedError
+
+    def predict(self, points, selection=None):
+        raise NotImplementedError
+
+
+ONE = torch.ones(1)
+
+
+@pytest.mark.parametrize(
+    ("losses", "told"),
+    [
+        (ONE, r"Returns.loss: no loss; expected a dict with the tensor \"loss\", found \(1,\)"),
+        ({"total": ONE}, r"Returns.loss: no loss; .*, found dict of total"),
+        ({"loss": 3.0}, r"no loss; .*, found dict of loss"),
+        ({"loss": torch.ones(2)}, r"loss: wrong shape; expected one number, found \(2,\)"),
+        ({"loss": ONE}, r"loss has no gradient"),
+    ],
+)
+def test_losses_that_break_the_contract(losses, told):
+    with pytest.raises(InputError, match=told):
+        checked_losses(Returns(), losses)
+
+
+def test_parts_of_a_loss_may_be_plain_numbers():
+    loss = torch.ones((), requires_grad=True)
+    assert checked_losses(Returns(), {"loss": loss, "box": 0.5})["box"] == 0.5
+
+
+def detections(**changed):
+    return {"boxes": BOX, "scores": ONE, "labels": ONE.long()} | changed
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        (None, r"Returns.predict: wrong result; expected a list of 1 dicts, .* found NoneType"),
+        ([detections()] * 2, r"expected a list of 1 dicts, one per frame, found list of 2"),
+        ([{"boxes": BOX}], r"frame 7: wrong result; expected a dict of boxes, .*, found dict of b"),
+        ([detections(boxes=BOX[0])], r"frame 7: boxes: wrong shape; expected \(M, 7\), found \(7"),
+        ([detections(boxes=torch.tensor(1.0))], r"boxes: wrong shape; .*, found \(\)"),
+        ([detections(boxes=BOX[:, :6])], r"boxes: wrong shape; .*, found \(1, 6\)"),
+        ([detections(boxes=[1])], r"boxes: wrong shape; .*, found list of 1"),
+        ([detections(boxes=-BOX)], r"boxes\[0\]: out of range; expected .*sizes from 0"),
+        ([detections(boxes=BOX * np.nan)], r"boxes\[0\]: out of range; expected finite numbers"),
+        ([detections(scores=torch.ones(2))], r"scores: wrong shape; expected \(1,\), found \(2,"),
+        ([detections(scores=ONE * np.inf)], r"scores\[0\]: out of range; .*, found inf"),
+        ([detections(labels=0 * ONE)], r"labels\[0\]: out of range; expected 1 to 2, found 0.0"),
+        ([detections(labels=1.5 * ONE)], r"labels\[0\]: out of range; .*, found 1.5"),
+        ([detections(refined=ONE)], r"refined: wrong shape; expected \(M, 7\)"),
+    ],
+)
+def test_detections_that_break_the_contract(found, told):
+    with pytest.raises(InputError, match=told):
+        as_arrays(Returns(), found, [7])
+
+
+def test_an_empty_frame_is_a_frame():
+    none = detections(boxes=BOX[:0], scores=ONE[:0], labels=ONE[:0].long())
+    (found,) = as_arrays(Returns(), [none], [7])
+    assert found["boxes"].shape == (0, 7)
+
+
+POINTS = [torch.rand(5, 4), torch.rand(3, 4)]
+BOXES = [torch.cat([BOX, BOX + 1]), BOX[:0]]
+LABELS = [torch.tensor([2, 1]), torch.zeros(0, dtype=torch.int64)]
+
+
+class Dataset:
+    """OpenPCDet's DatasetTemplate, as far as it is used, for a network of points."""
+
+    def __init__(self, dataset_cfg, class_names, training=True):
+        assert not training, "augmentation is done"
+        self.class_names = class_names
+        self.point_cloud_range = np.array(dataset_cfg["POINT_CLOUD_RANGE"], np.float32)
+
+    def prepare_data(self, data):
+        if "gt_boxes" in data:
+            labels = [[self.class_names.index(name) + 1] for name in data.pop("gt_names")]
+            labels = np.array(labels, np.float32).reshape(-1, 1)
+            data["gt_boxes"] = np.concatenate([data["gt_boxes"], labels], axis=1)
+        return data | {"use_lead_xyz": True}
+
+    @staticmethod
+    def collate_batch(frames):
+        points = [
+            np.pad(own["points"], ((0, 0), (1, 0)), constant_values=i)
+            for i, own in enumerate(frames)
+        ]
+        batch = {"points": np.concatenate(points), "batch_size": len(frames)}
+        batch["frame_id"] = np.array([own["frame_id"] for own in frames])
+        if "gt_boxes" in frames[0]:
+            batch["gt_boxes"] = np.zeros((len(frames), 2, 8), np.float32)
+            for padded, own in zip(batch["gt_boxes"], frames, strict=True):
+                padded[: len(own["gt_boxes"])] = own["gt_boxes"]
+        return batch
+
+
+class PcdetModel(nn.Module):
+    """A model of OpenPCDet that predicts the objects of the last batch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(()))
+
+    def forward(self, batch):
+        points = batch["points"]
+        assert points[:, 0].tolist() == [0] * 5 + [1] * 3
+        assert points.dtype == torch.float32
+        assert batch["batch_size"] == 2
+        if self.training:
+            self.objects = batch["gt_boxes"]
+            loss = self.weight * points.sum()
+            return {"loss": loss}, {"rpn_loss": 0.5, "text": "no number"}, {}
+        return [
+            {"pred_boxes": own[:, :7], "pred_scores": own[:, 7] / 2, "pred_labels": own[:, 7].int()}
+            for own in self.objects
+        ], {"gt": 0}
+
+
+def module(name, **content):
+    found = ModuleType(name)
+    vars(found).update(content)
+    return found
+
+
+def round_trip(name):
+    """The losses of a wrapped model, and what it predicts: the objects it was trained on."""
+    model = build_detector(name, ["Car", "Cyclist"]).train()
+    losses = checked_losses(model, model.loss(POINTS, BOXES, LABELS))
+    losses["loss"].backward()
+    assert all(parameter.grad is not None for parameter in model.parameters())
+    model.eval()
+    return model, losses, as_arrays(model, model.predict(POINTS), [0, 1])
+
+
+def test_a_model_of_openpcdet(example, monkeypatch):
+    cfg = SimpleNamespace(
+        CLASS_NAMES=["Car", "Cyclist"], DATA_CONFIG={"POINT_CLOUD_RANGE": RANGE}, MODEL="model"
+    )
+    for own in (
+        module("pcdet"),
+        module("pcdet.config", cfg=cfg, cfg_from_yaml_file=lambda path, cfg: cfg),
+        module("pcdet.datasets", DatasetTemplate=Dataset),
+        module("pcdet.models", build_network=lambda model_cfg, num_class, dataset: PcdetModel()),
+    ):
+        monkeypatch.setitem(sys.modules, own.__name__, own)
+    model, losses, found = round_trip("own_detector.openpcdet:build")
+    assert losses.keys() == {"loss", "rpn_loss"}
+    assert model.point_range == RANGE
+    assert np.allclose(found[0]["boxes"], BOXES[0])
+    assert found[0]["labels"].tolist() == [2, 1]
+    assert found[0]["scores"].tolist() == [1, 0.5]
+    assert len(found[1]["boxes"]) == 0, "padding is no detection"
+    with pytest.raises(InputError, match=r"openpcdet.py:\d+: ValueError: .*CLASS_NAMES"):
+        build_detector("own_detector.openpcdet:build", ["Cyclist", "Car"])
+
+
+class Instances(SimpleNamespace):
+    """mmengine's InstanceData, and mmdet3d's Det3DDataSample."""
+
+
+class LidarBoxes:
+    """mmdet3d's LiDARInstance3DBoxes."""
+
+    def __init__(self, tensor):
+        assert tensor.shape[1] == 7
+        self.tensor = tensor
+
+
+class MmdetModel(nn.Module):
+    """A model of MMDetection3D 1.x that predicts the objects of the last batch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(()))
+
+    def data_preprocessor(self, data, training):
+        return data | {"inputs": data["inputs"] | {"voxels": {}}}
+
+    def loss(self, inputs, samples):
+        assert "voxels" in inputs
+        self.objects = [own.gt_instances_3d for own in samples]
+        return {"loss_cls": [self.weight, self.weight], "loss_bbox": 2 * self.weight}
+
+    def parse_losses(self, losses):
+        parts = {"loss_cls": sum(losses["loss_cls"]), "loss_bbox": losses["loss_bbox"]}
+        return sum(parts.values()), {"loss": sum(parts.values()), **parts}
+
+    def predict(self, inputs, samples):
+        assert all(own.metainfo["box_type_3d"] is LidarBoxes for own in samples)
+        return [
+            Instances(
+                pred_instances_3d=Instances(
+                    bboxes_3d=own.bboxes_3d,
+                    labels_3d=own.labels_3d,
+                    scores_3d=own.labels_3d / 2 + 0.05,
+                )
+            )
+            for own in self.objects
+        ]
+
+
+def test_a_model_of_mmdetection3d(example, monkeypatch):
+    config = SimpleNamespace(model="model", point_cloud_range=list(RANGE))
+    structures = {"Det3DDataSample": Instances, "LiDARInstance3DBoxes": LidarBoxes}
+    for own in (
+        module("mmdet3d"),
+        module("mmdet3d.structures", **structures),
+        module("mmdet3d.registry", MODELS=SimpleNamespace(build=lambda model: MmdetModel())),
+        module("mmengine"),
+        module("mmengine.config", Config=SimpleNamespace(fromfile=lambda path: config)),
+        module("mmengine.registry", init_default_scope=lambda scope: None),
+        module("mmengine.structures", InstanceData=Instances),
+    ):
+        monkeypatch.setitem(sys.modules, own.__name__, own)
+    model, losses, found = round_trip("own_detector.mmdetection3d:build")
+    assert {name: value.item() for name, value in losses.items()} == {
+        "loss": 4,
+        "loss_cls": 2,
+        "loss_bbox": 2,
+    }
+    assert model.model.objects[0].labels_3d.tolist() == [1, 0], "labels from 0"
+    bottom = model.model.objects[0].bboxes_3d.tensor
+    assert torch.allclose(bottom[:, 2], BOXES[0][:, 2] - BOXES[0][:, 5] / 2)
+    assert np.allclose(found[0]["boxes"], BOXES[0][:1], atol=1e-6), "a score of 0.05 is too low"
+    assert found[0]["labels"].tolist() == [2]
+    assert len(found[1]["boxes"]) == 0
