@@ -201,6 +201,35 @@ def test_a_mistake_in_the_users_code_has_its_file_and_line(broken):
         assert Failure.of(error.value).reason.startswith(told)
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "",
+            ":",
+            "broken:",
+            ":build",
+            "broken.nets:build:",
+            "broken.nets.py:build",
+            "../x:y",
+            "é:ü",
+        ),
+        *(
+            "broken.nets",
+            "broken:nets",
+            "broken.nets:BROKEN",
+            "broken.nets:build.x",
+            "1:2",
+            "a b:c",
+        ),
+        *("json:loads", "math:sqrt", "builtins:dict", "x" * 3000 + ":y", "a\x00:b", "[red]:x"),
+    ],
+)
+def test_a_name_that_is_no_network(broken, name):
+    with pytest.raises(ValueError, match=r"^[^\n]+$"):
+        build_detector(name, ["Car"])
+
+
 def test_a_package_that_is_not_there():
     with pytest.raises(ValueError, match=r"put its folder next to the configuration, here, or on"):
         build_detector("no_such_package.nets:build", ["Car"])

@@ -1,13 +1,16 @@
 """Everything that reads input: verbs with their command lines, and readers that no verb reaches."""
 
+import importlib
 import os
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -115,6 +118,23 @@ def _correction(world: Path) -> object:
         return beams_of(SensorSettings(beams=3, correction=path, unit="up").lidar())
     except ValidationError as error:
         raise fault(error) from None
+
+
+def _network(world: Path) -> object:
+    """The plan of a sweep whose network is in its folder, as a new process reads it."""
+    from lidarplace.base import registry
+    from sweeps.plan.plan import read_plan
+    from sweeps.tasks import code_version
+    from training import NETWORKS
+    from training.detectors.build import PLUG_INS
+
+    for known in (registry.FOLDERS, registry.PLUGINS, NETWORKS._added, PLUG_INS._added):
+        known.clear()
+    for cached in (code_version.code_version, code_version._code, importlib.invalidate_caches):
+        getattr(cached, "cache_clear", cached)()
+    sys.modules.pop("fuzz_net", None)
+    with patch.object(sys, "path", list(sys.path)):
+        return read_plan(world / "own.yaml", [])
 
 
 def _checkpoint(world: Path) -> object:
@@ -275,5 +295,6 @@ SETTINGS: tuple[Target, ...] = (
     Target("carla", "carla.yaml", "carla carla.yaml out --host 127.0.0.1 --port 1 --timeout 0.1"),
     Target("run folder's sweep.json", "run/sweep.json", read=_run_folder),
     Target("search folder's search.json", "found/search.json", read=_search_folder),
+    Target("network", "own.yaml fuzz_net.py", needs="own.yaml fuzz_net.py", read=_network),
 )
 """Settings that people write, and what results say of them."""

@@ -70,6 +70,28 @@ REQUIREMENTS = {
     ],
 }
 
+NETWORK = """
+from training.detectors.detector import Detector
+
+class Net(Detector):
+    def loss(self, points, boxes, labels):
+        return {"loss": boxes}
+
+    def predict(self, points, selection=None):
+        return []
+
+def build(classes, preset, point_range, typical):
+    return Net(classes, point_range)
+"""
+
+OWN = {
+    "scene": {"source": "log", "folder": "log"},
+    "classes": ["Car"],
+    "detector": "fuzz_net:build",
+    "training": {"epochs": 1},
+    "placement": "line",
+}
+
 CROP = (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0)
 """Region of the recorded clouds."""
 
@@ -114,9 +136,11 @@ def write_world(folder: Path) -> None:
         ("search", SEARCH),
         ("carla", CARLA),
         ("needs", REQUIREMENTS),
+        ("own", OWN),
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
+    (folder / "fuzz_net.py").write_text(NETWORK)
     (folder / "correction.yaml").write_text(CORRECTION)
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
     _rigs(folder / "rigs")
