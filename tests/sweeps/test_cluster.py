@@ -153,8 +153,10 @@ def test_what_runs_ends_with_its_driver(request, tmp_path, kind):
             assert connection.recv(1) == b""
 
 
-def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    """A sweep of surrogates alone, whose scene is a log at a relative path."""
+def sweep(
+    folder: Path, address: str, env: dict[str, str], file: str = "small.yaml", **keys: object
+) -> subprocess.CompletedProcess[str]:
+    """A sweep of surrogates alone, or with `keys`, whose scene is a log at a relative path."""
     write_small_log(folder / "log")
     config = {
         "scene": {"source": "log", "folder": "log"},
@@ -170,8 +172,8 @@ def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.Complet
         "grid": {"placement": ["line"]},
         "ray": address,
     }
-    (folder / "small.yaml").write_text(yaml.safe_dump(config))
-    return run_forked(["run", "small.yaml"], folder, folder, env)
+    (folder / file).write_text(yaml.safe_dump(config | keys))
+    return run_forked(["run", file], folder, folder, env)
 
 
 @pytest.mark.parametrize(
@@ -185,6 +187,17 @@ def test_a_sweep_on_nodes_that_have_not_its_code(cluster, tmp_path, client):
     found = pd.read_parquet(tmp_path / "runs/small/surrogates.parquet")
     assert found["value"].gt(0).all()
     assert len(found) == 1
+
+
+def test_a_network_next_to_its_configuration(cluster, tmp_path):
+    address, _, env = cluster
+    package = ROOT / "examples/own_detector/own_detector"
+    shutil.copytree(package, tmp_path / "project/own_detector")
+    keys = {"detector": "own_detector.nets:build", "training": {"epochs": 1}}
+    done = sweep(tmp_path, address, env, "project/net.yaml", **keys)
+    assert done.returncode == 0, done.stdout + done.stderr
+    trials = pd.read_parquet(tmp_path / "runs/net/trials.parquet")
+    assert trials["status"].tolist() == ["finished"]
 
 
 def test_a_wrong_token_is_one_line(cluster, tmp_path):
