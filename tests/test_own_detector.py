@@ -268,7 +268,9 @@ def test_losses_that_break_the_contract(losses, told):
 
 def test_parts_of_a_loss_may_be_plain_numbers():
     loss = torch.ones((), requires_grad=True)
-    assert checked_losses(Returns(), {"loss": loss, "box": 0.5})["box"] == 0.5
+    found = checked_losses(Returns(), {"loss": loss, "box": 0.5, "count": 3})
+    assert found["box"] == 0.5
+    assert found["count"].is_floating_point()
 
 
 def detections(**changed):

@@ -66,8 +66,8 @@ def save_model(trial: DetectorTrial, store: AnyStore, path: Path) -> None:
     with TemporaryDirectory() as temporary, whole_folder(path) as folder, warnings.catch_warnings():
         weights, about = _write_parts(trial, store, Path(temporary))
         network = NETWORKS.roots([network_of(trial.evaluate.params.detector)])
-        plugins = {name: PLUGINS[name] for name in (root.partition(".")[0] for root in network)}
-        folders = [name for name, installed in plugins.items() if installed is None]
+        plugins = {own: PLUGINS[own] for own in (root.partition(".")[0] for root in network)}
+        folders = [own for own, installed in plugins.items() if installed is None]
         needed = ["lidarplace", "torch", *(own.name for own in plugins.values() if own)]
         signature = ModelSignature(
             Schema([ColSpec(kind, name) for name, kind in _POINTS.items()]),

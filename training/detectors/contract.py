@@ -24,15 +24,14 @@ def checked_losses(model: Detector, losses: Mapping[str, Tensor]) -> Mapping[str
     if not isinstance(losses, Mapping) or not isinstance(losses.get("loss"), Tensor):
         expected = 'a dict with the tensor "loss"'
         raise InputError("no loss", place=place, expected=expected, found=_kind(losses))
-    found = {n: torch.as_tensor(v) if isinstance(v, float) else v for n, v in losses.items()}
-    for name, value in found.items():
-        if not isinstance(value, Tensor) or value.numel() != 1:
-            raise InputError(
-                "wrong shape", place=place, key=name, expected="one number", found=_kind(value)
-            )
-    if not found["loss"].requires_grad:
+    for name, value in losses.items():
+        single = value.numel() == 1 if isinstance(value, Tensor) else isinstance(value, int | float)
+        if not single:
+            kind, expected = _kind(value), "one number"
+            raise InputError("wrong shape", place=place, key=name, expected=expected, found=kind)
+    if not losses["loss"].requires_grad:
         raise InputError("loss has no gradient", place=place, fix="compute it from the weights")
-    return found
+    return {n: v if isinstance(v, Tensor) else torch.tensor(float(v)) for n, v in losses.items()}
 
 
 def as_arrays(
