@@ -67,6 +67,9 @@ VERBS = {
     "failures": Verb("sweeps.commands.failures", "What does one rig find and another one miss?"),
     "requirements": Verb("sweeps.commands.requirements", "Does a rig see what its vehicle needs?"),
     "accuracy": Verb("sweeps.commands.accuracy", "Compare ways to compute the surrogates."),
+    "benchmark": Verb(
+        "sweeps.commands.benchmark", "How well does a predictor tell what detectors reach?"
+    ),
 }
 """By name, in the order of help."""
 

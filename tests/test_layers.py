@@ -84,7 +84,7 @@ FLOORS = {
         "mlflow",
         "run_sweep",
         "search",
-        "sweep_or_search",
+        "benchmark sweep_or_search",
         "commands",
         "command_line",
         "main",

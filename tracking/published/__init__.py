@@ -35,6 +35,25 @@ def published_surrogates() -> pd.DataFrame:
     return _read("surrogate.csv")
 
 
+def place3d_detection() -> pd.DataFrame:
+    """AP of Place3D, "Is Your LiDAR Placement Optimized for 3D Scene Understanding?" (2024).
+
+    From github.com/ywyeli/Place3D, README.md at dfeafe9, "3D Object Detection": detector,
+    placement ("optimised" is theirs), class, value (percent). Bicycle is theirs, without trucks.
+    """
+    return _read("place3d_detection.csv")
+
+
+def place3d_placements() -> pd.DataFrame:
+    """Place3D's rigs: placement, x, y, z, beams, lower_fov_deg, upper_fov_deg, a row a LiDAR.
+
+    From github.com/ywyeli/Place3D, carla_nus/hyperparams/4x16.toml at 45fcb89, in CARLA's frame (y
+    to the right), metres; a year younger than the AP, and without line_roll, pyramid_roll and
+    "optimised", of which the repository states no poses.
+    """
+    return _read("place3d_placements.csv")
+
+
 def _read(name: str) -> pd.DataFrame:
     with files(__name__).joinpath(name).open(encoding="utf-8") as file:
         return pd.read_csv(file, keep_default_na=False)

@@ -1,0 +1,90 @@
+"""The rigs of the benchmark, the log of their traffic, and what detectors of their own reached.
+
+`rigs.yaml` is the configuration under which the detectors were trained, `log` its scene, the tables
+are those of docs/findings.md; `studies/findings/benchmark.py` writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
+from sweeps.plan.plan import read_plan
+from sweeps.plan.trial import Trial
+
+FOLDER = Path(__file__).parent
+LOG = FOLDER / "log"
+METRICS = {
+    "Car AP @ 0.7": ("Car", "AP_R40_3D", 0.7),
+    "Car AP @ 0.5": ("Car", "AP_R40_3D", 0.5),
+    "Car AP over IoU": ("Car", "AP_R40_3D_mean", 0.0),
+    "Car recall": ("Car", "class_recall_3D", 0.5),
+    "Ped. AP": ("Pedestrian", "AP_R40_3D", 0.5),
+    "Ped. recall": ("Pedestrian", "class_recall_3D", 0.5),
+    "Cyc. AP": ("Cyclist", "AP_R40_3D", 0.5),
+    "Cyc. recall": ("Cyclist", "class_recall_3D", 0.5),
+    "recall of all": ("all", "recall", 0.5),
+}
+"""Class, metric and IoU of what detectors reached, by the words of docs/findings.md."""
+HEADLINES = ("Car AP over IoU", "recall of all")
+"""The metrics of the table."""
+
+
+def trials(overrides: Sequence[str] = ()) -> dict[str, Trial]:
+    """The plan of every rig by its name, on the log of the package.
+
+    Args:
+        overrides: of the configuration, `KEY=VALUE`; without any it has no detector.
+    """
+    scene = f"scene={{source: log, folder: '{LOG}', seed: 1}}"
+    one = ["detector=null", "grid.judge=[specialist]", "grid.seed=[1]"]
+    _, plan = read_plan(FOLDER / "rigs.yaml", [scene, *one, *overrides])
+    return {trial.grid_point.point.placement: trial for trial in plan.trials}
+
+
+@cache
+def log_of(split: str) -> BoxLog:
+    """The frames of the traffic to train on ("train", all that a predictor sees) or to test on."""
+    log = read_box_log(LOG)
+    frames = log.frames[log.frames["split"] == split]
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+    return replace(log, boxes=boxes, frames=frames)
+
+
+@cache
+def populations() -> dict[str, list[str]]:
+    """Names of rigs: of each origin, those that carry four LiDARs of 16 beams, and all."""
+    every = list(dict.fromkeys(read("reached")["placement"]))
+    origins: dict[str, list[str]] = {"paper's": [], "random": [], "optimised": []}
+    origins |= {"other LiDARs": []}
+    kinds = {"random": "random", "optimum": "optimised"}
+    for rig in every:
+        kind = kinds.get(rig.partition("_")[0], "other LiDARs")
+        origins["paper's" if rig in PAPER_PLACEMENTS else kind].append(rig)
+    other = set(origins["other LiDARs"])
+    return origins | {"same LiDARs": [rig for rig in every if rig not in other], "all": every}
+
+
+@cache
+def read(name: str) -> pd.DataFrame:
+    """A table of the package.
+
+    "reached": placement, seed, class, metric, iou, value (percent) of the rigs' own detectors;
+    "left_out": the same without each route and individual; "predicted": predictor, placement,
+    seconds, and a column for each of `METRICS`.
+    """
+    return pd.read_parquet(FOLDER / f"{name}.parquet")
+
+
+def of(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Rows of one of `METRICS`."""
+    name, measure, iou = METRICS[metric]
+    same = (table["class"] == name) & (table["metric"] == measure)
+    return table[same & np.isclose(table["iou"], iou)]

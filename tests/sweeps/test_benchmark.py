@@ -1,0 +1,256 @@
+"""`lidarplace benchmark`: known numbers anew, all kinds of predictors, one line for a mistake."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from lidarplace.base.errors import InputError
+from sweeps.benchmark import predictors, rigs
+from sweeps.benchmark.markdown import markdown_table
+from sweeps.benchmark.predictors import BUILT_IN, predict
+from sweeps.benchmark.rigs import HEADLINES, METRICS, populations, read
+from sweeps.benchmark.scores import scores
+from sweeps.commands.benchmark import app
+
+ROOT = Path(__file__).parents[2]
+STUDY = ROOT / "studies" / "findings"
+
+
+@pytest.fixture
+def study(monkeypatch):
+    monkeypatch.syspath_prepend(str(STUDY))
+    for name in ("benchmark", "candidates", "predicting", "distil", "properties"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    import benchmark
+
+    return benchmark
+
+
+@pytest.fixture
+def two_rigs(monkeypatch):
+    """Of the 41, so that a predictor takes seconds."""
+    of_all = rigs.trials
+    monkeypatch.setattr(
+        predictors, "trials", lambda own=(): {n: of_all(own)[n] for n in ("line", "center")}
+    )
+
+
+def built_in():
+    table = read("predicted")
+    return {
+        str(name): own.set_index("placement")[list(METRICS)]
+        for name, own in table.groupby("predictor", sort=False)
+    }
+
+
+def truth():
+    return pd.DataFrame(
+        {
+            metric: rigs.of(read("reached"), metric).groupby("placement")["value"].mean()
+            for metric in METRICS
+        }
+    )
+
+
+def test_tables_of_the_package_are_those_of_the_study(study):
+    for name, table in study.tables().items():
+        pd.testing.assert_frame_equal(read(name), table)
+    assert (rigs.FOLDER / "rigs.yaml").read_bytes() == (STUDY / "findings.yaml").read_bytes()
+    one = study.generalists().set_index("placement")[list(METRICS)]
+    pd.testing.assert_frame_equal(built_in()["generalist"], one, check_exact=False)
+
+
+def test_populations_are_all_rigs_once():
+    found = populations()
+    origins = ("paper's", "random", "optimised", "other LiDARs")
+    assert [len(found[name]) for name in origins] == [8, 20, 5, 8]
+    assert sorted(rig for name in origins for rig in found[name]) == sorted(found["all"])
+    assert len(found["same LiDARs"]) == 33
+
+
+@pytest.mark.parametrize(
+    ("predictor", "population", "car", "recall"),
+    [
+        ("covered_entropy", "same LiDARs", (0.51, 0.18, 0.74), (0.55, 0.23, 0.76)),
+        ("generalist", "same LiDARs", (0.84, 0.68, 0.93), (0.89, 0.77, 0.95)),
+        ("covered_entropy", "random", (0.08,), (0.29,)),
+        ("covered_entropy", "paper's", (0.90,), (0.76,)),
+        ("generalist", "random", (0.83,), (0.86,)),
+        ("generalist", "paper's", (0.88,), (0.95,)),
+    ],
+)
+def test_numbers_of_the_findings_come_out_again(predictor, population, car, recall):
+    table = scores({predictor: built_in()[predictor]}, HEADLINES)
+    own = table[table["population"] == population].set_index("metric")
+    for metric, expected in zip(HEADLINES, (car, recall), strict=True):
+        found = own.loc[metric, ["rho", "low", "high"]].to_list()[: len(expected)]
+        assert found == pytest.approx(expected, abs=0.00501)
+
+
+def test_surrogates_of_boxes_are_those_of_the_study_to_the_digit(two_rigs):
+    old = pd.read_parquet(STUDY / "tables" / "surrogates.parquet")
+    old = old.set_index(["surrogate", "placement", "class"])["value"]
+
+    found = predict("s_mig").values
+
+    for rig in ("line", "center"):
+        assert found.loc[rig, "Car AP @ 0.7"] == old["s_mig", rig, "Car"]
+        assert found.loc[rig, "recall of all"] == pytest.approx(old["s_mig", rig].sum(), rel=1e-15)
+
+
+def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs):
+    known = built_in()
+    assert set(known) == {*BUILT_IN, "generalist"}
+    for name in ("expected_recall", "perception_entropy", "expected_ap", "ground_uniformity"):
+        found = predict(name).values
+        pd.testing.assert_frame_equal(
+            found, known[name].loc[found.index], check_names=False, rtol=1e-9
+        )
+
+
+def test_the_truth_is_a_perfect_predictor_and_its_opposite_the_worst():
+    table = scores({"truth": truth(), "opposite": -truth()}).set_index("predictor")
+
+    assert table.loc["truth", "rho"].to_numpy() == pytest.approx(1.0)
+    assert table.loc["opposite", "rho"].to_numpy() == pytest.approx(-1.0)
+    with_pairs = table[table["pairs"] > 0]
+    assert (with_pairs.loc["truth", "right"] == 1).all()
+    assert (with_pairs.loc["opposite", "right"] == 0).all()
+    assert (table.loc["truth", "regret"] <= table.loc["opposite", "regret"]).all()
+
+
+def test_a_predictor_without_a_value_for_a_metric_has_no_number_there():
+    one = truth().assign(**{"recall of all": np.nan, "Car recall": 1.0})
+
+    table = scores({"one": one}).set_index(["metric", "population"])
+
+    assert (
+        table.loc[["recall of all", "Car recall"], ["rho", "low", "regret"]].isna().all(axis=None)
+    )
+    assert np.isfinite(table.loc["Car AP over IoU", "rho"]).all()
+
+
+MODULE = """
+from math import nan
+heights = lambda placement, log: sum(mount.z for mount in placement.mounts)
+def by_class(placement, log):
+    assert set(log.frames["split"]) == {"train"}
+    return {"Car": placement.mounts[0].z, "all": placement.mounts[1].z}
+constant = lambda placement, log: 1.5
+nothing = lambda placement, log: None
+words = lambda placement, log: "good"
+unknown = lambda placement, log: nan
+boundless = lambda placement, log: 10**400
+truck = lambda placement, log: {"Truck": 1.0}
+def fails(placement, log):
+    return 1 / 0
+number = 3
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    (tmp_path / "placing_own.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "placing_own", raising=False)
+    yield
+    sys.modules.pop("placing_own", None)
+
+
+def test_a_function_of_ones_own(module, two_rigs):
+    found = predict("placing_own:heights").values
+    assert found.loc["center"].nunique() == 1
+    assert found.loc["line", "Car AP @ 0.7"] == pytest.approx(4 * 2.2)
+
+    found = predict("placing_own:by_class").values
+    assert found[["Ped. AP", "Cyc. AP"]].isna().all(axis=None)
+    assert found["recall of all"].notna().all()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("constant", "the same number for all rigs"),
+        ("nothing", "TypeError: float() argument"),
+        ("words", "could not convert string to float: 'good'"),
+        ("unknown", "found Car: nan"),
+        ("boundless", "OverflowError"),
+        ("truck", "found Truck: 1.0"),
+        ("fails", "rig line: ZeroDivisionError: division by zero (placing_own.py, line 14)"),
+        ("number", "wrong type; expected one of lidarplace.predictors, found int"),
+        ("absent", "cannot be imported"),
+    ],
+)
+def test_a_wrong_function_is_one_line(module, two_rigs, name, told):
+    with pytest.raises(InputError) as error:
+        predict(f"placing_own:{name}")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("predictor", "told"),
+    [
+        ("covered_entropi", "did you mean 'covered_entropy'"),
+        ("h_pog", "the same number for all rigs"),
+        ("no.pt", "No such file"),
+    ],
+)
+def test_a_wrong_predictor_is_one_line(two_rigs, tmp_path, monkeypatch, predictor, told):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, [predictor])
+    assert result.exit_code == 2
+    assert told in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_file_that_is_no_checkpoint(tmp_path):
+    (tmp_path / "a.pt").write_bytes(b"nothing")
+    result = CliRunner().invoke(app, [str(tmp_path / "a.pt")])
+    assert result.exit_code == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypatch):
+    torch = pytest.importorskip("torch")
+    from training import build_detector
+    from training.checkpoints import write_checkpoint
+
+    torch.manual_seed(0)
+    classes = ("Car", "Cyclist", "Pedestrian")
+    rig = rigs.trials(["detector=pointpillars_tiny"])["line"]
+    model = build_detector(
+        "pointpillars_tiny", classes, point_range=rig.evaluate.params.point_range
+    )
+    write_checkpoint(tmp_path / "g.pt", model.state_dict(), "pointpillars_tiny", classes)
+    log = rigs.log_of("test")
+    few = log.frames.iloc[::400]
+    log = type(log)(log.boxes[log.boxes["frame"].isin(few["frame"])], few, log.buildings)
+    monkeypatch.setattr(predictors, "log_of", lambda split: log)
+
+    of_rig, found = predictors._resolved(str(tmp_path / "g.pt"))
+
+    assert {*of_rig(found["line"])} == {*METRICS}
+    errors = found["line"].evaluate.inputs[1].params.errors
+    assert (errors.offset, errors.angle) == (0.01, pytest.approx(np.radians(0.5)))
+
+
+def test_what_the_command_prints(module, monkeypatch):
+    result = CliRunner().invoke(app, ["placing_own:heights"], env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.output
+    assert "| placing own:heights |" in result.output
+    assert "placing own:heights ←" in result.output
+
+
+def test_tables_of_the_page_are_what_the_command_prints():
+    page = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    table = read("predicted")
+    seconds = table.groupby("predictor")["seconds"].first().to_dict()
+    found = scores(built_in(), HEADLINES)
+    for metric in HEADLINES:
+        assert f"### {metric}\n\n{markdown_table(found, seconds, metric)}\n" in page
