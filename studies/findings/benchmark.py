@@ -25,8 +25,7 @@ def main() -> None:
     for name, table in tables().items():
         write(table, name)
     rigs.read.cache_clear()
-    parts = [generalists(), *(predict(name).table() for name in BUILT_IN)]
-    write(pd.concat(parts, ignore_index=True), "predicted")
+    write(pd.concat([generalists(), *map(predicted, BUILT_IN)], ignore_index=True), "predicted")
 
 
 def tables() -> dict[str, pd.DataFrame]:
@@ -47,6 +46,13 @@ def generalists() -> pd.DataFrame:
     }
     table = pd.DataFrame(means).reset_index()
     return table.assign(predictor=GENERALIST, seconds=float("nan"))
+
+
+def predicted(name: str) -> pd.DataFrame:
+    """What a predictor of the package says."""
+    values, seconds = predict(name)
+    table = values.rename_axis("placement").reset_index()
+    return table.assign(predictor=name, seconds=seconds)
 
 
 def write(table: pd.DataFrame, name: str) -> None:

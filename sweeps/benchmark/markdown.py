@@ -1,4 +1,4 @@
-"""The table of docs/benchmark.md: a row a predictor, for each of the headline metrics."""
+"""The tables of docs/benchmark.md: a row a predictor."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import pandas as pd
 
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.benchmark.rigs import populations
-from sweeps.benchmark.scores import reached, regret_at_random
-from tracking.labels import surrogate_name
 from tracking.numbers import DASH, digits, span
 
-_WITH_INTERVAL = ("random", "all")
 _LABELS = {
     "generalist": "**generalist** (three)",
     "perception_entropy": "perception entropy (Ma et al.)",
@@ -24,22 +21,15 @@ _LABELS = {
 
 
 def markdown_table(scores: pd.DataFrame, seconds: Mapping[str, float], metric: str) -> str:
-    """All predictors by one metric, best first, after them the ceiling and a rig at random."""
+    """All predictors by one metric, best first, below the ceiling."""
     own = scores[(scores["metric"] == metric) & (scores["population"] == "all")]
     names = own.sort_values("rho", ascending=False)["predictor"]
     head = ["predictor", "s a rig", *(f"{name} {len(r)}" for name, r in populations().items())]
+    most = scores[scores["metric"] == metric].drop_duplicates("population")["ceiling"]
     lines = [[*head, "regret", "pairs"], ["---", *["---:"] * (len(head) + 1)]]
-    lines += [_cells(scores, name, seconds[name], metric) for name in names]
-    most = {name: reached(tuple(rigs), metric).ceiling for name, rigs in populations().items()}
-    lost = regret_at_random(populations()["all"], metric)
-    lines.append(["*ceiling*", "", *(digits(rho, "z.2f") for rho in most.values()), "", ""])
-    lines.append(["*any rig*", "", *([""] * len(most)), digits(lost, ".1f"), "50 %"])
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-
-
-def markdown_row(scores: pd.DataFrame, name: str, seconds: float, metric: str) -> str:
-    """One predictor, to paste into the table of a metric."""
-    return f"| {' | '.join(_cells(scores, name, seconds, metric))} |"
+    lines.append(["*ceiling*", "", *(digits(rho, ".2f") for rho in most), "", ""])
+    rows = [markdown_row(scores, name, seconds, metric) for name in names]
+    return "\n".join([*(f"| {' | '.join(cells)} |" for cells in lines), *rows])
 
 
 def rho_cell(row: Mapping[Hashable, Any]) -> str:
@@ -48,23 +38,19 @@ def rho_cell(row: Mapping[Hashable, Any]) -> str:
     return digits(row["rho"], "z.2f") + (f" ({bounds})" if bounds != DASH else "")
 
 
-def label(name: str) -> str:
-    """Display name of a predictor."""
-    return surrogate_name(name) if name in SURROGATES.own else _LABELS.get(name, name)
-
-
-def _cells(scores: pd.DataFrame, name: str, seconds: float, metric: str) -> list[str]:
-    own = scores[(scores["predictor"] == name) & (scores["metric"] == metric)]
-    rows = {row["population"]: row for row in own.to_dict("records")}
-    cells = [label(name), digits(seconds, ".2g")]
-    for population in populations():
-        row = rows[population]
-        inside = population in _WITH_INTERVAL
-        cells.append(rho_cell(row) if inside else digits(row["rho"], "z.2f"))
-    every = rows["all"]
-    return [*cells, digits(every["regret"], ".1f"), percent(every["right"])]
-
-
 def percent(share: float) -> str:
     """A share of pairs."""
-    return f"{share:.0%}".replace("%", " %") if share == share else DASH
+    return f"{100 * share:.0f} %" if share == share else DASH
+
+
+def markdown_row(scores: pd.DataFrame, name: str, seconds: Mapping[str, float], metric: str) -> str:
+    """One predictor, to paste into the table of a metric."""
+    label = SURROGATES[name].label if name in SURROGATES.own else _LABELS.get(name, name)
+    own = scores[(scores["predictor"] == name) & (scores["metric"] == metric)]
+    rows = {row["population"]: row for row in own.to_dict("records")}
+    inside = [
+        rho_cell(row) if population in ("random", "all") else digits(row["rho"], "z.2f")
+        for population, row in rows.items()
+    ]
+    lost = [digits(rows["all"]["regret"], ".1f"), percent(rows["all"]["right"])]
+    return f"| {' | '.join([label, digits(seconds[name], '.2g'), *inside, *lost])} |"

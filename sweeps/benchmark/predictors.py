@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -41,51 +43,33 @@ FUNCTIONS: Registry[Function] = Registry(
 )
 """Predictors of other groups, and those of plug-ins."""
 
+_SAME = ("ig", "residual_entropy")  # as S-MIG, the order of the rigs
 BUILT_IN = (
-    *(
-        n
-        for n, own in SURROGATES.own.items()
-        if not own.fixed and n not in ("ig", "residual_entropy")
-    ),
+    *(name for name, own in SURROGATES.own.items() if not own.fixed and name not in _SAME),
     *FUNCTIONS.own,
 )
-"""All; IG and residual entropy order rigs as S-MIG does."""
+"""Those of the tables."""
 
 _Every = Callable[[Iterable[str]], Iterable[str]]
+OfRig = Callable[[Trial], Mapping[str, float]]
 
 
-@dataclass(frozen=True, eq=False)
-class Predicted:
-    """What a predictor says.
-
-    Attributes:
-        name: its own.
-        values: a row a rig, a column for each of `METRICS`; NaN where it has no value.
-        seconds: of a rig, without what is done once for all.
-    """
-
-    name: str
-    values: pd.DataFrame
-    seconds: float
-
-    def table(self) -> pd.DataFrame:
-        """Rows of the table "predicted" of the package."""
-        named = self.values.rename_axis("placement").reset_index()
-        return named.assign(predictor=self.name, seconds=self.seconds)
-
-
-def predict(predictor: str, every: _Every = lambda rigs: rigs) -> Predicted:
+def predict(predictor: str, every: _Every = iter) -> tuple[pd.DataFrame, float]:
     """What a predictor says of all rigs.
 
     Args:
         predictor: a surrogate or another name, a checkpoint of a generalist, or `module:function`.
         every: goes over the names of the rigs, and may show how far it is.
 
+    Returns:
+        A row a rig, a column for each of `METRICS`, NaN where it has no value; and seconds of a
+        rig, without what is done once for all.
+
     Raises:
-        InputError: there is no such predictor, it fails, it gives no finite number, or the same
-            number for all rigs.
+        InputError, OSError: there is no such predictor, or it fails, gives what is no finite number
+            or the same for all rigs.
     """
-    of_rig, rigs = _resolved(predictor)
+    of_rig, rigs = resolved(predictor)
     values, seconds = {}, []
     for rig in every(rigs):
         start = time.perf_counter()
@@ -93,57 +77,39 @@ def predict(predictor: str, every: _Every = lambda rigs: rigs) -> Predicted:
         seconds.append(time.perf_counter() - start)
     table = pd.DataFrame.from_dict(values, orient="index")[list(METRICS)]
     if (table.nunique() < 2).all():
-        raise InputError(
-            "the same number for all rigs",
-            place=predictor,
-            expected="numbers that differ",
-            found=f"{table.iloc[0].dropna().iloc[0]:g}",
-        )
+        raise InputError("the same number for all rigs", place=predictor)
     # The first rig waits for compilers and for what is made once.
-    return Predicted(predictor, table, float(np.mean(seconds[1:])))
+    return table, float(np.mean(seconds[1:]))
 
 
-def _resolved(predictor: str) -> tuple[Callable[[Trial], Mapping[str, float]], Mapping[str, Trial]]:
+def resolved(predictor: str) -> tuple[OfRig, Mapping[str, Trial]]:
+    """What gives the values of a rig by `METRICS`, and the rigs. Raises as `predict`."""
     path = Path(predictor)
     if path.suffix in (".pt", ".pth") or path.is_file():
         return _generalist(path)
     try:
-        if predictor in SURROGATES.own:
-            found: Function | Surrogate = SURROGATES[predictor]
-        else:
-            found = FUNCTIONS[predictor]
+        registry: Registry[Any] = SURROGATES if predictor in SURROGATES.own else FUNCTIONS
+        found = registry[predictor]
     except PluginError as error:
-        if ":" in predictor:
-            raise InputError(str(error), place="predictor") from None
         names = [*SURROGATES.own, *FUNCTIONS.own]
-        raise InputError(
-            f"unknown predictor {predictor!r}{did_you_mean(predictor, names)}",
-            expected=f"{', '.join(names)}, a checkpoint (.pt), or module:function",
-        ) from None
+        hint = f"{error}{did_you_mean(predictor, names)}"
+        expected = f"{', '.join(names)}, a checkpoint (.pt), or module:function"
+        raise InputError(hint, place="predictor", expected=expected) from None
     if isinstance(found, Surrogate):
         return _surrogate(predictor, found)
-
-    def called(trial: Trial) -> Mapping[str, float]:
-        return _of_function(predictor, found, trial)
-
     # Rigs with as many azimuth steps as their clouds have.
-    return called, trials(["surrogate.names=[log_points]"])
+    return partial(_of_function, predictor, found), trials(["surrogate.names=[log_points]"])
 
 
-def _surrogate(
-    name: str, own: Surrogate
-) -> tuple[Callable[[Trial], Mapping[str, float]], Mapping[str, Trial]]:
+def _surrogate(name: str, own: Surrogate) -> tuple[OfRig, Mapping[str, Trial]]:
     rigs = trials([f"surrogate.names=['{own.beside or name}']"])
-    log, pog = log_of("train"), None
+    given: Any = log_of("train")
     if name not in OBJECT_SURROGATES:
-        pog = stages.pog(next(iter(rigs.values())).pog.params, log)
+        given = stages.pog(next(iter(rigs.values())).pog.params, given)
 
     def of_rig(trial: Trial) -> Mapping[str, float]:
-        if pog is not None:
-            table = stages.surrogates(trial.surrogates.params, pog).table
-        else:
-            assert trial.recall is not None
-            table = stages.recall(trial.recall.params, log).table
+        task = trial.score_by(name)
+        table = stages.FUNCTIONS[task.stage](task.params, given).table
         table = table[table["surrogate"] == name]
         by_class = dict(zip(table["class"], table["value"], strict=True))
         by_class["all"] = table["value"].sum(skipna=False) if own.additive else np.nan
@@ -155,6 +121,7 @@ def _surrogate(
 def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, float]:
     assert trial.recall is not None
     rig = trial.recall.params.placement
+    place = f"{name}: rig {rig.name}"
     try:
         found = function(rig, log_of("train"))
         by_class = dict(found) if isinstance(found, Mapping) else dict.fromkeys(_CLASSES, found)
@@ -162,18 +129,12 @@ def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, fl
     except Exception as error:  # of the user's own code
         at = traceback.extract_tb(error.__traceback__)[-1]
         why = " ".join(f"{type(error).__name__}: {error}".split())
-        place = f"{name}: rig {rig.name}"
-        raise InputError(
-            f"{why} ({Path(at.filename).name}, line {at.lineno})", place=place
-        ) from None
+        why += f" ({Path(at.filename).name}, line {at.lineno})"
+        raise InputError(why, place=place) from None
     for key, value in numbers.items():
         if key not in _CLASSES or not np.isfinite(value):
-            raise InputError(
-                "wrong result",
-                place=f"{name}: rig {rig.name}",
-                expected=f"a finite number, or one for each of {', '.join(_CLASSES)}",
-                found=f"{key}: {value}",
-            )
+            expected = f"a finite number, or one for each of {', '.join(_CLASSES)}"
+            raise InputError("result", place=place, expected=expected, found=f"{key}: {value}")
     return _by_metric(numbers)
 
 
@@ -184,7 +145,7 @@ def _by_metric(by_class: Mapping[str, float]) -> dict[str, float]:
     return {metric: by_class.get(name, np.nan) for metric, (name, _, _) in METRICS.items()}
 
 
-def _generalist(path: Path) -> tuple[Callable[[Trial], Mapping[str, float]], Mapping[str, Trial]]:
+def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
     """AP and recall of detections in the test frames, with the mounting errors of the study."""
     from sweeps.search.trials.by_generalist import judge_task
     from training import build_detector
@@ -193,12 +154,10 @@ def _generalist(path: Path) -> tuple[Callable[[Trial], Mapping[str, float]], Map
 
     content, _ = read_checkpoint(path)
     if not isinstance(detector := content.get("detector"), str):
-        raise InputError(
-            "the checkpoint does not name its detector",
-            place=str(path),
-            fix="write it with lidarplace pretrain, or with training.checkpoints.write_checkpoint",
-        )
-    rigs = trials([f"detector={detector}", f"training.checkpoint={path.absolute()}"])
+        fix = "write it with training.checkpoints.write_checkpoint"
+        raise InputError("the checkpoint does not name its detector", place=str(path), fix=fix)
+    named = {"detector": detector, "training.checkpoint": str(path.absolute())}
+    rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
     first = with_detector(rigs.values())[0].evaluate.params
     model = build_detector(
         detector, first.classes, point_range=first.point_range, typical=first.typical
@@ -212,9 +171,8 @@ def _generalist(path: Path) -> tuple[Callable[[Trial], Mapping[str, float]], Map
         assert isinstance(trial, DetectorTrial)
         found = stages.judge(judge_task(trial.evaluate, 0, 1).params, weights, log)
         (truth,) = (stages.ground_truth(task.params, log) for task in trial.ground_truths)
-        table = evaluation(
-            truth.objects, found.detections, found.frames["frame"].tolist(), first.classes
-        ).metrics
+        frames = found.frames["frame"].tolist()
+        table = evaluation(truth.objects, found.detections, frames, first.classes).metrics
         return {metric: float(of(table, metric)["value"].iloc[0]) for metric in METRICS}
 
     return of_rig, rigs

@@ -6,6 +6,7 @@ are those of docs/findings.md; `studies/findings/benchmark.py` writes them.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -38,12 +39,8 @@ HEADLINES = ("Car AP over IoU", "recall of all")
 
 
 def trials(overrides: Sequence[str] = ()) -> dict[str, Trial]:
-    """The plan of every rig by its name, on the log of the package.
-
-    Args:
-        overrides: of the configuration, `KEY=VALUE`; without any it has no detector.
-    """
-    scene = f"scene={{source: log, folder: '{LOG}', seed: 1}}"
+    """The plan of every rig on the log of the package, without detector unless overrides say so."""
+    scene = f"scene={{source: log, folder: {json.dumps(str(LOG))}, seed: 1}}"
     one = ["detector=null", "grid.judge=[specialist]", "grid.seed=[1]"]
     _, plan = read_plan(FOLDER / "rigs.yaml", [scene, *one, *overrides])
     return {trial.grid_point.point.placement: trial for trial in plan.trials}
@@ -61,15 +58,14 @@ def log_of(split: str) -> BoxLog:
 @cache
 def populations() -> dict[str, list[str]]:
     """Names of rigs: of each origin, those that carry four LiDARs of 16 beams, and all."""
-    every = list(dict.fromkeys(read("reached")["placement"]))
-    origins: dict[str, list[str]] = {"paper's": [], "random": [], "optimised": []}
-    origins |= {"other LiDARs": []}
+    rigs = list(dict.fromkeys(read("reached")["placement"]))
     kinds = {"random": "random", "optimum": "optimised"}
-    for rig in every:
-        kind = kinds.get(rig.partition("_")[0], "other LiDARs")
-        origins["paper's" if rig in PAPER_PLACEMENTS else kind].append(rig)
-    other = set(origins["other LiDARs"])
-    return origins | {"same LiDARs": [rig for rig in every if rig not in other], "all": every}
+    kind = {rig: kinds.get(rig.partition("_")[0], "other LiDARs") for rig in rigs}
+    kind |= dict.fromkeys(PAPER_PLACEMENTS, "paper's")
+    origins = ("paper's", "random", "optimised", "other LiDARs")
+    found = {name: [rig for rig in rigs if kind[rig] == name] for name in origins}
+    found["same LiDARs"] = [rig for rig in rigs if kind[rig] != "other LiDARs"]
+    return found | {"all": rigs}
 
 
 @cache
@@ -88,3 +84,13 @@ def of(table: pd.DataFrame, metric: str) -> pd.DataFrame:
     name, measure, iou = METRICS[metric]
     same = (table["class"] == name) & (table["metric"] == measure)
     return table[same & np.isclose(table["iou"], iou)]
+
+
+def built_in() -> tuple[dict[str, pd.DataFrame], dict[str, float]]:
+    """By predictor: a row a rig, a column for each of `METRICS`; and seconds of a rig."""
+    table = read("predicted")
+    values = {
+        str(name): own.set_index("placement")[list(METRICS)]
+        for name, own in table.groupby("predictor", sort=False)
+    }
+    return values, dict(zip(table["predictor"], table["seconds"], strict=True))

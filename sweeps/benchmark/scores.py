@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -13,7 +12,7 @@ from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.benchmark.rigs import METRICS, of, populations, read
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.ceiling import ceilings
-from tracking.report.sections.regret import AT_RANDOM, regrets
+from tracking.report.sections.regret import regrets
 from tracking.statistics.coefficients import scores as unit_vectors
 from tracking.statistics.confidence_interval import intervals
 from tracking.statistics.pair_agreement import pair_agreement
@@ -23,93 +22,58 @@ _LOST = ("regret", "regret_low", "regret_high")
 _ONE_SETTING = {"detector": "pointpillars_tiny", "difficulty": "all"}
 
 
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """What the own detectors of some rigs reached in one metric.
-
-    Attributes:
-        values: percent, a row a rig, a column a seed.
-        best: the rigs against each other, with the noise of seeds and test objects.
-        ceiling: Spearman's rho that a perfect predictor is expected to have with the means.
-        seeds_agree: correlation of two seeds, ICC(3, 1).
-    """
-
-    values: pd.DataFrame
-    best: BestPlacement
-    ceiling: float
-    seeds_agree: float
-
-
 def scores(
     predicted: Mapping[str, pd.DataFrame], metrics: Sequence[str] = tuple(METRICS)
 ) -> pd.DataFrame:
-    """A row for each predictor, population and metric.
+    """A row for each metric, population and predictor.
 
     Args:
         predicted: a row a rig, a column for each of `METRICS`; NaN where a predictor has no value.
         metrics: of `METRICS`.
 
     Returns:
-        predictor, population, metric; rigs, their number; rho, Spearman's with the means over
-        seeds, and low and high, 95 %; ceiling and seeds_agree, see `Reached`; takes, the rig with
-        the predictor's best value; regret, expected loss of it in points, with regret_low and
-        regret_high; right, share of the pairs that differ by more than noise and that the predictor
-        has in their order; pairs, their number. NaN where there is no number.
+        metric, population, predictor; rigs, their number; ceiling, the rho of a perfect predictor,
+        and seeds_agree, ICC(3, 1); rho, Spearman's with the means over seeds, low and high, 95 %;
+        takes, the rig with the predictor's best value, regret, its expected loss in points, and
+        regret_low and regret_high; right, see `pair_agreement`, and pairs, their number. NaN where
+        there is no number.
     """
-    rows = [
-        row
-        for population, rigs in populations().items()
-        for metric in metrics
-        for row in _rows(predicted, reached(tuple(rigs), metric), population, metric)
-    ]
-    return pd.DataFrame(rows)
+    every = [(metric, name) for metric in metrics for name in populations()]
+    return pd.DataFrame([row for group in every for row in _rows(predicted, *group)])
 
 
 @cache
-def reached(rigs: tuple[str, ...], metric: str) -> Reached:
-    """What the own detectors of `rigs` reached in one of `METRICS`."""
-    rows, left_out = (_among(of(read(name), metric), rigs) for name in ("reached", "left_out"))
+def reached(metric: str, population: str) -> tuple[pd.DataFrame, BestPlacement, dict[str, float]]:
+    """Percent, a row a rig, a column a seed; the rigs compared; and `ceilings` of them."""
+    tables = (of(read(name), metric) for name in ("reached", "left_out"))
+    rows, left_out = (t[t["placement"].isin(populations()[population])] for t in tables)
     best = best_placement(rows, left_out=left_out)
     assert best is not None  # all were tested
-    most = ceilings(rows.assign(**_ONE_SETTING), left_out.assign(**_ONE_SETTING)).iloc[0]
-    values = rows.pivot(index="placement", columns="seed", values="value")
-    return Reached(values, best, most["ceiling"], most["agreement_of_seeds"])
-
-
-def regret_at_random(rigs: Sequence[str], metric: str) -> float:
-    """Expected loss, in points, of any of `rigs`."""
-    lost = regrets(reached(tuple(rigs), metric).best, pd.DataFrame(index=list(rigs)))
-    return float(lost.loc[lost["surrogate"] == AT_RANDOM, "regret"].iloc[0])
-
-
-def _among(table: pd.DataFrame, rigs: Sequence[str]) -> pd.DataFrame:
-    return table[table["placement"].isin(rigs)]
+    most = ceilings(rows.assign(**_ONE_SETTING), left_out.assign(**_ONE_SETTING))
+    found = {"ceiling": most["ceiling"][0], "seeds_agree": most["agreement_of_seeds"][0]}
+    return rows.pivot(index="placement", columns="seed", values="value"), best, found
 
 
 def _rows(
-    predicted: Mapping[str, pd.DataFrame], truth: Reached, population: str, metric: str
-) -> list[dict[str, object]]:
-    rigs = truth.values.index
-    x = pd.DataFrame({name: own[metric].reindex(rigs) for name, own in predicted.items()})
-    lost = {row["surrogate"]: row for row in regrets(truth.best, x).to_dict("records")}
-    y = truth.values.to_numpy(np.float64)
-    rows = []
+    predicted: Mapping[str, pd.DataFrame], metric: str, population: str
+) -> Iterator[dict[str, object]]:
+    values, best, most = reached(metric, population)
+    y = values.to_numpy(np.float64)
+    x = pd.DataFrame({name: own[metric].reindex(values.index) for name, own in predicted.items()})
+    lost = {row["surrogate"]: row for row in regrets(best, x).to_dict("records")}
     for name in predicted:
-        own = x[name].to_numpy(np.float64)
-        row: dict[str, object] = {"predictor": name, "population": population, "metric": metric}
-        row |= {"rigs": len(rigs), "ceiling": truth.ceiling, "seeds_agree": truth.seeds_agree}
+        row: dict[str, object] = {"metric": metric, "population": population, "predictor": name}
+        row |= {"rigs": len(y), **most, "takes": "", "right": np.nan, "pairs": 0}
         row |= dict.fromkeys(("rho", "low", "high", *_LOST), np.nan)
-        row |= {"takes": "", "right": np.nan, "pairs": 0}
+        own = x[name].to_numpy(np.float64)
         if np.isfinite(own).all():
-            parts = (unit_vectors(part, "spearman") for part in (own, seed_mean(y)))
-            row["rho"] = float(np.dot(*parts))
+            row["rho"] = unit_vectors(own, "spearman") @ unit_vectors(seed_mean(y), "spearman")
             row["low"], row["high"] = intervals(own, y, "spearman")
             known = SURROGATES.get(name)
             sense = -1 if known is not None and known.direction == "minimize" else 1
-            ordered = sense * x[name].reindex(truth.best.sure.index).to_numpy(np.float64)
-            row["right"], row["pairs"] = pair_agreement(ordered, truth.best.pairs)
+            ordered = sense * x[name].reindex(best.sure.index).to_numpy(np.float64)
+            row["right"], row["pairs"] = pair_agreement(ordered, best.pairs)
         if name in lost:
             row["takes"] = lost[name]["choice"]
             row |= {key: lost[name][key.removeprefix("regret_")] for key in _LOST}
-        rows.append(row)
-    return rows
+        yield row

@@ -137,6 +137,12 @@ def _network(world: Path) -> object:
         return read_plan(world / "own.yaml", [])
 
 
+def _predictor(world: Path) -> object:
+    from sweeps.benchmark.predictors import resolved
+
+    return resolved(str(world / "base.pt"))
+
+
 def _checkpoint(world: Path) -> object:
     from training import build_detector
     from training.checkpoints import load_checkpoint
@@ -263,6 +269,7 @@ DATA: tuple[Target, ...] = (
     Target("run folder", f"{RUN} run/config.yaml", read=_run_folder),
     Target("search folder", FOUND, read=_search_folder),
     Target("failures", "failed/*.json", read=_failures),
+    Target("benchmark", "base.pt", read=_predictor),
 )
 """Data of all kinds."""
 

@@ -45,11 +45,10 @@ def place3d_detection() -> pd.DataFrame:
 
 
 def place3d_placements() -> pd.DataFrame:
-    """Place3D's rigs: placement, x, y, z, beams, lower_fov_deg, upper_fov_deg, a row a LiDAR.
+    """Place3D's rigs, a row a LiDAR: placement, x, y, z, beams, lower_fov_deg, upper_fov_deg.
 
-    From github.com/ywyeli/Place3D, carla_nus/hyperparams/4x16.toml at 45fcb89, in CARLA's frame (y
-    to the right), metres; a year younger than the AP, and without line_roll, pyramid_roll and
-    "optimised", of which the repository states no poses.
+    From carla_nus/hyperparams/4x16.toml at 45fcb89, in CARLA's frame (y to the right), metres: a
+    year younger than the AP, and without the poses of line_roll, pyramid_roll and "optimised".
     """
     return _read("place3d_placements.csv")
 

@@ -10,19 +10,14 @@ from tracking.statistics.all_pairs import AllPairs
 
 
 def pair_agreement(values: NDArray[np.float64], pairs: AllPairs) -> tuple[float, int]:
-    """Share of the pairs that a predictor orders as their means, where these differ by more than
-    noise.
+    """Share of the pairs that a predictor orders as their means, and the number of these pairs.
 
-    A pair differs by more than noise if the 95 % interval of its own difference, by Student's
-    distribution, leaves out zero: of pairs that are equal, one in twenty does. A predictor that
-    gives both the same value is right by half.
+    Those count of which the 95 % interval of their own difference, by Student's distribution,
+    leaves out zero. Where the predictor gives both the same value it is right by half.
 
     Args:
         values: of the placements, in the order of `pairs`, high for good ones, shape (n,).
-        pairs: their means, and how the differences scatter.
-
-    Returns:
-        The share, NaN without such a pair or with unknown noise, and the number of pairs.
+        pairs: their means, and how the differences scatter; NaN and 0 where that is unknown.
     """
     one, two = np.triu_indices(len(values), 1)
     lead = (pairs.means[one] - pairs.means[two]).astype(np.float64)

@@ -1,17 +1,11 @@
 """E-AP: expected AP from the extent and the number of points.
 
 "Evaluating Roadside LiDAR Placement with a Probability-based Surrogate Metric", by its code
-(anonymous-747/Roadside-LiDAR-Placement-Evaluation).
-
-The points on a side of an object bound its extent from below: with n of them, each three points
-counted as one, the extent, in units of the true one, has a density proportional to 1 / extent^n
-between the farthest point (at least 0.5) and 2. An object is found as likely as the IoU of the box
-of such extents with the true one exceeds its threshold. Objects with more points come first in the
-precision-recall curve.
-
-In the paper points are those that the empty scene has in an object's shadow. Here they are those on
-the object itself, by the cells that are hit; each is of the nearer of the sides that face the
-vehicle. IoUs are KITTI's, as of the detectors.
+(anonymous-747/Roadside-LiDAR-Placement-Evaluation). Each three points on a side of an object count
+as one; with n, its extent, in units of the true one, has a density of 1 / extent^n from the
+farthest point (at least 0.5) to 2. An object is found as likely as the IoU of such a box exceeds
+KITTI's threshold; those with more points come first. The paper takes points of the empty scene in
+an object's shadow, this those on the object, by its cells, each on the nearer side in view.
 """
 
 from __future__ import annotations
@@ -44,8 +38,7 @@ def expected_ap(placement: Placement, log: BoxLog) -> dict[str, float]:
 
 
 def average_precision(found: Array, points: Array) -> float:
-    """Mean precision at 40 recalls of objects that are found with a probability, most points
-    first."""
+    """Mean precision at 40 recalls of objects found with a probability, most points first."""
     order = np.argsort(-points, kind="stable")
     hits = np.cumsum(found[order])
     recall, precision = hits / len(hits), hits / np.arange(1, len(hits) + 1)
@@ -56,10 +49,8 @@ def average_precision(found: Array, points: Array) -> float:
 def both_sides(n: Array, m: Array, across: Array, along: Array, iou: Array) -> Array:
     """Probability that a box is found by points on two sides of it; all of shape (objects,).
 
-    Args:
-        n, m: points on the short and on the long side, at least 1.
-        across, along: how far they reach from the corner between the two, share of the side.
-        iou: that the box must exceed.
+    There are n points on the short side, m on the long one, which reach a share of it, `across` and
+    `along`, from the corner between the two.
     """
     t, x = iou[:, None], _quantile(n, across)
     with np.errstate(divide="ignore"):
@@ -89,37 +80,30 @@ def one_side(n: Array, first: Array, last: Array, iou: Array) -> Array:
 def _found(objects: CountedObjects, seen: SurfaceCells, iou: Array) -> tuple[Array, Array]:
     """Probability that each object is found, and the points that its place in the curve is by."""
     geometry, counts = objects.geometry, seen.counts()
-    slices = slices_of(geometry, objects.cell)
-    owner = np.repeat(np.arange(len(counts)), counts)
-    cells, sizes = seen.cells.astype(np.int64), slices[owner]
-    index = np.stack([cells // (sizes[:, 1] * sizes[:, 2]), cells // sizes[:, 2] % sizes[:, 1]], 1)
-    c, s = np.cos(geometry[:, 6]), np.sin(geometry[:, 6])
-    x, y = geometry[:, 0], geometry[:, 1]
-    ego = np.stack([-(c * x + s * y), s * x - c * y], axis=1)  # the vehicle, from the object
-    size = np.maximum(geometry[:, 3:5], 1e-9)
-    place = np.clip((index + 0.5) * objects.cell / size[owner], 0.0, 1.0)
-    place = np.where(ego[owner] > 0, 1 - place, place)  # from the corner that faces the vehicle
-    faces = np.abs(ego)[owner] > size[owner] / 2
-    of_short = np.where(
-        faces.all(axis=1), place[:, 0] * size[owner, 0] < place[:, 1] * size[owner, 1], faces[:, 0]
-    )
-    number, first, last = np.zeros((2, len(counts))), *np.zeros((2, 2, len(counts)))
+    slices, owner = slices_of(geometry, objects.cell), np.repeat(np.arange(len(counts)), counts)
+    along = seen.cells.astype(np.int64) // slices[owner, 2]  # without their height
+    index = np.stack([along // slices[owner, 1], along % slices[owner, 1]], axis=1)
+    x, y, c, s = *geometry[:, :2].T, np.cos(geometry[:, 6]), np.sin(geometry[:, 6])
+    ego = np.stack([-(c * x + s * y), s * x - c * y], axis=1)[owner]  # from the object
+    size = np.maximum(geometry[owner, 3:5], 1e-9)
+    place = np.clip((index + 0.5) * objects.cell / size, 0.0, 1.0)
+    place = np.where(ego > 0, 1 - place, place)  # from the corner that faces the vehicle
+    faces = np.abs(ego) > size / 2
+    nearer = place[:, 0] * size[:, 0] < place[:, 1] * size[:, 1]
+    of_short = np.where(faces.all(axis=1), nearer, faces[:, 0])
+    number, first, last = (np.full((2, len(counts)), start) for start in (0.0, 1.0, 0.0))
     for side, (mask, axis) in enumerate(((of_short, 1), (~of_short, 0))):
-        at, own = place[mask, axis], owner[mask]
-        share = np.bincount(own, minlength=len(counts)) / np.maximum(counts, 1)
+        share = np.bincount(owner[mask], minlength=len(counts)) / np.maximum(counts, 1)
         number[side] = np.ceil(seen.points * share / CORRELATED)
-        first[side] = 1.0
-        np.minimum.at(first[side], own, at)
-        np.maximum.at(last[side], own, at)
+        np.minimum.at(first[side], owner[mask], place[mask, axis])
+        np.maximum.at(last[side], owner[mask], place[mask, axis])
     found, has = np.zeros(len(counts)), number > 0
     two = has.all(axis=0)
-    (n, m), (across, along) = number[:, two], last[:, two]
-    found[two] = both_sides(n, m, across, along, iou[two])
+    (n, m), (across, deep) = number[:, two], last[:, two]
+    found[two] = both_sides(n, m, across, deep, iou[two])
     for side in range(2):
-        alone = has[side] & ~has[1 - side]
-        found[alone] = one_side(
-            number[side, alone], first[side, alone], last[side, alone], iou[alone]
-        )
+        own = has[side] & ~two
+        found[own] = one_side(number[side, own], first[side, own], last[side, own], iou[own])
     return found, number.sum(axis=0)
 
 

@@ -1,9 +1,8 @@
 """Density and uniformity of the points on the ground (Cai et al., 2022, arXiv 2211.15975).
 
-Both are of a scan of the empty scene: density is points per square metre, NUC (normalised
-uniformity coefficient) the standard deviation over discs around points of n / (N p), n the points
-in a disc, N all points, p the share of the area that a disc has. The numbers of discs and their
-radius are those of the authors' code (PJLab-ADG/PCSim, SurrogateMetricsCalculate/ComputeDNUC.py).
+Both are of a scan of the empty scene: points per square metre, and NUC (normalised uniformity
+coefficient), the standard deviation over discs around points of n / (N p), n the points in a disc,
+N all of them, p its share of the area; discs as in PJLab-ADG/PCSim, ComputeDNUC.py.
 """
 
 from __future__ import annotations
@@ -22,14 +21,17 @@ from sweeps.benchmark.peers.seen_objects import ROI
 DISCS, RADIUS_M = 6000, 0.7
 
 
+AREA = (ROI.x[1] - ROI.x[0]) * (ROI.y[1] - ROI.y[0])
+
+
 def density(placement: Placement, log: BoxLog) -> float:
     """Points on the ground of the ROI, per square metre."""
-    return len(_ground(placement, log)) / _area()
+    return len(_ground(placement, log)) / AREA
 
 
 def uniformity(placement: Placement, log: BoxLog) -> float:
     """NUC with the other sign: high where points are spread evenly."""
-    return -nuc(_ground(placement, log), _area())
+    return -nuc(_ground(placement, log), AREA)
 
 
 def nuc(points: NDArray[np.float64], area: float) -> float:
@@ -40,11 +42,6 @@ def nuc(points: NDArray[np.float64], area: float) -> float:
     tree = cKDTree(points)
     number = tree.query_ball_point(points[chosen], RADIUS_M, return_length=True)
     return float(np.std(number / (len(points) * math.pi * RADIUS_M**2 / area)))
-
-
-def _area() -> float:
-    (x0, x1), (y0, y1) = ROI.x, ROI.y
-    return (x1 - x0) * (y1 - y0)
 
 
 def _ground(placement: Placement, log: BoxLog) -> NDArray[np.float64]:

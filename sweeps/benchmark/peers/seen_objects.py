@@ -27,10 +27,6 @@ def seen_objects(placement: Placement, log: BoxLog) -> tuple[CountedObjects, Sur
 
 
 def by_class(table: pd.DataFrame, measure: Callable[[pd.DataFrame], float]) -> dict[str, float]:
-    """A measure of the objects of each class, and of "all".
-
-    Args:
-        table: a row an object, with a column `class`.
-    """
+    """A measure of the objects of each class, column `class`, and of "all"."""
     found = {str(name): measure(own) for name, own in table.groupby("class")}
     return found | {"all": measure(table)}
