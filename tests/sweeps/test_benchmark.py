@@ -108,7 +108,8 @@ def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs):
 
 
 def test_the_truth_is_a_perfect_predictor_and_its_opposite_the_worst():
-    table = scores({"truth": truth(), "opposite": -truth()}).set_index("predictor")
+    predicted = {"truth": truth(), "opposite": -truth()}
+    table = scores(predicted, (*HEADLINES, "Cyc. AP")).set_index("predictor")
 
     assert table.loc["truth", "rho"].to_numpy() == pytest.approx(1.0)
     assert table.loc["opposite", "rho"].to_numpy() == pytest.approx(-1.0)
@@ -122,7 +123,8 @@ def test_the_truth_is_a_perfect_predictor_and_its_opposite_the_worst():
 def test_a_predictor_without_a_value_for_a_metric_has_no_number_there():
     one = truth().assign(**{"recall of all": np.nan, "Car recall": 1.0})
 
-    table = scores({"one": one}).set_index(["metric", "population"])
+    metrics = ("recall of all", "Car recall", "Car AP over IoU")
+    table = scores({"one": one}, metrics).set_index(["metric", "population"])
 
     assert (
         table.loc[["recall of all", "Car recall"], ["rho", "low", "regret"]].isna().all(axis=None)
