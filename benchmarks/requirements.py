@@ -26,10 +26,9 @@ from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, sur
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import lay_out
-from lidarplace.requirements.placed_object import STANDARD
-from lidarplace.requirements.presets import preset
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
-from lidarplace.requirements.requirement import AlsoWhen, Requirement
+from lidarplace.requirements.requirement import STANDARD, AlsoWhen, Requirement
+from lidarplace.requirements.settings import preset
 
 CAR = Vehicle.car()
 DEAD = AlsoWhen(one_lidar_dead=True)

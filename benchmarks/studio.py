@@ -23,12 +23,12 @@ import numpy as np
 from websockets.asyncio.server import ServerConnection
 
 from lidarplace.rigs.lidar import Lidar
+from lidarplace.studio.log_frames import scene_of, simulated_traffic
 from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.page.page import Page
 from lidarplace.studio.page.server import serving
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.traffic import scene_of, simulated_traffic
 
 CLIENT = """
 import sys, viser

@@ -7,12 +7,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tracking.run_folders import search_tables, sweep_tables
-from tracking.run_folders.array_file import ArrayFile
-from tracking.run_folders.grounds import Grounds
+from tracking.run_folders.arrays import ArrayFile, FailureFrames, Frame, Grounds, Maps, UnseenMaps
 from tracking.run_folders.json_file import ResultFile
-from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import SearchResult
-from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
 from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.table import Table
 

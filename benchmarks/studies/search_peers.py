@@ -27,9 +27,8 @@ import pandas as pd
 from lidarplace.command_line.terminal import output
 from sweeps.execution.backends import InProcess
 from sweeps.search.greedy.certificate import Certificate, certify, first_params
-from sweeps.search.problem.assess import assess
+from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.problem import Problem, read_problem
-from sweeps.search.problem.traffic import Traffic
 from sweeps.search.trials.samplers import Repeatable
 from sweeps.search.trials.training_traffic import training_traffic
 from sweeps.store.of_sweep import store_of

@@ -20,8 +20,7 @@ from hierarchical_bootstrap import hierarchical_resamples
 from numpy.typing import NDArray
 
 from tracking.findings.best_surrogate import Predictors, best_surrogates
-from tracking.findings.correlation import correlate
-from tracking.findings.leave_one_out import leave_one_out
+from tracking.findings.correlation import correlate, leave_one_out
 from tracking.statistics.coefficients import scores
 from tracking.statistics.correlation_difference import strength_leads
 from tracking.statistics.reliability import seed_mean

@@ -33,7 +33,7 @@ from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import bricks
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.surface_cells import slices_of
-from lidarplace.requirements.placed_object import DARK
+from lidarplace.requirements.requirement import DARK
 from lidarplace.rigs.correction import OTHER, Correction
 from lidarplace.rigs.placement import Placement, blocks
 

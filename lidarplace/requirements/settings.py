@@ -24,9 +24,13 @@ from lidarplace.logs.plausible import MOST_SIZE_M
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.placed_object import STANDARD, PlacedObject
-from lidarplace.requirements.presets import PRESETS, preset
-from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
+from lidarplace.requirements.requirement import (
+    STANDARD,
+    AlsoWhen,
+    Measure,
+    PlacedObject,
+    Requirement,
+)
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -289,3 +293,31 @@ def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[Requireme
 
 Requirements = Annotated[tuple[RequirementSettings, ...], AfterValidator(_each_once)]
 """Each has a name of its own."""
+
+
+PRESETS = ("un_r151", "un_r158", "un_r159")
+
+
+def preset(name: str, vehicle: Vehicle) -> Area:
+    """The area of a preset around this vehicle.
+
+    - `un_r151`: to the right of the whole vehicle, 0.9 to 4.25 m from its side.
+    - `un_r158`: behind the vehicle, as wide as it, from 0.2 to 3.5 m.
+    - `un_r159`: before the vehicle, as wide as it, from 0.8 to 3.7 m.
+
+    Raises:
+        ValueError: there is no preset of that name, or the vehicle has no body.
+    """
+    if name not in PRESETS:
+        raise ValueError(f"where.preset: found {name!r}; allowed are {', '.join(PRESETS)}")
+    if not len(vehicle.extents):
+        raise ValueError(
+            f"where.preset: {name} lies around the vehicle's body, and the vehicle has none"
+        )
+    rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
+    front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
+    if name == "un_r151":
+        return Area(x=(rear, front), y=((right - 4.25, right - 0.9),))
+    if name == "un_r158":
+        return Area(x=(rear - 3.5, rear - 0.2), y=((right, left),))
+    return Area(x=(front + 0.8, front + 3.7), y=((right, left),))

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.frames import BASE, Joint, lidars_of
-from lidarplace.rig_files.mounted import MountedLidar, mount_at
+from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_at
 
 PUBLISHER = "static_transform_publisher"
 PLACE = ("x", "y", "z")

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.frames import BASE, Joint, lidars_of
-from lidarplace.rig_files.mounted import MountedLidar, mount_at
+from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_at
 
 
 def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:

@@ -11,9 +11,9 @@ from lidarplace.base.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.base.roi import Roi
 from lidarplace.command_line.verbs import RoiOption, checked_input, crop_of, new_app, verb, within
 from lidarplace.logs.box_log import read_box_log
+from lidarplace.studio.log_frames import scene_of, simulated_traffic
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
-from lidarplace.studio.traffic import scene_of, simulated_traffic
 
 MOST_FRAMES = 400
 

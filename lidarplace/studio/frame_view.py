@@ -14,8 +14,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.rigs.placement import Placement
-from lidarplace.studio.numbers import thinned
-from lidarplace.studio.seen_cells import SeenCells
+from lidarplace.studio.numbers import SeenCells, thinned
 from lidarplace.viewing.frame import Frame, read_frame
 
 MOVING_POINTS = 60_000

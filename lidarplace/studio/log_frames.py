@@ -1,12 +1,15 @@
-"""All frames of a log of which some are in memory: the others are read when they are looked at."""
+"""The traffic of a studio: a log of which some frames are in memory, or a simulated one."""
 
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from cachetools import LRUCache
 
 from lidarplace.logs.box_log import BoxLog, read_boxes, read_frames
+from lidarplace.scenes.sumo.record import record
+from lidarplace.scenes.sumo.settings import SumoScene
 
 PORTION = 200
 """Frames that are read at a time, one after the other in the log: who plays it needs the next."""
@@ -62,3 +65,25 @@ class LogFrames:
                 boxes = read_boxes(self._folder, frames["frame"].tolist())
                 self._read[portion] = replace(self._log, boxes=boxes, frames=frames)
             return self._read[portion]
+
+
+def simulated_scene() -> SumoScene:
+    """A generated town as three cars see it, each for half a minute: 180 frames, 60 to test."""
+    return SumoScene(routes=2, test_routes=1, frames_per_route=60, frame_stride=10)
+
+
+def simulated_traffic() -> BoxLog:
+    """The box log of `simulated_scene`.
+
+    Raises:
+        ModuleNotFoundError: SUMO is not installed.
+    """
+    return record(simulated_scene())
+
+
+def scene_of(log: Path | None) -> dict[str, Any]:
+    """The traffic as a configuration of a sweep has it: of a log's folder, or else simulated."""
+    if log is not None:
+        return {"source": "log", "folder": str(log.absolute())}
+    scene = simulated_scene()
+    return {"source": scene.source, **scene.model_dump(mode="json", exclude_unset=True)}

@@ -1,20 +1,51 @@
 """The numbers of a rig, fast enough to follow a hand: coarse while it moves, exact at rest."""
 
 import math
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from statistics import fmean
 
 import numpy as np
+from cachetools import LRUCache
 
 from lidarplace.base.roi import Roi
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.evaluate import evaluate_classes
+from lidarplace.recall.counted_objects import CountedObjects, InRig
 from lidarplace.recall.expected_recall import ExpectedRecall
+from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.rigs.placement import Placement
-from lidarplace.studio.seen_cells import SeenCells
+
+MOUNTS = 256
+"""Of which the cells are kept; those of a hundred frames take a few megabytes."""
+
+
+class SeenCells:
+    """Cells of the surfaces of `objects`, kept by LiDAR and what of its rig is in its way."""
+
+    def __init__(self, objects: CountedObjects) -> None:
+        self.objects = objects
+        self._kept: LRUCache[InRig, SurfaceCells] = LRUCache(MOUNTS)
+        self._keeping = threading.Lock()
+
+    def of(self, placement: Placement | None) -> SurfaceCells:
+        """What a rig hits, None being no LiDAR."""
+        if placement is None:
+            return SurfaceCells.none(len(self.objects.table))
+        lidars = self.objects.in_rig(placement)
+        with self._keeping:
+            known = {lidar: self._kept[lidar] for lidar in lidars if lidar in self._kept}
+        missing = [lidar for lidar in lidars if lidar not in known]
+        cast = dict(zip(missing, self.objects.cells_of(missing), strict=True))
+        with self._keeping:
+            self._kept.update(cast)
+        known |= cast
+        return reduce(SurfaceCells.and_, (known[lidar] for lidar in lidars))
+
 
 RECALL_FRAMES = 20
 """Frames over which `expected_recall` is taken: those of a second tell little new."""

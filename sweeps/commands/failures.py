@@ -14,8 +14,8 @@ from lidarplace.command_line.verbs import checked_input, new_app, verb
 if TYPE_CHECKING:
     from tracking.findings.failures import Failures
     from tracking.findings.groups import Group
+    from tracking.run_folders.arrays import FailureFrames
     from tracking.run_folders.sweep import RunFolder
-    from tracking.run_folders.sweep_arrays import FailureFrames
 
 app = new_app()
 
@@ -74,9 +74,8 @@ def failures(
 
 def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
     """Raises ValueError that says what is not there."""
-    from tracking.findings.distinct_rigs import copies, without
     from tracking.findings.failures import failures
-    from tracking.findings.groups import groups
+    from tracking.findings.groups import copies, groups, without
     from tracking.findings.promotion import fully_trained
     from tracking.report.headline import headline_ranking
     from tracking.report.recommendation import compared_failures

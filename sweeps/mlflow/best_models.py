@@ -16,7 +16,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import metric_mean
 from sweeps.store.open import AnyStore
-from sweeps.store.whole_folder import whole_folder
+from sweeps.store.whole import whole_folder
 from sweeps.tasks.code_version import place_of
 from tracking.mlflow.content import Model
 from tracking.mlflow.log import SweepLog

@@ -12,7 +12,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
 from sweeps.store.open import AnyStore
 from tracking.findings.failures import Failures
-from tracking.run_folders.sweep_arrays import FailureFrames
+from tracking.run_folders.arrays import FailureFrames
 
 POINTS = 3000
 """Points beside objects that are kept of a cloud, drawn at random: a page has forty clouds."""

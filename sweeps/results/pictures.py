@@ -16,8 +16,7 @@ from lidarplace.requirements.ground import Ground
 from sweeps.plan.trial import DetectorTrial, Plan, Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.stages import grids_of
-from tracking.run_folders.grounds import Grounds
-from tracking.run_folders.sweep_arrays import Frame, Maps
+from tracking.run_folders.arrays import Frame, Grounds, Maps
 
 MOST_UNTESTED = 12
 """Placements drawn of a sweep that trained nothing, best first."""

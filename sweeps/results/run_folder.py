@@ -44,9 +44,8 @@ from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.recommendation import failures_to_show
 from tracking.run_folders import sweep_tables as contract
-from tracking.run_folders.drawn_vehicle import Triangles
-from tracking.run_folders.grounds import Grounds
-from tracking.run_folders.sweep_arrays import FailureFrames
+from tracking.run_folders.arrays import FailureFrames, Grounds
+from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from tracking.run_folders.table import Table
 from training.typical_objects import as_plain

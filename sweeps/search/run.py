@@ -18,18 +18,25 @@ from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.judgement.chosen import choose
-from sweeps.search.judgement.found import Found, baseline_of, best_linear_share
 from sweeps.search.judgement.robustness import in_scene, robustness, with_share
-from sweeps.search.judgement.winners import Judged, best_trials, exact, judge, judge_others
+from sweeps.search.judgement.winners import (
+    Found,
+    Judged,
+    baseline_of,
+    best_linear_share,
+    best_trials,
+    exact,
+    judge,
+    judge_others,
+)
 from sweeps.search.output.mlflow import ABOUT, columns, ended_trials
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
+from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.traffic import Traffic
 from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_generalist import GeneralistAnswers
-from sweeps.search.trials.by_surrogates import SurrogateAnswers
-from sweeps.search.trials.pool import Pool
+from sweeps.search.trials.pool import Pool, SurrogateAnswers
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
     Answers,

@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 from lidarplace.files.atomic import sync, unique
-from sweeps.store.whole_folder import whole_folder
+from sweeps.store.whole import whole_folder
 
 Versions = dict[str, tuple[int, int]]
 """By name of a file."""

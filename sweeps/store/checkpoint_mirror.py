@@ -19,8 +19,7 @@ from fsspec import AbstractFileSystem
 from lidarplace.files.atomic import sync
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.store.checkpoint_attempts import Versions, versions
-from sweeps.store.remote_files import put_whole
-from sweeps.store.whole_folder import whole_folder
+from sweeps.store.whole import put_whole, whole_folder
 
 SECONDS = 5.0
 """Between two looks at the folder."""

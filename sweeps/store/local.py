@@ -26,7 +26,7 @@ from sweeps.store.result_folder import (
     whole,
     write_result,
 )
-from sweeps.store.whole_folder import whole_folder
+from sweeps.store.whole import whole_folder
 from sweeps.tasks.task import Task
 
 

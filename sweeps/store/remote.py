@@ -16,7 +16,6 @@ from lidarplace.files.secret_urls import public_url
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.local import Note, Store
-from sweeps.store.remote_files import put_whole
 from sweeps.store.result_folder import (
     RECORD,
     DamagedResult,
@@ -30,6 +29,7 @@ from sweeps.store.result_folder import (
     read_content,
     whole,
 )
+from sweeps.store.whole import put_whole
 from sweeps.tasks.task import Task
 
 

@@ -11,7 +11,7 @@ from carla_world import cast
 
 from lidarplace.plugins.carla.lidars import mount_transform
 from lidarplace.plugins.carla.returns import ego_points
-from lidarplace.rig_files.carla_sensor import attributes, even_fans
+from lidarplace.rig_files.carla import attributes, even_fans
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
 

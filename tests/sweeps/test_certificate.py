@@ -17,11 +17,10 @@ from sweeps.search.greedy.certificate import (
     slots_of,
     why_none,
 )
-from sweeps.search.problem.assess import assess
+from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.slots import Placed, rig_of
-from sweeps.search.problem.traffic import Traffic
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
 

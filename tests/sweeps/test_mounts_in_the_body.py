@@ -17,11 +17,10 @@ from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.greedy.candidates import candidates_of
-from sweeps.search.problem.assess import assess
+from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.problem.traffic import Traffic
 from sweeps.tasks.task import plain
 
 NOSE = {"x": 2.25, "z": 0.6}

@@ -19,10 +19,9 @@ from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.commands.search import app
 from sweeps.search.greedy.objective_value import OneDeadWorth
 from sweeps.search.judgement.robustness import _cases
-from sweeps.search.problem.assess import assess
+from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.problem.traffic import Traffic
 from sweeps.search.trials import by_generalist
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log

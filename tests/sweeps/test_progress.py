@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
-from sweeps.execution.progress import StageProgress
+from sweeps.execution.progress import StageProgress, TimeLeft
 from sweeps.execution.running import Running, about, minutes
-from sweeps.execution.time_left import TimeLeft
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.store.local import Note, Store
 from sweeps.tasks.task import Task

@@ -25,7 +25,7 @@ from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
 from sweeps.tasks.parameters import CollectParams, RecordedParams
 from tests.other_simulator import LIDAR, MOUNTS, RIG, write_log
-from tracking.findings.recorded_clouds import side_by_side
+from tracking.report.sections.recorded_clouds import side_by_side
 from tracking.run_folders.sweep import RunFolder
 
 pytestmark = pytest.mark.usefixtures("one_thread")

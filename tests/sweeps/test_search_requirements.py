@@ -14,11 +14,10 @@ from lidarplace import Mount
 from lidarplace.requirements.judge import judge
 from sweeps.commands.search import app
 from sweeps.configuration.file import ConfigError
-from sweeps.search.problem.assess import assess
+from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.problem.traffic import Traffic
 from tracking.run_folders.search import SearchFolder
 
 AROUND = {

@@ -147,7 +147,7 @@ def full_disk(*args, **kwargs):
         "torch.save",
         "pathlib.Path.write_text",
         "sweeps.store.result_folder.sync",
-        "sweeps.store.whole_folder.sync",
+        "sweeps.store.whole.sync",
         "pathlib.Path.rename",
     ],
 )

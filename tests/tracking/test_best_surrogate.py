@@ -7,8 +7,7 @@ from result_tables import tables
 from scipy import stats
 
 from tracking.findings.best_surrogate import best_surrogates
-from tracking.findings.correlation import correlate
-from tracking.findings.leave_one_out import leave_one_out
+from tracking.findings.correlation import correlate, leave_one_out
 
 
 def found(y, **surrogates):

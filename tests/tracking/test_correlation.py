@@ -13,9 +13,15 @@ from statsmodels.stats.multitest import multipletests
 
 from tracking.findings.correlation import correlate
 from tracking.findings.paired import with_sums
-from tracking.statistics.coefficients import COEFFICIENTS, scores
-from tracking.statistics.multiple_tests import adjust, distinct_tests, holm
-from tracking.statistics.permutation import permutation_p, smallest_p
+from tracking.statistics.coefficients import (
+    COEFFICIENTS,
+    adjust,
+    distinct_tests,
+    holm,
+    permutation_p,
+    scores,
+    smallest_p,
+)
 
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
 

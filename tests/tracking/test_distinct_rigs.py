@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from made_up_run import write_run
 
-from tracking.findings.distinct_rigs import copies, without
+from tracking.findings.groups import copies, without
 from tracking.report.build import build_report
 from tracking.run_folders.sweep import RunFolder
 

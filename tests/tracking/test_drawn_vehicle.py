@@ -18,7 +18,7 @@ from tracking.report.decision.rigs import rigs_section as decision_rigs_section
 from tracking.report.recommendation import recommendations
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
-from tracking.run_folders.drawn_vehicle import MOST_DRAWN, Triangles, drawn_vehicle
+from tracking.run_folders.json_file import MOST_DRAWN, Triangles, drawn_vehicle
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import SweepResult
 

@@ -9,7 +9,7 @@ import pytest
 from lidarplace.base.roi import Roi
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.from_above import pog_from_above
-from tracking.figures.kit.label_places import apart, label_places, labels_on_top
+from tracking.figures.kit.named_points import apart, label_places, labels_on_top
 from tracking.figures.kit.style import (
     COLOURS,
     SYMBOLS,
@@ -27,8 +27,8 @@ from tracking.report.sections.accuracy import accuracy_figure
 from tracking.report.sections.clouds import POINTS, point_clouds
 from tracking.report.sections.coverage import coverage_maps, densest
 from tracking.report.sections.where_time_went import times
+from tracking.run_folders.arrays import Frame
 from tracking.run_folders.sweep import RunFolder
-from tracking.run_folders.sweep_arrays import Frame
 
 ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
 

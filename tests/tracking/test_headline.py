@@ -8,9 +8,8 @@ import pytest
 from made_up_run import write_run
 
 from tracking.findings.best_surrogate import best_surrogates
-from tracking.findings.correlation import correlate
+from tracking.findings.correlation import correlate, leave_one_out
 from tracking.findings.groups import groups
-from tracking.findings.leave_one_out import leave_one_out
 from tracking.report.cautions import cautions
 from tracking.report.headline import headline_ranking, surrogate_verdicts, verdicts
 from tracking.run_folders.sweep import RunFolder

@@ -17,7 +17,7 @@ from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.mlflow.content import trial_metrics
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
-from tracking.report.sections.reliability import reliability_section
+from tracking.report.sections.ceiling import reliability_section
 from tracking.run_folders.sweep import RunFolder
 
 LIKE = {"AP_R40_3D_mean": "AP_R40_3D", "mean_overlap": "recall"}

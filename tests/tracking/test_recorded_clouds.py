@@ -6,10 +6,13 @@ import pytest
 from made_up_run import write_run
 from scipy import stats
 
-from tracking.findings.recorded_clouds import rank_agreement, side_by_side
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
-from tracking.report.sections.recorded_clouds import recorded_clouds_section
+from tracking.report.sections.recorded_clouds import (
+    rank_agreement,
+    recorded_clouds_section,
+    side_by_side,
+)
 from tracking.run_folders.sweep import RunFolder
 
 NAMES = tuple(f"p{i}" for i in range(6))

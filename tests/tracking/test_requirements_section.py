@@ -16,11 +16,11 @@ from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import Finding, Outcome
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.requirements.tables import case_table, worst_cases
-from tracking.findings.requirements import met, verdicts
+from tracking.findings.groups import met, verdicts
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map
 from tracking.report.build import build_report
-from tracking.run_folders.grounds import Grounds
+from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.sweep import RunFolder
 
 NEAR, FAR = "near / left", "far <3 m>"

@@ -11,9 +11,8 @@ import pandas as pd
 from tracking.findings.paired import Paired, group_columns, paired
 from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import signed
+from tracking.statistics.coefficients import distinct_tests, smallest_p
 from tracking.statistics.correlation_difference import strength_leads
-from tracking.statistics.multiple_tests import distinct_tests
-from tracking.statistics.permutation import smallest_p
 
 SIGNIFICANT = 0.05
 
@@ -53,7 +52,7 @@ def best_surrogates(
     Args:
         results, surrogates, axes: see `tracking.findings.paired.paired`.
         correlations: `tracking.findings.correlation.correlate` of the same.
-        left_out: `tracking.findings.leave_one_out.leave_one_out` of the same.
+        left_out: `tracking.findings.correlation.leave_one_out` of the same.
 
     Returns:
         One per group in which some surrogate has a coefficient, in the order of `correlations`.

@@ -1,11 +1,12 @@
-"""The parts of a sweep within which placements can be compared."""
+"""The parts of a sweep within which placements can be compared, its rigs and requirements."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import pandas as pd
 
+from lidarplace.requirements.tables import worst_cases
 from tracking.labels import detector_label, setting_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -113,3 +114,61 @@ def groups(run: RunFolder) -> Iterator[Group]:
         setting = {str(axis): value for axis, value in row.items()}
         judge = str(setting.get(JUDGE, run.sweep.judge))
         yield Group(detector, setting, judge, len(found) > 1)
+
+
+def verdicts(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
+    """The worst case of each requirement under each placement at one setting of the axes.
+
+    Rows of `lidarplace.requirements.tables.worst_cases` behind the placement; none if nothing was
+    required.
+    """
+    cases = run.requirements
+    if cases is None or cases.empty:
+        return pd.DataFrame(columns=["placement", "requirement", "met"])
+    return worst_cases(at(cases, setting), ["placement"])
+
+
+def met(verdicts: pd.DataFrame) -> pd.Series:
+    """How many requirements each placement meets, by its name, such as "3 of 5"."""
+    by_rig = verdicts.groupby("placement", sort=False)["met"]
+    return by_rig.sum().astype(str) + " of " + by_rig.size().astype(str)
+
+
+def copies(run: RunFolder) -> dict[str, str]:
+    """Placements with the mounts and the surrogates of an earlier one -> the earlier one.
+
+    Equal mounts alone may carry different LiDARs, whose surrogates then differ.
+    """
+    seen: dict[object, str] = {}
+    found = {}
+    for name, mounts in run.placements.items():
+        own = run.surrogates[run.surrogates["placement"] == name].drop(columns=["placement"])
+        if own.empty:  # nothing tells its LiDARs
+            continue
+        values = own.drop(columns=["seconds"], errors="ignore").astype(str)
+        same = (mounts, tuple(sorted(values.itertuples(index=False, name=None))))
+        first = seen.setdefault(same, name)
+        if first != name:
+            found[name] = first
+    return found
+
+
+def without(run: RunFolder, names: set[str]) -> RunFolder:
+    """The run as if these placements had not been in it.
+
+    Two equal rigs are no two draws of placements: counted twice they would make a correlation look
+    surer than it is, and each would keep the other from being the best.
+    """
+    if not names:
+        return run
+    gone = set(run.trials.loc[run.trials["placement"].isin(names), "trial"])
+    kept: dict[str, Any] = {}
+    for field in fields(run):
+        table = getattr(run, field.name)
+        if isinstance(table, pd.DataFrame):
+            if "placement" in table.columns:
+                kept[field.name] = table[~table["placement"].isin(names)].reset_index(drop=True)
+            elif "trial" in table.columns:
+                kept[field.name] = table[~table["trial"].isin(gone)].reset_index(drop=True)
+    placements = {name: rig for name, rig in run.placements.items() if name not in names}
+    return replace(run, placements=placements, **kept)

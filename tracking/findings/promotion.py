@@ -17,7 +17,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import detector_label, metric_label, surrogate_name
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
-from tracking.statistics.permutation import LARGEST_EXACT, permutation_p
+from tracking.statistics.coefficients import LARGEST_EXACT, permutation_p
 
 FULL_TRAINING = "full training"
 """The stage after the last rung."""

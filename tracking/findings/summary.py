@@ -10,9 +10,8 @@ from scipy import stats
 
 from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
-from tracking.findings.groups import GENERALIST, judges
+from tracking.findings.groups import GENERALIST, judges, met, verdicts
 from tracking.findings.paired import group_columns, matching
-from tracking.findings.requirements import met, verdicts
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
 from tracking.run_folders.sweep import RunFolder

@@ -17,7 +17,7 @@ from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE
 from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.pages.tables import Column, Table, words
-from tracking.run_folders.grounds import Grounds
+from tracking.run_folders.arrays import Grounds
 
 ALONE = (
     "An object stands alone on level ground at each position, in the worst of its headings; what "

@@ -10,11 +10,10 @@ import pandas as pd
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.best_surrogate import Predictors, best_surrogates
 from tracking.findings.ceiling import beside, ceilings
-from tracking.findings.correlation import correlate
+from tracking.findings.correlation import correlate, leave_one_out
 from tracking.findings.failures import Failures
 from tracking.findings.generalist import with_judgements
 from tracking.findings.groups import Group, groups
-from tracking.findings.leave_one_out import leave_one_out
 from tracking.findings.promotion import fully_trained
 from tracking.findings.summary import by_surrogate, seed_means
 from tracking.kitti_iou import judged

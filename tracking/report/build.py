@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from lidarplace.base.registry import Registry
-from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.failures import Failures
-from tracking.findings.groups import pictured
+from tracking.findings.groups import copies, pictured, without
 from tracking.findings.individuals import count_individuals
 from tracking.labels import some
 from tracking.pages.csv_files import FOLDER, write_csv_files
@@ -24,31 +23,28 @@ from tracking.report.failures import write_failures
 from tracking.report.headline import Verdict, surrogate_verdicts, verdicts
 from tracking.report.recommendation import answer, recommendations
 from tracking.report.sections.accuracy import accuracy_section
-from tracking.report.sections.agreement import agreement_section
 from tracking.report.sections.best import best_section
 from tracking.report.sections.binned import by_distance_section, by_sector_section
-from tracking.report.sections.ceiling import ceiling_section
+from tracking.report.sections.ceiling import ceiling_section, reliability_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.correlation import correlation_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
-from tracking.report.sections.curves import curves_section
 from tracking.report.sections.density import density_section
 from tracking.report.sections.detectors import detectors_section
 from tracking.report.sections.failures import FILE as FAILURES
 from tracking.report.sections.failures import failures_section
 from tracking.report.sections.generalist import generalist_section
 from tracking.report.sections.individuals import individuals_section
-from tracking.report.sections.placements import placements_section
+from tracking.report.sections.placements import agreement_section, placements_section
 from tracking.report.sections.predictors import counted, predictors_section
 from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
 from tracking.report.sections.recorded_clouds import recorded_clouds_section
 from tracking.report.sections.regret import regret_section
-from tracking.report.sections.reliability import reliability_section
 from tracking.report.sections.requirements import requirements_section
 from tracking.report.sections.sampling_error import sampling_error_section
 from tracking.report.sections.tilts import tilts_section
-from tracking.report.sections.training_cost import training_cost_section
+from tracking.report.sections.training_cost import curves_section, training_cost_section
 from tracking.report.sections.where_time_went import reduced_batches, where_time_went
 from tracking.run_folders.sweep import RunFolder
 

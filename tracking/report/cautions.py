@@ -3,7 +3,7 @@
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution, weaknesses
 from tracking.findings.groups import groups
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.permutation import smallest_p
+from tracking.statistics.coefficients import smallest_p
 
 FEW_GROUND_TRUTHS = 200
 FEW_FRAMES = 20

@@ -24,7 +24,7 @@ from tracking.findings.failures import Failures
 from tracking.numbers import digits
 from tracking.pages.page import figure_json, write_page
 from tracking.pages.section import Section
-from tracking.run_folders.sweep_arrays import FailureFrames
+from tracking.run_folders.arrays import FailureFrames
 
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
 """Colours of objects, and of the points in them, by what became of them."""

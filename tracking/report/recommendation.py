@@ -6,12 +6,11 @@ from pathlib import Path
 
 from lidarplace.base.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.evidence import grade, remedy
 from tracking.findings.failures import Failures, failures
-from tracking.findings.groups import Group, groups
+from tracking.findings.groups import Group, copies, groups, without
+from tracking.findings.groups import verdicts as verdicts_of
 from tracking.findings.promotion import fully_trained
-from tracking.findings.requirements import verdicts as verdicts_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, some
 from tracking.report.headline import Verdict, class_label, headline_ranking, verdicts

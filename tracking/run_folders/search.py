@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.files.atomic import read_text
 from lidarplace.files.regular import is_there
-from tracking.run_folders.grounds import Grounds
-from tracking.run_folders.search_arrays import UnseenMaps
+from tracking.run_folders.arrays import Grounds, UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult
 from tracking.run_folders.search_tables import TABLES, TRIALS
 from tracking.run_folders.table import Column, DType

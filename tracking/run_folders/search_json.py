@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
-from tracking.run_folders.json_file import Part, ResultFile
+from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
 from tracking.run_folders.search_tables import trials_of
 from tracking.run_folders.sweep_json import Pose
 from tracking.run_folders.table import Table

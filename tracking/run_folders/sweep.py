@@ -15,8 +15,7 @@ from lidarplace.files.atomic import read_text
 from lidarplace.files.regular import is_there
 from lidarplace.pog.surrogates.table import SURROGATES as KNOWN
 from lidarplace.rigs.placement import Mount
-from tracking.run_folders.grounds import Grounds
-from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
+from tracking.run_folders.arrays import FailureFrames, Frame, Grounds, Maps
 from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.sweep_tables import RESULTS, SURROGATES, TABLES, TRIALS
 

@@ -8,8 +8,7 @@ from lidarplace.base.roi import Roi
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
-from tracking.run_folders.json_file import Part, ResultFile
+from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
 
 _Numbers = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 

@@ -9,8 +9,11 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.kit.style import text
 from tracking.figures.of_searches.against_baseline import robustness_figure, unseen, verified_figure
-from tracking.figures.of_searches.pareto import pareto_fronts
-from tracking.figures.of_searches.search_history import bound_over_seconds, search_history
+from tracking.figures.of_searches.search_history import (
+    bound_over_seconds,
+    pareto_fronts,
+    search_history,
+)
 from tracking.labels import metric_label
 from tracking.numbers import digits, number
 from tracking.pages.page import write_page

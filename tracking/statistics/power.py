@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tracking.statistics.permutation import LARGEST_EXACT, smallest_p
+from tracking.statistics.coefficients import LARGEST_EXACT, smallest_p
 
 ALPHA = 0.05
 TARGET = 0.8

@@ -12,7 +12,7 @@ import numpy as np
 from lidarplace.clouds.clouds import Crop
 from lidarplace.plugins.carla.returns import Points, ego_points
 from lidarplace.plugins.carla.server import Actors
-from lidarplace.rig_files.carla_sensor import BLUEPRINT, attributes, even_fans
+from lidarplace.rig_files.carla import BLUEPRINT, attributes, even_fans
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.pose import from_carla
 

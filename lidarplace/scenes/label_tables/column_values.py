@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from lidarplace.logs.boxes import SIZE
 from lidarplace.scenes.label_tables.column_names import class_in
-from lidarplace.scenes.label_tables.guess_units import guess_angle
-from lidarplace.scenes.label_tables.units import RADIANS
+from lidarplace.scenes.label_tables.units import RADIANS, guess_angle
 
 LEAST_STAMPS = 5
 MOST_CATEGORIES = 50

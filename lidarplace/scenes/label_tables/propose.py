@@ -12,15 +12,16 @@ from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausible import SIZES
 from lidarplace.scenes.label_tables.column_names import class_in, guess_columns
 from lidarplace.scenes.label_tables.column_values import add_columns_by_values
-from lidarplace.scenes.label_tables.guess_units import (
+from lidarplace.scenes.label_tables.mapping import Columns
+from lidarplace.scenes.label_tables.read import read_table
+from lidarplace.scenes.label_tables.units import (
     DISTANCES,
+    METRES,
+    SECONDS,
     guess_angle,
     guess_length,
     guess_time,
 )
-from lidarplace.scenes.label_tables.mapping import Columns
-from lidarplace.scenes.label_tables.read_table import read_table
-from lidarplace.scenes.label_tables.units import METRES, SECONDS
 
 TEST_SHARE = 0.2
 MOST_CATEGORIES = 200

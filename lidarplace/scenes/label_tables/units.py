@@ -1,7 +1,14 @@
-"""Units of label files, as factors to metres, radians and seconds."""
+"""Units of label files, as factors to metres, radians and seconds, and what they may be."""
 
 import math
-from typing import Literal
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.logs.plausible import STEP_S
+from lidarplace.scenes.label_tables.column_names import unit_in
 
 LengthUnit = Literal["m", "cm", "mm"]
 AngleUnit = Literal["rad", "deg"]
@@ -10,3 +17,55 @@ TimeUnit = Literal["s", "ms", "us", "ns"]
 METRES: dict[LengthUnit, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 RADIANS: dict[AngleUnit, float] = {"rad": 1.0, "deg": math.pi / 180}
 SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+Unit = TypeVar("Unit", bound=str)
+
+DISTANCES = (300.0, 6000.0)
+"""Median distance of a box from the vehicle from which it is in centimetres, and in millimetres."""
+EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
+"""Time since 1970 is of this size: from 2001 on."""
+
+
+@dataclass(frozen=True)
+class Guess(Generic[Unit]):
+    """A unit, and what tells it."""
+
+    unit: Unit
+    why: str
+
+
+def guess_angle(name: str, values: NDArray[np.float64]) -> Guess[AngleUnit]:
+    """The unit of a yaw."""
+    if (told := unit_in(name)) in get_args(AngleUnit):
+        return Guess(cast(AngleUnit, told), "by its name")
+    largest = np.nanmax(np.abs(values), initial=0.0)
+    turned = values[np.isfinite(values) & (values != 0)]
+    if largest > 2 * math.pi + 0.01:
+        return Guess("deg", f"up to {largest:.5g}: more than a turn of radians")
+    if len(turned) and (turned % 1 == 0).all():
+        return Guess("deg", "whole numbers")
+    return Guess("rad", f"up to {largest:.5g}")
+
+
+def guess_length(
+    name: str, median: float, limits: tuple[float, float], what: str
+) -> Guess[LengthUnit]:
+    """The unit of lengths whose median is `median`; from `limits` on they are cm, and mm."""
+    if (told := unit_in(name)) in get_args(LengthUnit):
+        return Guess(cast(LengthUnit, told), "by its name")
+    unit = "m" if not median >= limits[0] else "cm" if median < limits[1] else "mm"
+    return Guess(cast(LengthUnit, unit), f"{what} is {median:.5g} in the median")
+
+
+def guess_time(name: str, largest: float, step: float) -> Guess[TimeUnit]:
+    """The unit of time stamps up to `largest`, `step` apart in the median."""
+    if (told := unit_in(name)) in get_args(TimeUnit):
+        return Guess(cast(TimeUnit, told), "by its name")
+    for epoch, size in EPOCH.items():
+        if size <= largest < 10 * size:
+            return Guess(cast(TimeUnit, epoch), f"{largest:.4g} is a time since 1970")
+    for short, seconds in SECONDS.items():
+        if STEP_S[0] <= step * seconds <= STEP_S[1]:
+            return Guess(short, f"{step:.4g} from one to the next in the median")
+    return Guess("s", "nothing tells")

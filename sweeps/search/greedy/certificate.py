@@ -18,10 +18,10 @@ from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import candidates_of, limits_of, number_of_candidates
 from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
 from sweeps.search.greedy.refine import keeps, refine
+from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
-from sweeps.search.problem.traffic import Traffic
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from lidarplace.pog.selection import (
 from lidarplace.pog.selection.tracing import OBJECTIVES, Objective
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.recall.one_dead import OneDeadChoice
+from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.traffic import Traffic
 
 SUBMODULAR = (*OBJECTIVES, "expected_recall")
 """Objectives that have greedy choice and a bound."""

@@ -8,11 +8,11 @@ from dataclasses import astuple, replace
 import numpy as np
 
 from sweeps.search.greedy.objective_value import worth_of
+from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, rig_of
-from sweeps.search.problem.traffic import Traffic
 
 _MOST_ROUNDS = 4
 """Rounds over all LiDARs at one step; few improve anything."""

@@ -15,11 +15,10 @@ from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import identity, with_columns
-from sweeps.search.judgement.found import baseline_of
 from sweeps.search.judgement.verify import verified_table
-from sweeps.search.judgement.winners import Judged, ranked
+from sweeps.search.judgement.winners import Judged, baseline_of, ranked
+from sweeps.search.problem.choice import cases_of, value_of, worst_case
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
-from sweeps.search.problem.one_dead import cases_of, value_of, worst_case
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import Over, left_out_over_tests, metrics_over_tests
 from sweeps.search.trials.by_detectors import weighted_value

@@ -10,8 +10,7 @@ import pandas as pd
 from lidarplace.mounting.errors import MountingErrors
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choices, ordered
-from sweeps.search.problem.one_dead import with_each_dead
+from sweeps.search.problem.choice import Choices, ordered, with_each_dead
 from sweeps.search.trials.pool import Pool
 
 AS_DESIGNED = "as designed"

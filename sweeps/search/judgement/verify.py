@@ -13,8 +13,7 @@ from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Plan
-from sweeps.search.judgement.found import Found
-from sweeps.search.judgement.winners import Judged
+from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.problem.problem import Problem
 from sweeps.store.of_sweep import store_of
 from tracking.findings.best_placement import best_placement

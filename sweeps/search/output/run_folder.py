@@ -30,10 +30,8 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.results.pictures import uncovered
-from sweeps.search.judgement.found import Found
-from sweeps.search.judgement.winners import Judged, stride_error
-from sweeps.search.output.importances import importances
-from sweeps.search.output.tables import greedy_table, trials_table
+from sweeps.search.judgement.winners import Found, Judged, stride_error
+from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.choice import Choices, placement_of
@@ -42,9 +40,8 @@ from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from tracking.mlflow.uri import absolute_uri
-from tracking.run_folders.drawn_vehicle import Triangles
-from tracking.run_folders.grounds import Grounds
-from tracking.run_folders.search_arrays import UnseenMaps
+from tracking.run_folders.arrays import Grounds, UnseenMaps
+from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.search_json import (
     Bound,
     Command,

@@ -12,8 +12,7 @@ from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES, SURROGATES
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
 from sweeps.search.greedy.certificate import why_none
-from sweeps.search.judgement.found import Found
-from sweeps.search.judgement.winners import Judged
+from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.constraints import Constraint

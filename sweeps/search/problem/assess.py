@@ -1,18 +1,29 @@
-"""What a rig is worth: its objectives and constraints."""
+"""What a rig is worth on a traffic: its objectives and constraints."""
 
 import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lidarplace import evaluate_classes, expected_ig_by_q
+from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
-from sweeps.search.problem.choice import Choices, is_possible, placement_of
+from sweeps.search.problem.choice import Choices, cases_of, is_possible, placement_of, value_of
 from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
-from sweeps.search.problem.one_dead import cases_of, value_of
-from sweeps.search.problem.traffic import Traffic
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """What is known of it.
+
+    Attributes:
+        grids: POG by class; empty if no surrogate is asked for.
+        objects: the objects one by one, for `expected_recall`; None if it is not asked for.
+    """
+
+    grids: Mapping[str, OccupancyGrid]
+    objects: ExpectedRecall | None = None
 
 
 @dataclass(frozen=True)

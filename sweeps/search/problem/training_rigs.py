@@ -9,8 +9,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from lidarplace import Lidar
 from lidarplace.mounting.random_rigs import CANDIDATES
 from lidarplace.mounting.ring_overlap import spread_by_overlap
-from sweeps.search.problem.choice import Choices, is_possible, placement_of
-from sweeps.search.problem.one_dead import with_each_dead
+from sweeps.search.problem.choice import Choices, is_possible, placement_of, with_each_dead
 from sweeps.search.problem.space import Space
 
 _LEVEL = 2

@@ -17,8 +17,8 @@ import pandas as pd
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.plan.trial import DetectorTrial
+from sweeps.search.problem.choice import cases_of, value_of
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
-from sweeps.search.problem.one_dead import cases_of, value_of
 from sweeps.search.trials.aggregate import metrics_over_tests
 from sweeps.search.trials.by_detectors import weighted_value
 from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers

@@ -12,8 +12,8 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
 from sweeps.plan.plan import RECALL_FRAMES
+from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.traffic import Traffic
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import RecallParams

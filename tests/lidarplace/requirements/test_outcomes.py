@@ -15,9 +15,8 @@ from lidarplace.recall.detection_curve import DetectionCurve
 from lidarplace.requirements.area import Area, grid_over, in_the_way
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import lay_out
-from lidarplace.requirements.placed_object import STANDARD, PlacedObject
-from lidarplace.requirements.presets import preset
-from lidarplace.requirements.requirement import AlsoWhen, Requirement
+from lidarplace.requirements.requirement import STANDARD, AlsoWhen, PlacedObject, Requirement
+from lidarplace.requirements.settings import preset
 from lidarplace.rigs.weather import Weather
 from tests.lidarplace.requirements.brute_force import hits_of
 

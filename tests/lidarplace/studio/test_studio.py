@@ -19,12 +19,12 @@ from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.studio.best_pose import ROUNDS
 from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
+from lidarplace.studio.log_frames import scene_of, simulated_scene
 from lidarplace.studio.numbers import RECALL_FRAMES, thinned
 from lidarplace.studio.page.tables import left_out
 from lidarplace.studio.rigs_file import RigsSettings, read_rigs
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import found_by_sweep
-from lidarplace.studio.traffic import scene_of, simulated_scene
 from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
 from sweeps.results.rigs_file import rigs_yaml

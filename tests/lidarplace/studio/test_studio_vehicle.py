@@ -6,9 +6,9 @@ import yaml
 
 from lidarplace import Roi
 from lidarplace.clouds.collect import collect
+from lidarplace.studio.log_frames import scene_of
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.traffic import scene_of
 from sweeps.plan.plan import read_plan
 from tests.lidarplace.studio.rigs import log_of, written
 from tests.sweeps.small_log import write_small_log

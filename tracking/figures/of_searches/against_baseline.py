@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.from_above import add_vehicle, pog_from_above
-from tracking.figures.kit.label_places import label_places
+from tracking.figures.kit.named_points import label_places
 from tracking.figures.kit.style import (
     OUTLINE,
     colour,

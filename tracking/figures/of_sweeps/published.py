@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.label_places import label_places, labels_on_top, room_on_top
+from tracking.figures.kit.named_points import label_places, labels_on_top, room_on_top
 from tracking.figures.kit.style import (
     OUTLINE,
     add_menu,

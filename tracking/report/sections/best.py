@@ -7,7 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.placement_points import placement_markers
+from tracking.figures.kit.named_points import placement_markers
 from tracking.figures.kit.style import OUTLINE, add_odds, error_bars, figure, name_rows, text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group

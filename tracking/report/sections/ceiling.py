@@ -1,22 +1,26 @@
-"""The section of what a perfect surrogate could reach."""
+"""The sections of what noise leaves: a perfect surrogate's ceiling, how reliable a metric is."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.metrics import headline_metric
+from lidarplace.base.metrics import METRICS, headline_metric
 from tracking.findings.groups import has_detectors
-from tracking.kitti_iou import headline_iou
-from tracking.labels import detector_label
-from tracking.numbers import digits, span
+from tracking.findings.paired import group_columns
+from tracking.findings.surrogate_accuracy import rank_agreement
+from tracking.kitti_iou import headline_iou, judged_by_all
+from tracking.labels import detector_label, metric_label
+from tracking.numbers import digits, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
 from tracking.report.analysis import Analysis
+from tracking.report.headline import class_label
+from tracking.statistics.reliability import reliability_of_mean
 
 CEILING_IN_A_LINE = (
     "The ceiling is the ρ that a surrogate without any error is expected to reach, as AP and "
@@ -107,3 +111,90 @@ def _span(shown: pd.DataFrame) -> list[str]:
     if known.empty:
         return [_UNKNOWN]
     return [f"Here it is {span(known.min(), known.max(), '.2f')} over what headlines tell."]
+
+
+_NOTE = (
+    "Halves of the test routes are evaluated apart, in up to five splits: Spearman's ρ of the "
+    "placements between two halves, the mean over splits, and what it would be between all these "
+    "test frames and as many others, by Spearman and Brown's formula. A reliable metric needs "
+    "fewer frames to tell placements apart; whether what it measures matters it does not say."
+)
+
+
+def reliability_section(found: Analysis) -> Section | None:
+    """A row for every metric of a class; None where no halves of the routes can be compared."""
+    run = found.run
+    if run.left_out is None or run.left_out.empty or not has_detectors(run):
+        return None
+    rated = agreement_of_halves(run.left_out, run.axes)
+    if rated.empty:
+        return None
+    # Detector by detector, the metrics of each in the order of display.
+    place = {name: number for number, name in enumerate(METRICS)}
+    ordered = rated.sort_values("metric", key=lambda of: of.map(place), kind="stable")
+    ordered = ordered.sort_values(["detector", *run.axes], kind="stable")
+    names = (*run.classes, "all")
+    shown = pd.concat([judged_by_all(ordered, run.results, name) for name in names])
+    columns = [
+        words("class"),
+        Column("detector", partial(detector_label, run.axes), words=True),
+        METRIC,
+        numbers("placements", "n", ",.0f"),
+        numbers("splits", "splits", ""),
+        numbers("ρ of two halves", "agreement", signed),
+        numbers("reliability of all test frames", "reliability", ".2f"),
+    ]
+    table = Table.of(
+        "How reliably metrics tell placements apart", shown, columns, name="reliability", data=rated
+    )
+    notes = [_NOTE, *_most_reliable(shown)]
+    return Section("Which metric tells placements apart?", notes, tables=[table])
+
+
+def _most_reliable(shown: pd.DataFrame) -> Iterator[str]:
+    """Of every class the most reliable metric, and how reliable the headline's is."""
+    keys = ["class", "metric", "iou"]
+    means = shown.groupby(keys, sort=False)["reliability"].mean().dropna().reset_index()
+    for name, own in means.groupby("class", sort=False):
+        first, *others = own.sort_values("reliability", ascending=False).to_dict("records")
+        told = f"{class_label(str(name))}: {_label(first)} is most reliable, {_rated(first)}"
+        headline = [row for row in others if row["metric"] == headline_metric(str(name))]
+        told += "".join(f"; {_label(row)} has {_rated(row)}" for row in headline)
+        yield f"{told}."
+
+
+def _label(row: Mapping[Any, Any]) -> str:
+    return metric_label(row["metric"], row["iou"])
+
+
+def _rated(row: Mapping[Any, Any]) -> str:
+    return digits(row["reliability"], ".2f")
+
+
+def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+    """How alike halves of the test routes rank placements, by every metric.
+
+    Args:
+        left_out: `left_out.parquet`.
+        axes: further axes of the grid.
+
+    Returns:
+        One row per (class, detector, axes, metric, iou) with three placements or more: `n`
+        placements; `splits` of the routes; `agreement`, Spearman's rho between the halves, the mean
+        over splits, of means over seeds; and `reliability`, what Spearman and Brown's formula makes
+        of it for all routes, 0 where halves contradict each other.
+    """
+    keys = [key for key in group_columns(axes) if key != "difficulty"]
+    halves = left_out[left_out["unit"] == "half"]
+    rows = []
+    for key, own in halves.groupby(keys, dropna=False, sort=False, observed=True):
+        means = own.groupby(["left_out", "placement"])["value"].mean().unstack("left_out").dropna()
+        splits = sorted({str(name)[:-1] for name in means})
+        if len(means) < 3:
+            continue
+        rho = [rank_agreement(means[f"{one}a"], means[f"{one}b"])[0] for one in splits]
+        agreement = float(np.mean(rho))
+        reliable = float(reliability_of_mean(max(agreement, 0.0), 2)) if rho else np.nan
+        if not np.isnan(agreement):
+            rows.append((*key, len(means), len(splits), agreement, reliable))
+    return pd.DataFrame(rows, columns=[*keys, "n", "splits", "agreement", "reliability"])

@@ -14,7 +14,7 @@ from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, 
 from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
-from tracking.run_folders.sweep_arrays import Frame
+from tracking.run_folders.arrays import Frame
 
 MOST_CLOUDS = 12
 """Placements in the menus: a page must stay small."""

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.label_places import label_places
-from tracking.figures.kit.placement_points import add_placements
+from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import add_menu, broken, figure, text
 from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns, with_sums

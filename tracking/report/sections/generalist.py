@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.placement_points import add_placements
+from tracking.figures.kit.named_points import add_placements
 from tracking.figures.kit.style import OUTLINE, figure, text
 from tracking.findings.generalist import (
     CALIBRATION,

@@ -35,7 +35,7 @@ from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.permutation import smallest_p
+from tracking.statistics.coefficients import smallest_p
 from tracking.statistics.power import power_table, smallest_detectable
 
 MOST_SENTENCES = 8
@@ -240,7 +240,7 @@ def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
     """Error of a line through the other placements over that of their mean, a colour a surrogate.
 
     Args:
-        errors: surrogate, rmse and rmse_of_mean of `tracking.findings.leave_one_out`, and `label`:
+        errors: surrogate, rmse and rmse_of_mean of `tracking.findings.correlation`, and `label`:
             what the row of the figure is called, once for each surrogate.
         title: plotly text.
 

@@ -1,11 +1,13 @@
-"""Folders that appear in one step, so that nobody meets half of one."""
+"""Folders, and files at a remote place, that appear in one step: nobody meets half of one."""
 
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-from lidarplace.files.atomic import naming, sync, temporary
+from fsspec import AbstractFileSystem
+
+from lidarplace.files.atomic import naming, sync, temporary, unique
 
 
 @contextmanager
@@ -28,3 +30,14 @@ def whole_folder(target: Path) -> Iterator[Path]:
                     raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def put_whole(filesystem: AbstractFileSystem, path: Path, target: str) -> None:
+    """Copy a file to `target` on `filesystem`; a reader never meets half of it."""
+    if type(filesystem).mv is AbstractFileSystem.mv:  # no rename: an object store, whose put is one
+        filesystem.put_file(str(path), target)
+        return
+    place = PurePosixPath(target)
+    partial = str(place.with_name(f".{place.name}.{unique()}.part"))
+    filesystem.put_file(str(path), partial)
+    filesystem.mv(partial, target)
