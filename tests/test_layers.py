@@ -58,7 +58,7 @@ FLOORS = {
         "*",
     ),
     "tracking": (
-        "kitti_iou labels numbers published",
+        "kitti_iou labels published",
         "run_folders statistics",
         "findings",
         "figures",

@@ -24,8 +24,7 @@ import pandas as pd
 import yaml
 
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.scenes.sumo.egos import choose_egos, frames_met
-from lidarplace.scenes.sumo.record import drive, record
+from lidarplace.scenes.sumo.record import choose_egos, drive, frames_met, record
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.traffic import CAR
 from lidarplace.scenes.sumo.trajectories import Trajectories

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tracking.findings.best_surrogate import Predictors, best_surrogates
 from tracking.findings.correlation import correlate, leave_one_out
 from tracking.statistics.coefficients import scores
-from tracking.statistics.correlation_difference import strength_leads
+from tracking.statistics.confidence_interval import strength_leads
 from tracking.statistics.reliability import seed_mean
 
 Array = NDArray[np.float64]

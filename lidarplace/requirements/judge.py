@@ -4,8 +4,6 @@ An object is placed at every position of a grid, in the worst of several heading
 met if enough positions have enough, as the rig is built and in every case that it names besides.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ with the probability p that it returns, and a cell with `1 - product of (1 - p)`
 hit it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ from tracking.findings.correlation import correlate
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.report.sections.regret import regrets
-from tracking.statistics.correlation_difference import strength_leads
+from tracking.statistics.confidence_interval import strength_leads
 
 Target = tuple[str, str, float]
 

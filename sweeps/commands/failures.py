@@ -48,7 +48,7 @@ def failures(
     and OUT/objects.parquet and .csv with what became of each object. The frames need the
     configuration of the sweep in RUN and its results in the store.
     """
-    from tracking.pages.csv_files import FOLDER, write_csv_files
+    from tracking.pages.files_beside import FOLDER, write_csv_files
     from tracking.report.failures import write_failures
     from tracking.report.sections.failures import FILE, counted_failures
     from tracking.run_folders.sweep import RunFolder

@@ -43,7 +43,7 @@ def pretrain(
     """
     from sweeps.configuration.grid import read_sweep
     from sweeps.execution.failures import Failure, FailureFolder
-    from sweeps.execution.run_tasks import run_tasks
+    from sweeps.execution.runner import run_tasks
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import pretrain_task
     from sweeps.store.of_sweep import reference, store_of

@@ -28,7 +28,7 @@ def record(
     """
     from lidarplace.commands.describe import print_description
     from lidarplace.logs.box_log import BoxLog, join_logs, write_box_log
-    from sweeps.execution.run_tasks import run_tasks
+    from sweeps.execution.runner import run_tasks
     from sweeps.plan.plan import read_plan
     from sweeps.store.of_sweep import reference, store_of
 

@@ -134,7 +134,7 @@ def _sections(
 ) -> Iterator[Section]:
     """The verdicts, and for each requirement the ground around every rig."""
     from lidarplace.mounting.outline import outline
-    from lidarplace.requirements.ground import Ground
+    from lidarplace.requirements.tables import Ground
     from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table
     from tracking.pages.section import Section
 

@@ -1,7 +1,5 @@
 """What a sweep will take: a task of every kind is tried on a few frames, where it will run."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import tempfile

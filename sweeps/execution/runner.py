@@ -1,6 +1,6 @@
-"""What a run of a sweep and one of a search have in common: one driver, its workers, MLflow."""
+"""What runs have in common: one driver, its workers, MLflow; and tasks that are of no trial."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -12,8 +12,12 @@ from lidarplace.command_line.verbs import wrong
 from lidarplace.files.atomic import remove_leftovers
 from sweeps.configuration.sweep import Common
 from sweeps.execution.backends import Backend, backend_for
+from sweeps.execution.execute import execute
+from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.execution.progress import StageProgress
 from sweeps.store.lock import locked
 from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.uri import sqlite_file, ui_command
@@ -93,3 +97,23 @@ def _remove_leftovers(common: Common, store: AnyStore) -> None:
     if (database := sqlite_file(common.tracking_uri)) is not None:
         remove_leftovers(database.parent)
     remove_leftovers(store.local.folder, "*/.*.part*")
+
+
+def run_tasks(
+    console: Console,
+    common: Common,
+    store: AnyStore,
+    tasks: Sequence[Task],
+    failures: FailureFolder | None = None,
+) -> Mapping[str, Failure]:
+    """Run what is not in the store yet. Returns the failures by key.
+
+    Args:
+        failures: keeps them for a reader.
+    """
+    with (
+        store.in_use(),
+        backend_for(common.ray) as backend,
+        StageProgress(console, tasks, store, failures) as progress,
+    ):
+        return execute(tasks, store, backend, progress).failures

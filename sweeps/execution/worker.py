@@ -1,7 +1,5 @@
 """What happens where a task runs: inputs are loaded, its function is called, its result stored."""
 
-from __future__ import annotations
-
 import math
 import os
 import socket

@@ -12,7 +12,7 @@ from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.table import DECIDING
-from lidarplace.requirements.ground import Ground
+from lidarplace.requirements.tables import Ground
 from sweeps.plan.trial import DetectorTrial, Plan, Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.stages import grids_of

@@ -18,7 +18,7 @@ from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import headline_value
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
-from tracking.numbers import digits
+from tracking.labels import digits
 
 MOST_NAMED = 8
 """Of rigs whose rings coincide; those with the most."""

@@ -29,8 +29,8 @@ from sweeps.search.judgement.winners import (
     judge,
     judge_others,
 )
-from sweeps.search.output.mlflow import ABOUT, columns, ended_trials
 from sweeps.search.output.run_folder import write_search
+from sweeps.search.output.tables import ABOUT, columns, ended_trials
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
@@ -134,10 +134,11 @@ class SearchWork:
         """What was found, as tables, text, report and artifacts."""
         seconds = time.monotonic() - self.started
         write_search(folder, self.problem, found, self.command, seconds)
+        run = SearchFolder.read(folder)
         if found.trials:
-            print_found(self.console, self.problem, found)
+            print_found(self.console, self.problem, found, run)
         else:
-            print_nothing_found(self.console, SearchFolder.read(folder))
+            print_nothing_found(self.console, run)
         report = build_search_report(folder)
         for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
             log.artifact(path)

@@ -3,8 +3,6 @@
 What belongs together is one file there, an archive for each attempt, replaced in one step.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import threading

@@ -1,7 +1,5 @@
 """Results at a URL that fsspec knows (s3://, gs://, az://, …), with a folder of copies here."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator

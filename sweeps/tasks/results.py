@@ -83,7 +83,7 @@ class Required:
 
     Attributes:
         table: columns of `lidarplace.requirements.tables.case_table`.
-        x, y, least: those of `lidarplace.requirements.ground.Ground`, metres and the measure of the
+        x, y, least: those of `lidarplace.requirements.tables.Ground`, metres and the measure of the
             requirement, by its number; `least` as float32.
     """
 

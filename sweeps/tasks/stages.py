@@ -183,10 +183,9 @@ def recall(params: RecallParams, *logs: BoxLog) -> Scores:
 
 def requirements(params: RequirementsParams) -> Required:
     """What becomes of each requirement under a rig, and by its number the ground of `Ground`."""
-    from lidarplace.requirements.ground import Ground
     from lidarplace.requirements.judge import judge
     from lidarplace.requirements.layout import lay_out
-    from lidarplace.requirements.tables import case_table
+    from lidarplace.requirements.tables import Ground, case_table
 
     laid = [lay_out(own, params.vehicle) for own in params.requirements]
     outcomes = judge(laid, params.placement, params.vehicle)

@@ -53,9 +53,9 @@ LINES = {
         "search-report found", stops_at="tracking.search_report.build.build_search_report"
     ),
     "dashboard": Line("dashboard runs/mlflow.db", stops_at="tracking.dashboard.connect"),
-    "record": Line("record sweep.yaml out", stops_at="sweeps.execution.run_tasks.run_tasks"),
+    "record": Line("record sweep.yaml out", stops_at="sweeps.execution.runner.run_tasks"),
     "pretrain": Line(
-        "pretrain sweep.yaml --out base.pt", stops_at="sweeps.execution.run_tasks.run_tasks"
+        "pretrain sweep.yaml --out base.pt", stops_at="sweeps.execution.runner.run_tasks"
     ),
     "calibrate": Line(
         "calibrate sweep.yaml --out curves.json", stops_at="sweeps.calibration.observations.rigs_of"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarplace.scenes.sumo.egos import MEETS_M, choose_egos
+from lidarplace.scenes.sumo.record import MEETS_M, choose_egos
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.traffic import BICYCLE, CAR, PEDESTRIAN, RoadUser
 from lidarplace.scenes.sumo.trajectories import Trajectories

@@ -21,7 +21,7 @@ from lidarplace.logs.boxes import (
     POSE_COLUMNS,
     check_boxes,
 )
-from lidarplace.scenes.sumo.overlap import overlaps, rectangles_meet
+from lidarplace.scenes.sumo.buildings import overlaps, rectangles_meet
 from lidarplace.scenes.sumo.parts import town_parts
 from lidarplace.scenes.sumo.record import KEEP_M, boxes_around, drive, moved, record
 from lidarplace.scenes.sumo.settings import SumoScene

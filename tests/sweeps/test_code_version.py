@@ -286,7 +286,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
         ),
         ("training/detectors/second.py", "from torch import", "CELL = 1\nfrom torch import", set()),
         ("training/__init__.py", '    "pv_rcnn",\n', '    "pv_rcnn",\n    "pv_rcnn_2",\n', set()),
-        ("lidarplace/scenes/sumo/egos.py", "MEETS_M = 40.0", "MEETS_M = 41.0", {"scene"}),
+        ("lidarplace/scenes/sumo/record.py", "MEETS_M = 40.0", "MEETS_M = 41.0", {"scene"}),
         ("lidarplace/scenes/kinds.py", '"sumo": Sc', '"toy": None, "sumo": Sc', set()),
     ],
 )

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tracking.statistics.confidence_interval import intervals
-from tracking.statistics.correlation_difference import (
+from tracking.statistics.confidence_interval import (
     correlation_of_correlations,
     difference,
+    intervals,
     strength_leads,
 )
 

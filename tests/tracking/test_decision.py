@@ -15,7 +15,7 @@ from test_report import Page
 from lidarplace.rigs.placement import Mount
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement
-from tracking.numbers import percent
+from tracking.labels import percent
 from tracking.report.build import build_report
 from tracking.report.decision.rigs import ViewedRig, rig_views
 from tracking.report.decision.where_blind import _Binned, _limits, bin_table

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tracking.numbers import digits, interval, number, percent, plus_minus, points, signed, span
+from tracking.labels import digits, interval, number, percent, plus_minus, points, signed, span
 
 
 @pytest.mark.parametrize(

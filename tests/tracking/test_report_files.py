@@ -10,9 +10,8 @@ from made_up_run import NAMES, write_run
 from test_report import Page
 
 from tracking.pages import page
-from tracking.pages.csv_files import write_csv_files
-from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.pages.files_beside import write_csv_files
+from tracking.pages.section import Section, Table, slug
 from tracking.report.build import build_report
 
 

@@ -12,10 +12,9 @@ from lidarplace import PAPER_PLACEMENTS
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area, Positions
-from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import Finding, Outcome
 from lidarplace.requirements.requirement import Requirement
-from lidarplace.requirements.tables import case_table, worst_cases
+from lidarplace.requirements.tables import Ground, case_table, worst_cases
 from tracking.findings.groups import met, verdicts
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map

@@ -1,1 +1,6 @@
-"""Plotly figures: of sweeps, of searches, and what they share."""
+"""Plotly figures: of sweeps, of searches, and what they share.
+
+In all of them, also those of the report's sections, `title` is plotly text, `axis` an axis' title
+with its unit, `placements` all of the sweep in order, so that a placement keeps its colour, and a
+`vehicle` of None a nominal car.
+"""

@@ -1,1 +1,4 @@
-"""Questions about a sweep, each answered by a table or a number."""
+"""Questions about a sweep, each answered by a table or a number.
+
+`axes` are the further axes of its grid, beyond placement, detector and seed.
+"""

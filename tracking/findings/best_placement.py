@@ -1,7 +1,5 @@
 """Which placement is best, by how much, and how sure is that?"""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which surrogate predicts a metric best, and does any?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,10 +7,9 @@ import numpy as np
 import pandas as pd
 
 from tracking.findings.paired import Paired, group_columns, paired
-from tracking.labels import metric_label, surrogate_name
-from tracking.numbers import signed
+from tracking.labels import metric_label, signed, surrogate_name
 from tracking.statistics.coefficients import distinct_tests, smallest_p
-from tracking.statistics.correlation_difference import strength_leads
+from tracking.statistics.confidence_interval import strength_leads
 
 SIGNIFICANT = 0.05
 
@@ -27,7 +24,7 @@ class Predictors:
             `rmse_of_mean` of predicting a placement left out; `same_as`, the surrogate before it
             that orders placements alike or reversed, or ""; `behind`, by how much its |rho| is
             below the first one's, with `behind_low` and `behind_high`, a 95 % interval for all at
-            once (`tracking.statistics.correlation_difference`) of the same without the seeds'
+            once (`tracking.statistics.confidence_interval`) of the same without the seeds'
             noise; NaN for the first, and for those that order as it does.
         predictor: the strongest whose `holm` is below 0.05 and that predicts a placement left out
             better than the mean of the others does; "" if there is none.

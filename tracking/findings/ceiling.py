@@ -51,7 +51,6 @@ def ceilings(
     Args:
         results: `results.parquet`, as for `tracking.findings.correlation.correlate`.
         left_out: `left_out.parquet`; None: the chance of the test objects is unknown.
-        axes: further axes of the grid.
 
     Returns:
         One row per `group_columns` with two placements or more: `n` placements; `seeds`, their

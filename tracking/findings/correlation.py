@@ -1,7 +1,5 @@
 """How well the surrogates of a sweep's placements predicted AP and recall, also left-out ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

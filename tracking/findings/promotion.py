@@ -90,7 +90,6 @@ def promoted(
         promotions: `promotions.parquet`; those of `axes` that no rung sets are columns.
         trials: `trials.parquet`, with the short trainings.
         results: `results.parquet`, with those of the short trainings.
-        axes: further axes of the sweep.
         rungs: `promote` of `sweep.json`.
     """
     full_trials = trials[is_full(trials, axes, rungs) & (trials["detector"] != "")]

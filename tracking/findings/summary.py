@@ -1,7 +1,5 @@
 """What a sweep found, in a few numbers: means over seeds, the summary table."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -39,7 +39,6 @@ def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[st
     Args:
         results: `results.parquet`.
         curves: `curves.parquet`, with the metric "seconds" of every epoch.
-        axes: the further axes of the sweep.
 
     Returns:
         One row a trial and class with AP: trial, placement, detector, seed, axes, class, iou, ap

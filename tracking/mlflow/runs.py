@@ -351,8 +351,6 @@ def _input(dataset: Dataset) -> Any:
 
 
 BEST_TAG = "lidarplace.best"
-_SWEEP_TAG = "lidarplace.sweep"
-_TRIAL_TAG = "lidarplace.trial"
 
 
 def write_model(client: Any, experiment: str, sweep: str, run: Any, model: Model) -> None:
@@ -366,15 +364,15 @@ def write_model(client: Any, experiment: str, sweep: str, run: Any, model: Model
     """
     from mlflow.entities import LoggedModelOutput, LoggedModelStatus
 
-    wanted = f"name = '{model.name}' AND tags.`{_SWEEP_TAG}` = '{sweep}'"
+    wanted = f"name = '{model.name}' AND tags.`{SWEEP_TAG}` = '{sweep}'"
     known = every(client.search_logged_models, [experiment], filter_string=wanted)
-    own = next((one for one in known if one.tags[_TRIAL_TAG] == model.trial), None)
+    own = next((one for one in known if one.tags[TRIAL_TAG] == model.trial), None)
     if own is None:
         own = client.create_logged_model(
             experiment,
             model.name,
             source_run_id=run.info.run_id,
-            tags={_SWEEP_TAG: sweep, _TRIAL_TAG: model.trial},
+            tags={SWEEP_TAG: sweep, TRIAL_TAG: model.trial},
             params={name: str(value) for name, value in model.params.items()},
             model_type="detector",
         )

@@ -1,7 +1,5 @@
 """One offline HTML page of sections; what the report of a sweep and that of a search share."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence
@@ -15,7 +13,7 @@ from plotly.offline import get_plotlyjs
 from lidarplace.command_line.terminal import say
 from lidarplace.files.atomic import replacing
 from tracking.figures.kit.style import theme
-from tracking.pages.csv_files import FOLDER
+from tracking.pages.files_beside import FOLDER
 from tracking.pages.section import Section, figure_title
 
 SECTIONS_ALONE = Path(__file__).with_name("page.html")

@@ -10,13 +10,12 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.requirements.ground import Ground
+from lidarplace.requirements.tables import Ground
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import figure, lidar_colour, text
 from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE
-from tracking.numbers import digits
-from tracking.pages.section import Section
-from tracking.pages.tables import Column, Table, words
+from tracking.labels import digits
+from tracking.pages.section import Column, Section, Table, words
 from tracking.run_folders.arrays import Grounds
 
 ALONE = (

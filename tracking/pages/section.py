@@ -1,13 +1,161 @@
-"""A part of a report."""
+"""A part of a report: sentences, figures, and tables of text cells with raw numbers for a file."""
+
+from __future__ import annotations
 
 import html
 import re
-from dataclasses import dataclass, field
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import SOFT_BREAK
-from tracking.pages.tables import Table, slug
+from tracking.labels import DASH, digits, interval, metric_label, signed, span, surrogate_name
+
+MOST_ROWS = 50
+"""Placements and trials that a table shows; a page must stay small."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table and how its cells are told from rows of the data.
+
+    Attributes:
+        head: its name.
+        cell: the text for a row, by the names of the data's columns.
+        words: whether it holds words, the others hold numbers.
+    """
+
+    head: str
+    cell: Callable[[Mapping[Any, Any]], str]
+    words: bool = False
+
+
+def words(head: str, key: str = "", show: Callable[[Any], str] = str) -> Column:
+    """What the data hold under `key`, or under the head."""
+    return Column(head, lambda row: show(row[key or head]), words=True)
+
+
+def numbers(head: str, key: str, form: str | Callable[[float], str]) -> Column:
+    """What the data hold under `key`, by a format of `digits` or a function."""
+    show = partial(digits, form=form) if isinstance(form, str) else form
+    return Column(head, lambda row: show(row[key]))
+
+
+def coefficient(head: str, key: str) -> Column:
+    """A coefficient under `key` with its interval, of `key` with `_low` and `_high`."""
+
+    def cell(row: Mapping[Any, Any]) -> str:
+        value, low, high = (row[f"{key}{suffix}"] for suffix in ("", "_low", "_high"))
+        return DASH if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
+
+    return Column(head, cell)
+
+
+def in_points(head: str, keys: tuple[str, str, str], form: str) -> Column:
+    """Points with their interval in brackets, by the keys of value, low and high."""
+
+    def cell(row: Mapping[Any, Any]) -> str:
+        value, low, high = (row[key] for key in keys)
+        return DASH if np.isnan(low) else f"{digits(value, form)} ({span(low, high, form)})"
+
+    return Column(head, cell)
+
+
+PERCENT = dict.fromkeys(("mean", "sd", "low", "high"), "%")
+"""Units of what means over seeds have."""
+METRIC = Column("metric", lambda row: metric_label(row["metric"], row["iou"]), words=True)
+SURROGATE = words("surrogate", show=surrogate_name)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Text cells under a caption; many rows are shown in a box that scrolls.
+
+    Attributes:
+        caption: one line above the table.
+        head: names of the columns.
+        rows: cells, as many in each row as in `head`.
+        best: (row, column) of cells to stress.
+        words: columns of words, the others hold numbers.
+        wide: its head is not broken into lines.
+        name: of its CSV file, without the ending; see `slug`. Empty for a table without a file.
+        data: what the CSV file holds: unrounded numbers, units in the heads.
+    """
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    best: frozenset[tuple[int, int]] = frozenset()
+    words: frozenset[int] = frozenset({0})
+    wide: bool = False
+    name: str = ""
+    data: pd.DataFrame | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        caption: str,
+        rows: pd.DataFrame,
+        columns: Sequence[Column],
+        units: Mapping[str, str] | None = None,
+        **further: Any,
+    ) -> Table:
+        """A row for every one of `rows`; `further` attributes as they are.
+
+        The CSV file, if it has a `name`, holds `rows` where there are no `data`, with `units`.
+        """
+        if "name" in further:
+            further["data"] = with_units(further.get("data", rows), units or {})
+        return cls(
+            caption,
+            tuple(column.head for column in columns),
+            tuple(tuple(column.cell(row) for column in columns) for row in rows.to_dict("records")),
+            words=frozenset(i for i, column in enumerate(columns) if column.words),
+            **further,
+        )
+
+    def without_dashes(self) -> Table:
+        """Without columns that have a dash in every row. The CSV file has all of them."""
+        kept = [
+            i
+            for i in range(len(self.head))
+            if not self.rows or any(r[i] != DASH for r in self.rows)
+        ]
+        place = {old: new for new, old in enumerate(kept)}
+        return replace(
+            self,
+            head=tuple(self.head[i] for i in kept),
+            rows=tuple(tuple(row[i] for i in kept) for row in self.rows),
+            best=frozenset((row, place[i]) for row, i in self.best if i in place),
+            words=frozenset(place[i] for i in self.words if i in place),
+        )
+
+    def first(self, most: int) -> Table:
+        """The first `most` rows; the caption then says so. The CSV file has all of them."""
+        if len(self.rows) <= most:
+            return self
+        caption = (
+            f"{self.caption} · the first {most} of {len(self.rows):,} rows, the CSV file has all"
+        )
+        best = frozenset(cell for cell in self.best if cell[0] < most)
+        return replace(self, caption=caption, rows=self.rows[:most], best=best)
+
+
+def with_units(data: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
+    """`data` with units in brackets behind the names of columns."""
+    return data.rename(columns={name: f"{name} ({unit})" for name, unit in units.items()})
+
+
+def slug(*words: str) -> str:
+    """Words as a part of a file's name or an address: a-z, 0-9, dots and hyphens."""
+    plain = unicodedata.normalize("NFKD", " ".join(words)).encode("ascii", "ignore").decode()
+    return re.sub(r"[^a-z0-9.]+", "-", plain.lower()).strip("-.")[:80]
 
 
 @dataclass

@@ -1,7 +1,5 @@
 """What a report is about: a run folder, and the findings that its sections share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

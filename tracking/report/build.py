@@ -1,7 +1,5 @@
 """Build the pages of a run folder: the report, beside it Markdown and tables, and the decision."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Iterator
@@ -12,8 +10,7 @@ from tracking.findings.failures import Failures
 from tracking.findings.groups import copies, pictured, without
 from tracking.findings.individuals import count_individuals
 from tracking.labels import some
-from tracking.pages.csv_files import FOLDER, write_csv_files
-from tracking.pages.markdown import escaped, verbatim, write_markdown
+from tracking.pages.files_beside import FOLDER, escaped, verbatim, write_csv_files, write_markdown
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis as Analysis

@@ -21,7 +21,7 @@ from lidarplace.viewing.vehicle import vehicle_surface
 from tracking.figures.kit.style import OUTLINE, text
 from tracking.figures.kit.vehicle_lines import vehicle_in_space
 from tracking.findings.failures import Failures
-from tracking.numbers import digits
+from tracking.labels import digits
 from tracking.pages.page import figure_json, write_page
 from tracking.pages.section import Section
 from tracking.run_folders.arrays import FailureFrames

@@ -15,8 +15,15 @@ from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import metric_label, some, surrogate_name, surrogate_unit
-from tracking.numbers import percent, plus_minus, span
+from tracking.labels import (
+    metric_label,
+    percent,
+    plus_minus,
+    some,
+    span,
+    surrogate_name,
+    surrogate_unit,
+)
 from tracking.run_folders.sweep import RunFolder
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lidarplace.files.arrays import check_numbers, read_npz
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import is_there
-from lidarplace.requirements.ground import Ground
+from lidarplace.requirements.tables import Ground
 
 Arrays = Mapping[str, NDArray[Any]]
 

@@ -14,12 +14,10 @@ from tracking.figures.of_searches.search_history import (
     pareto_fronts,
     search_history,
 )
-from tracking.labels import metric_label
-from tracking.numbers import digits, number
+from tracking.labels import digits, metric_label, number
 from tracking.pages.page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
-from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table
+from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions

@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from tracking.numbers import DASH, digits
-from tracking.pages.tables import Table
+from tracking.labels import DASH, digits
+from tracking.pages.section import Table
 from tracking.run_folders.search import SearchFolder
 
 

@@ -1,12 +1,14 @@
 """The first screen: what was found, against the paper's eight and against the upper bound."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from tracking.findings.evidence import few_seeds, grade, remedy, value_at
-from tracking.numbers import digits, number, span
+from tracking.labels import digits, number, span
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
@@ -120,19 +122,21 @@ def _how_sure(run: SearchFolder) -> list[str]:
         return []
     rows = of_objective(run.chosen, search.first)
     rows = rows[rows["rig"] == search.best[0]]
+    over = f" ({search.chosen_over})" if search.chosen_over else ""
     return [
-        f"Of {row['class']}, on traffic that the search did not see: "
+        f"Of {row['class']}, on traffic that the search did not see{over}: "
         f"{digits(row['difference'], '+.1f')} points, 95 % interval "
         f"{span(row['difference_low'], row['difference_high'], '+.1f')}"
-        f"{holds_zero(row['difference_low'], row['difference_high'])}."
+        f"{_zero_in(row)}."
         for row in rows.to_dict("records")
         if not np.isnan(row["difference"])
     ]
 
 
-def holds_zero(low: float, high: float) -> str:
+def _zero_in(lead: Mapping[Any, Any]) -> str:
     """What ends the sentence of a lead, by its interval."""
-    return ": the interval of the lead holds zero" if low <= 0 <= high else ""
+    holds = lead["difference_low"] <= 0 <= lead["difference_high"]
+    return ": the interval of the lead holds zero" if holds else ""
 
 
 def _doubts(run: SearchFolder) -> list[str]:

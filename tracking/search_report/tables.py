@@ -1,15 +1,13 @@
 """The tables of a search's page, as cells of text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tracking.numbers import digits, number, span
-from tracking.pages.tables import Column, Table, numbers, words
+from tracking.labels import digits, number, span
+from tracking.pages.section import Column, Table, numbers, words
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.feasibility import excess

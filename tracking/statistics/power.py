@@ -1,7 +1,5 @@
 """Which correlation can be told from zero with so many placements?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import permutations

@@ -1,7 +1,5 @@
 """Which column of a label file is what, by its values, where its name says nothing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Settings of a simulated traffic scene, and the simulations that it consists of."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,16 +1,150 @@
-"""What takes a page seconds or minutes: better poses, evaluations and comparisons of rigs."""
+"""What a page asks for beside drawing: files, better poses, and commands that run meanwhile."""
 
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from lidarplace.studio.best_pose import BestPose
 from lidarplace.studio.page.editing import Editing
-from lidarplace.studio.page.files import Files
 from lidarplace.studio.page.panel import Panel
 from lidarplace.studio.page.tables import evaluation_tables, progress
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.subprocess_command import Command
-from lidarplace.studio.sweep_files import found_by_sweep
+from lidarplace.studio.sweep_files import RUNS, found_by_sweep
+
+LINES = 6
+"""The last ones that a command has printed are kept."""
+NICENESS = 10
+"""It leaves the processor to the page and to who works at this machine."""
+
+
+class Command:
+    """`python -m MODULE …`, which starts at once.
+
+    Args:
+        arguments: the module, and what follows it.
+        told: called with it after each line, and at the end, by a thread of its own.
+
+    Attributes:
+        cancelled: whether it was asked to end.
+    """
+
+    def __init__(
+        self, arguments: Sequence[str], told: Callable[[Command], None] = lambda command: None
+    ) -> None:
+        self.cancelled = False
+        self._told = told
+        self._lines: deque[str] = deque(maxlen=LINES)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,  # Ctrl-C at the studio is told to it once, by `cancel`
+        )
+        os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
+        self._reader = threading.Thread(target=self._read, daemon=True, name="command")
+        self._reader.start()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What it has printed last."""
+        return tuple(self._lines)
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs."""
+        return self._process.poll()
+
+    def cancel(self) -> None:
+        """Ask it to end, from which it can go on later; `wait` tells when it has."""
+        self.cancelled = True
+        self._process.send_signal(signal.SIGTERM)
+
+    def wait(self) -> int:
+        """Its exit code, once it has ended and all its lines were read."""
+        code = self._process.wait()
+        self._reader.join()
+        return code
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.strip():
+                self._lines.append(line.rstrip())
+                self._told(self)
+        self._process.wait()
+        self._told(self)
+
+
+class Files:
+    """Writes what the fields of a panel name; what is there already is asked for first.
+
+    Args:
+        scene: the traffic as a configuration of a sweep has it.
+    """
+
+    def __init__(self, studio: Studio, panel: Panel, scene: Mapping[str, Any]) -> None:
+        self._studio, self._panel, self._scene = studio, panel, scene
+        self._overwrite: Callable[[], str] | None = None
+
+    def save(self) -> str:
+        """Save the rigs, or ask; what to tell."""
+        path = self.beside(self._panel.path.value)
+
+        def write(overwrite: bool) -> str:
+            return f"saved: {self._studio.save(path, overwrite)}"
+
+        return self._asking(write)
+
+    def sweep(self) -> str:
+        """Write a sweep of the rigs, or ask; its command."""
+        path = self.beside(self._panel.sweep_path.value)
+        return self._asking(lambda over: self._studio.sweep(path, self._scene, over))
+
+    @property
+    def evaluated(self) -> tuple[Path, Path]:
+        """The evaluation of the rigs: its configuration and its run folder."""
+        name = f"evaluation-of-{self._studio.file.path.stem}"
+        return self.beside(f"{name}.yaml"), RUNS / name
+
+    def evaluation(self) -> tuple[Path, Path]:
+        """Write the evaluation of the rigs as they are; what `evaluated` says."""
+        path, run = self.evaluated
+        self._studio.evaluation(path, self._scene)
+        return path, run
+
+    def confirm(self) -> str:
+        """Overwrite what was asked for last; what to tell."""
+        overwrite, self._overwrite = self._overwrite, None
+        return "" if overwrite is None else overwrite()
+
+    def beside(self, name: str) -> Path:
+        """A file in the folder of the rigs. Raises ValueError for one that is not."""
+        if not re.fullmatch(r"(?!\.)[^/\x00-\x1f]+\.ya?ml", name):
+            raise ValueError(
+                "file name: invalid; expected NAME.yaml without a folder, NUL or line break, found "
+                f"{name!r}"
+            )
+        return self._studio.file.path.parent / name
+
+    def _asking(self, write: Callable[[bool], str]) -> str:
+        try:
+            return write(False)
+        except FileExistsError:
+            self._overwrite = lambda: write(True)
+            self._panel.overwrite.visible = True
+            raise
 
 
 class Asking:

@@ -1,24 +1,24 @@
 """A studio in the browser: what a person does on the page reaches the state, and is drawn.
 
 Edits come from the server's event loop, one after the other, and change the state alone; a thread
-draws what the state has become (`lidarplace.studio.page.redraw`). What takes longer runs on threads
-of the server's, or in processes of its own. All browsers see the same rigs.
+draws what the state has become (`Redraw`). What takes longer runs on threads of the server's, or in
+processes of its own. All browsers see the same rigs.
 """
 
 from __future__ import annotations
 
+import io
 import threading
 from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.studio.page.asking import Asking
-from lidarplace.studio.page.drawing import Drawing
+import numpy as np
+
+from lidarplace.studio.page.asking import Asking, Files
+from lidarplace.studio.page.drawing import Drawing, Redraw
 from lidarplace.studio.page.editing import Editing
-from lidarplace.studio.page.files import Files
 from lidarplace.studio.page.panel import NO_RIG, Panel, assign
-from lidarplace.studio.page.picture import send_picture
-from lidarplace.studio.page.redraw import Redraw
 from lidarplace.studio.page.tables import message
 from lidarplace.studio.studio import Studio
 
@@ -145,3 +145,31 @@ class Page:
                 assign(self.panel.frame, number)
                 self.studio.show_frame(self.studio.frame_numbers[number])
                 self.refresh(resting=False)
+
+
+PATIENCE_S = 120.0
+"""A browser without a GPU draws slowly; one that has gone draws nothing."""
+
+
+def send_picture(client: viser.ClientHandle) -> None:
+    """Let a browser draw its scene as it stands there, and save it as a PNG file.
+
+    Raises:
+        ValueError: it does not answer.
+    """
+    import imageio.v3 as iio
+
+    try:
+        pixels = client.get_render(
+            client.camera.image_height,
+            client.camera.image_width,
+            transport_format="png",
+            timeout=PATIENCE_S,
+        ).astype(np.float64)
+    except (TimeoutError, RuntimeError) as error:
+        raise ValueError(f"no picture came from the browser: {error}") from None
+    opacity = pixels[..., 3:] / 255
+    on_white = (opacity * pixels[..., :3] + (1 - opacity) * 255).round().astype(np.uint8)
+    file = io.BytesIO()
+    iio.imwrite(file, on_white, extension=".png")
+    client.send_file_download("studio.png", file.getvalue(), save_immediately=True)

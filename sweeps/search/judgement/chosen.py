@@ -1,7 +1,5 @@
 """The best rigs of a search by a generalist, judged again on traffic that it did not see."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

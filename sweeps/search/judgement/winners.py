@@ -1,7 +1,5 @@
 """What a search has found: its rigs, compared exactly with the paper's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace

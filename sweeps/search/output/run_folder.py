@@ -1,7 +1,5 @@
 """The run folder of a search: what was found, as files that stay readable without this project."""
 
-from __future__ import annotations
-
 import platform
 import shlex
 from collections.abc import Iterable, Mapping
@@ -23,9 +21,8 @@ from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
 from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
-from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import judge
-from lidarplace.requirements.tables import by_rig, case_table
+from lidarplace.requirements.tables import Ground, by_rig, case_table
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings

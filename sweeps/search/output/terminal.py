@@ -9,7 +9,7 @@ from rich.console import Console
 from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
-from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES, SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.winners import Found, Judged
@@ -18,12 +18,11 @@ from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
-from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import finished_trials
-from tracking.findings.evidence import ray_counting_caution
 from tracking.run_folders.search import SearchFolder
+from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.headline import holds_zero
+from tracking.search_report.headline import cards
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -191,68 +190,17 @@ def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) 
     console.print(table(problem.file.name, head, rows))
 
 
-def _breaks(found: Found) -> str:
-    """What is to be known of the baseline."""
-    rig = found.judged[found.baseline]
-    return "" if rig.assessment.feasible else ", which breaks a constraint"
-
-
-def _print_chosen(console: Console, found: Found, problem: Problem) -> None:
-    """What the choice says of the best rig, with its interval."""
-    assert found.chosen is not None
-    settings = problem.file.search
-    objective, over = settings.objective[0], settings.said_of(problem.traffic.choice)
-    over = f", {over}" if over else ""
-    rows = found.chosen[found.chosen["rig"] == "found_1"]
-    rows = rows[rows["metric"] == objective.by]
-    for _, row in rows[rows["class"].isin(class_weights(objective, rows["class"]))].iterrows():
-        console.print(
-            f"{objective.by} @ {row['iou']:g}, {row['class']}, on other traffic{over}: "
-            f"{row['value']:.1f}, {row['difference']:+.1f} "
-            f"({row['difference_low']:+.1f} to {row['difference_high']:+.1f}) "
-            f"against {found.baseline}, the best of the paper's eight{_breaks(found)}"
-            f"{holds_zero(row['difference_low'], row['difference_high'])}",
-            soft_wrap=True,
-        )
-
-
-def print_found(console: Console, problem: Problem, found: Found) -> None:
-    """The best rigs beside greedy's and the paper's, and how far from the bound they are."""
+def print_found(console: Console, problem: Problem, found: Found, run: SearchFolder) -> None:
+    """The best rigs beside greedy's and the paper's, and what the report says first."""
     names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
     _print_rigs(console, {name: found.judged[name] for name in names}, problem)
-    objective = problem.file.search.objective[0]
-    if objective.judged:
-        _print_chosen(console, found, problem)
-    elif objective.of_traffic:
-        best = found.judged["found_1"].value(objective)
-        paper = found.judged[found.baseline].value(objective)
-        if paper:
-            gain = 100 * (best - paper) / abs(paper)
-            console.print(
-                f"{objective.name}: {gain:+.1f} % against {found.baseline}, "
-                f"the best of the paper's eight{_breaks(found)}"
-            )
-    if found.certificate is not None and found.certificate.bound:
-        value = found.judged["found_1"].searched[objective.name]
-        gap = 100 * (1 - value / found.certificate.bound)
-        stride = problem.question.azimuth_stride
-        rays = f", with 1 of {stride} azimuth steps" if objective.by in RAY_SURROGATES else ""
-        console.print(
-            f"at most {gap:.1f} % below the best of {found.certificate.candidates:,} candidate "
-            f"mounts{rays}"
-            if gap >= 0
-            else f"{-gap:.1f} % above what any choice of {found.certificate.candidates:,} "
-            "candidate mounts can reach: positions between them are better"
-        )
-    elif found.no_certificate:
-        console.print(f"no bound: {found.no_certificate}")
+    first, *_ = cards(run)
+    for line in (f"{first.title}: {first.value}", *first.lines):
+        console.print(line, soft_wrap=True)
     mounts = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
     rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
     console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}")
-    caution = ray_counting_caution(found.linear_share or 0.0)
-    shown = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
-    warned = rig_warnings(shown, problem)
-    for text in [*([caution] if caution else []), *warned]:
-        console.print(f"warning: {text}", style="yellow", soft_wrap=True)
+    for caution in cautions(run):
+        console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

@@ -1,7 +1,5 @@
 """A configuration file of a search, read, checked and taken apart."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping, Sequence

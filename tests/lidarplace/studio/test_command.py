@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from lidarplace.studio.subprocess_command import LINES, NICENESS, Command
+from lidarplace.studio.page.asking import LINES, NICENESS, Command
 
 TALK = """
 import os, sys

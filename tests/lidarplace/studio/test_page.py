@@ -14,7 +14,7 @@ from lidarplace import Mount, OccupancyGrid, Roi, evaluate
 from lidarplace.studio.frame_view import RESTING_POINTS, FrameView
 from lidarplace.studio.numbers import Numbers
 from lidarplace.studio.page.dragged import dragged, quaternion
-from lidarplace.studio.page.redraw import Redraw
+from lidarplace.studio.page.drawing import Redraw
 from lidarplace.studio.page.tables import message, numbers_table
 from lidarplace.studio.rig import POSE
 from lidarplace.studio.rigs_file import read_rigs

@@ -139,7 +139,6 @@ def placement_markers(names: Sequence[str], placements: Sequence[str]) -> dict[s
 
     Args:
         names: of those drawn.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     rank = [placements.index(name) for name in names]
     return {"size": 10, "color": [colour(i) for i in rank], "symbol": [symbol(i) for i in rank]}

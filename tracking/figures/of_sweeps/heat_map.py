@@ -9,8 +9,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from tracking.figures.kit.style import figure, text, two_lines
-from tracking.labels import in_order, surrogate_name
-from tracking.numbers import signed
+from tracking.labels import in_order, signed, surrogate_name
 
 SIGNIFICANT = 0.05
 
@@ -26,7 +25,6 @@ def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> g
     Args:
         correlations: rows of `tracking.findings.correlation.correlate`.
         labels: what each of them is called, equal for those that share a row of the figure.
-        title: plotly text.
 
     Returns:
         None if there is no coefficient at all.

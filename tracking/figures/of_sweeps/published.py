@@ -1,7 +1,5 @@
 """Published AP and recall: against a surrogate, and against own results."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
@@ -20,8 +18,14 @@ from tracking.figures.kit.style import (
     symbol,
     text,
 )
-from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
-from tracking.numbers import interval, signed
+from tracking.labels import (
+    in_order,
+    interval,
+    metric_label,
+    signed,
+    surrogate_label,
+    surrogate_name,
+)
 
 
 def published_scatter(
@@ -35,7 +39,6 @@ def published_scatter(
         published: placement, detector, metric, iou and value (percent) of one class and metric.
         surrogates: placements as rows, surrogates as columns.
         correlations: rows of `correlate` for the same, of all detectors.
-        title: plotly text.
 
     Returns:
         None if no surrogate is known.
@@ -116,8 +119,6 @@ def against_own(pairs: pd.DataFrame, title: str, placements: Sequence[str]) -> g
 
     Args:
         pairs: placement, series, value (published, percent), mean, low, high (own, percent).
-        title: plotly text.
-        placements: all of the sweep, in order.
     """
     plot = figure(f"Published and own · {title}", height=420)
     # Points of one placement and network lie above each other: the highest has the label.

@@ -33,8 +33,6 @@ def side_by_side(
     Args:
         columns: by name, mean, low and high (NaN for no interval) by row.
         rows: in the order from top to bottom; the first `MOST_ROWS` are drawn.
-        title: plotly text.
-        axis: title of the axis, with the unit.
         odds: how likely each row is to be the best, written on the right.
     """
     shown = list(rows)[:MOST_ROWS]
@@ -67,8 +65,6 @@ def differences_figure(differences: pd.DataFrame, title: str, axis: str) -> go.F
 
     Args:
         differences: pair, detector, difference, low, high (NaN for no interval).
-        title: plotly text.
-        axis: title of the axis, with the unit.
     """
     columns = {
         str(detector): own.set_index("pair").rename(columns={"difference": "mean"})

@@ -10,9 +10,8 @@ from lidarplace.base.metrics import headline_metric
 from lidarplace.command_line.invocation import command
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import metric_label
-from tracking.numbers import percent
-from tracking.pages.csv_files import FOLDER
+from tracking.labels import metric_label, percent
+from tracking.pages.files_beside import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis

@@ -16,7 +16,7 @@ from tracking.figures.kit.vehicle_lines import (
     vehicle_from_above,
     vehicle_from_the_side,
 )
-from tracking.numbers import digits
+from tracking.labels import digits
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
 from tracking.run_folders.sweep import RunFolder
@@ -36,7 +36,6 @@ class ViewedRig:
 
     Attributes:
         mounts: poses in the ego frame.
-        title: plotly text.
         models: of every mount, what is told behind its pose; plotly text, may be empty.
     """
 

@@ -9,8 +9,7 @@ import plotly.graph_objects as go
 from plotly.colors import get_colorscale, hex_to_rgb
 
 from tracking.figures.kit.style import SEQUENTIAL, figure, text
-from tracking.labels import metric_label
-from tracking.numbers import digits
+from tracking.labels import digits, metric_label
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
 from tracking.report.sections.binned import (
@@ -146,7 +145,6 @@ def bin_table(
         values: placements as rows from top to bottom, bins as columns, in percent; NaN for none.
         objects: how many of them there are, by bin.
         bins: those that are drawn, in order.
-        title: plotly text.
         limits: of the darkest and the brightest colour, percent.
         enough: bins with so many objects that they can be judged.
     """

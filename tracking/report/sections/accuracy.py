@@ -8,10 +8,8 @@ from plotly.subplots import make_subplots
 from tracking.figures.kit.style import add_menu, colour, error_bars, figure, legend_below, text
 from tracking.findings.groups import by_setting, studied
 from tracking.findings.surrogate_accuracy import relative_errors, summarise, varied
-from tracking.labels import in_order, surrogate_name
-from tracking.numbers import digits, signed
-from tracking.pages.section import Section
-from tracking.pages.tables import SURROGATE, Column, Table, numbers, slug
+from tracking.labels import digits, in_order, signed, surrogate_name
+from tracking.pages.section import SURROGATE, Column, Section, Table, numbers, slug
 from tracking.report.analysis import Analysis
 
 _PANELS = (
@@ -95,7 +93,6 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
 
     Args:
         summary: `tracking.findings.surrogate_accuracy.summarise` for one class and one setting.
-        title: what the figure is about.
     """
     plot = make_subplots(
         rows=1,

@@ -12,10 +12,8 @@ from tracking.figures.kit.style import OUTLINE, add_odds, error_bars, figure, na
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import metric_label
-from tracking.numbers import percent, plus_minus, span
-from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Column, Table, numbers, slug, words
+from tracking.labels import metric_label, percent, plus_minus, span
+from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 
@@ -130,9 +128,7 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     Args:
         table: index placement, the best first; `mean`; `low` and `high` of it, and `half` the
             interval of a comparison, missing where there is none; and `sure`, text.
-        title: plotly text.
         axis: what the mean is of, with its unit.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     names = [str(name) for name in table.index]
     plot = figure(title, height=130 + _ROW * len(names))

@@ -12,10 +12,8 @@ from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label
-from tracking.numbers import plus_minus
-from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.labels import metric_label, plus_minus
+from tracking.pages.section import Section, Table, slug
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
@@ -206,9 +204,7 @@ def by_bin(
     Args:
         table: placement, bin, value, number of `objects`, and `low` and `high`, missing where there
             is no interval.
-        title: plotly text.
         axis: what `value` is, with its unit.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
         log: a logarithmic axis; zeros are not drawn.
     """
     plot = figure(title, height=400)

@@ -1,7 +1,5 @@
 """The sections of what noise leaves: a perfect surrogate's ceiling, how reliable a metric is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -14,10 +12,8 @@ from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou, judged_by_all
-from tracking.labels import detector_label, metric_label
-from tracking.numbers import digits, signed, span
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.labels import detector_label, digits, metric_label, signed, span
+from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.statistics.reliability import reliability_of_mean
@@ -176,7 +172,6 @@ def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.
 
     Args:
         left_out: `left_out.parquet`.
-        axes: further axes of the grid.
 
     Returns:
         One row per (class, detector, axes, metric, iou) with three placements or more: `n`

@@ -61,7 +61,6 @@ def point_clouds(
     """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
 
     Args:
-        vehicle: None for a nominal car.
         placements: those in the menu, keys of `frame.points`.
         first: the one shown at the start.
         colours: of outlines, by class; grey by default.

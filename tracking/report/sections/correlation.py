@@ -1,7 +1,5 @@
 """The section of surrogates against AP and recall, over placements."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
@@ -15,10 +13,15 @@ from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
-from tracking.numbers import interval, signed
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Table, coefficient, numbers, words
+from tracking.labels import (
+    in_order,
+    interval,
+    metric_label,
+    signed,
+    surrogate_label,
+    surrogate_name,
+)
+from tracking.pages.section import METRIC, SURROGATE, Section, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
@@ -123,8 +126,6 @@ def scatter(
         correlations: rows of `correlate` beside their ceilings, with those of `leave_one_out` for
             the same; its surrogates make the menu. The first of the largest |rho| is shown at the
             start.
-        title: plotly text above the coefficient.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     known = {row["surrogate"]: row for row in correlations.to_dict("records")}
     menu = [name for name in in_order(known) if known[name]["n"] > 0]

@@ -1,7 +1,5 @@
 """The section of rigs and maps: where the LiDARs are, what they cover, what stays unseen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -103,8 +101,6 @@ def coverage_maps(
     """Four maps: coverage on the left, residual entropy on the right; from above, from the side.
 
     Args:
-        vehicle: None for a nominal car.
-        title: plotly text.
         mounts: drawn as dots.
         most: residual entropy of the brightest colour from above and from the side, nats a square
             metre, so that the maps of several placements share their scales; `densest`.

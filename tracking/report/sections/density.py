@@ -12,10 +12,17 @@ from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import in_order, metric_label, surrogate_label
-from tracking.numbers import number, plus_minus, points
-from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, PERCENT, Table, numbers, slug, with_units, words
+from tracking.labels import in_order, metric_label, number, plus_minus, points, surrogate_label
+from tracking.pages.section import (
+    MOST_ROWS,
+    PERCENT,
+    Section,
+    Table,
+    numbers,
+    slug,
+    with_units,
+    words,
+)
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.published import published_density_table
@@ -152,7 +159,6 @@ def by_density(
     Args:
         means: rows of `seed_means` for one class, detector and metric.
         axis: the column of the density, vehicles in the town.
-        title: plotly text.
         label: of the metric, with its unit.
         placements: all of the sweep, in order, so that a placement keeps its colour; the first
             `MOST_LINES` with a value are drawn.

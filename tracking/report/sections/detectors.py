@@ -13,10 +13,18 @@ from lidarplace.base.metrics import RANKING, headline_metric
 from tracking.figures.kit.style import colour, figure, legend_below, symbol, text
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
-from tracking.labels import detector_label, metric_label, setting_label
-from tracking.numbers import plus_minus
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, PERCENT, Column, Table, numbers, slug, with_units, words
+from tracking.labels import detector_label, metric_label, plus_minus, setting_label
+from tracking.pages.section import (
+    METRIC,
+    PERCENT,
+    Column,
+    Section,
+    Table,
+    numbers,
+    slug,
+    with_units,
+    words,
+)
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
@@ -159,7 +167,6 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
 
     Args:
         spreads: rows of `tracking.report.sections.detectors.sensitivity` for one class.
-        axes: further axes of the grid.
         title: a name, not yet plotly's text.
 
     Returns:
@@ -219,7 +226,6 @@ def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
 
     Args:
         means: `tracking.findings.summary.seed_means`.
-        axes: further axes of the grid.
 
     Returns:
         One row per (class, detector, axes, metric, iou, difficulty) with at least two placements:

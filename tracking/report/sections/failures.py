@@ -10,9 +10,8 @@ from lidarplace.base.metrics import kitti_iou
 from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below, name_rows, text
 from tracking.findings.failures import DIMENSIONS, Failures
 from tracking.findings.groups import has_detectors
-from tracking.numbers import points, span
-from tracking.pages.section import Section
-from tracking.pages.tables import Column, Table, numbers, words
+from tracking.labels import points, span
+from tracking.pages.section import Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 
@@ -139,7 +138,6 @@ def found_alone(
 
     Args:
         counts: class, bin, objects, first, second: single classes of one dimension.
-        title: plotly text.
         bins: rows from top to bottom.
         classes: of the sweep, in order, so that a class keeps its colour.
     """

@@ -9,7 +9,7 @@ import pandas as pd
 from tracking.findings.groups import Group
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.pages.tables import Column, Table, numbers, words
+from tracking.pages.section import Column, Table, numbers, words
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.straight_line import best_line, left_out_means, left_out_predictions, rmse
 

@@ -1,7 +1,5 @@
 """The section that compares one detector for all rigs with detectors trained for each."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
@@ -21,10 +19,17 @@ from tracking.findings.generalist import (
     training_seconds,
 )
 from tracking.findings.groups import JUDGE
-from tracking.labels import metric_label, setting_label
-from tracking.numbers import interval, signed
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Column, Table, coefficient, in_points, numbers, words
+from tracking.labels import interval, metric_label, setting_label, signed
+from tracking.pages.section import (
+    METRIC,
+    Column,
+    Section,
+    Table,
+    coefficient,
+    in_points,
+    numbers,
+    words,
+)
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING
@@ -147,8 +152,6 @@ def against_generalist(
     Args:
         pairs: `tracking.findings.generalist.side_by_side`.
         row: of `tracking.findings.generalist.compare`.
-        title: plotly text.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     said = str(row["note"])
     if np.isfinite(row["spearman"]):

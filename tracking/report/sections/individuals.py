@@ -4,8 +4,7 @@ import pandas as pd
 
 from tracking.findings.groups import by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
-from tracking.pages.section import Section
-from tracking.pages.tables import Column, Table, numbers, slug, words
+from tracking.pages.section import Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 
 

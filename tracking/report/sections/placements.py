@@ -13,10 +13,17 @@ from tracking.findings.groups import Group, has_detectors, met, verdicts
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
-from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
-from tracking.numbers import DASH, number, plus_minus, signed
-from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, slug, words
+from tracking.labels import (
+    DASH,
+    in_order,
+    metric_label,
+    number,
+    plus_minus,
+    signed,
+    surrogate_label,
+    surrogate_name,
+)
+from tracking.pages.section import MOST_ROWS, Section, Table, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
@@ -163,7 +170,6 @@ def surrogate_agreement(surrogates: pd.DataFrame, title: str) -> go.Figure | Non
 
     Args:
         surrogates: placements as rows, surrogates as columns (`surrogates_of`).
-        title: plotly text.
 
     Returns:
         None for fewer than 3 placements, or fewer than 2 surrogates that vary over them.

@@ -1,7 +1,5 @@
 """The section that compares the surrogates: which predicts best, and where none does."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -27,10 +25,17 @@ from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou, judged_by_all
-from tracking.labels import detector_label, in_order, metric_label, setting_label, surrogate_name
-from tracking.numbers import interval, signed, span
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
+from tracking.labels import (
+    detector_label,
+    in_order,
+    interval,
+    metric_label,
+    setting_label,
+    signed,
+    span,
+    surrogate_name,
+)
+from tracking.pages.section import METRIC, SURROGATE, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
@@ -242,7 +247,6 @@ def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
     Args:
         errors: surrogate, rmse and rmse_of_mean of `tracking.findings.correlation`, and `label`:
             what the row of the figure is called, once for each surrogate.
-        title: plotly text.
 
     Returns:
         None if there is no error at all.

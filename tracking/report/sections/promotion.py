@@ -17,9 +17,8 @@ from tracking.findings.promotion import (
     savings,
     stage_ranks,
 )
-from tracking.numbers import digits, number, signed
-from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Column, Table, numbers, slug, words
+from tracking.labels import digits, number, signed
+from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 
 _HOW_TO_READ = (
@@ -220,7 +219,6 @@ def ranks_by_stage(ranks: pd.DataFrame, kept: Sequence[int], title: str) -> go.F
     Args:
         ranks: `tracking.findings.promotion.stage_ranks`, the last column is the full training.
         kept: placements that each rung kept.
-        title: plotly text.
     """
     stages = [*(f"rung {i}" for i in range(1, len(kept) + 1)), "full training"]
     last = ranks.columns[-1]

@@ -15,10 +15,8 @@ from tracking.figures.of_sweeps.published import against_own, published_scatter
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import by_setting
 from tracking.findings.paired import with_sums
-from tracking.labels import in_order, metric_label, setting_label, surrogate_label
-from tracking.numbers import digits, number
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Table, numbers, words
+from tracking.labels import digits, in_order, metric_label, number, setting_label, surrogate_label
+from tracking.pages.section import METRIC, Section, Table, numbers, words
 from tracking.published import TABLES, published_detection, published_surrogates
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label

@@ -9,10 +9,8 @@ import pandas as pd
 from tracking.findings.correlation import correlate
 from tracking.findings.generalist import calibration
 from tracking.kitti_iou import judged
-from tracking.labels import setting_label
-from tracking.numbers import digits, interval, signed, span
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.labels import digits, interval, setting_label, signed, span
+from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 

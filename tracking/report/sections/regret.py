@@ -1,7 +1,5 @@
 """The section of what it costs to take the placement that a surrogate says is best."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 
@@ -13,8 +11,7 @@ from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, SURROGATE, Table, in_points, numbers, words
+from tracking.pages.section import METRIC, SURROGATE, Section, Table, in_points, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.statistics.posterior import expected_regret
 

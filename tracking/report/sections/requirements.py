@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from lidarplace.requirements.tables import worst_cases
 from tracking.findings.groups import pictured, verdicts
 from tracking.pages.requirements import ALONE, counted, draw_failures, in_short, verdict_table
-from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table
+from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 

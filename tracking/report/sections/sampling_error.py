@@ -10,10 +10,8 @@ from lidarplace.pog.surrogates.sampling_error import NORMAL_95
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import add_menu, colour, error_bars, figure, text
 from tracking.findings.groups import by_setting, studied
-from tracking.labels import in_order, surrogate_label, surrogate_name, surrogate_unit
-from tracking.numbers import number
-from tracking.pages.section import Section
-from tracking.pages.tables import Table, numbers, slug, words
+from tracking.labels import in_order, number, surrogate_label, surrogate_name, surrogate_unit
+from tracking.pages.section import Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 
 MOST_INTERVALS = 20

@@ -19,10 +19,8 @@ from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label, surrogate_name
-from tracking.numbers import points
-from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.labels import metric_label, points, surrogate_name
+from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder

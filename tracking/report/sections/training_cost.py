@@ -1,7 +1,5 @@
 """The sections of trainings: learning curves, and AP of shorter ones against seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,10 +16,8 @@ from tracking.findings.training_cost import (
     training_cost,
     varied_cost_axes,
 )
-from tracking.labels import metric_label
-from tracking.numbers import plus_minus, signed
-from tracking.pages.section import Section
-from tracking.pages.tables import Column, Table, numbers, slug
+from tracking.labels import metric_label, plus_minus, signed
+from tracking.pages.section import Column, Section, Table, numbers, slug
 from tracking.report.analysis import Analysis
 
 _EPOCHS, _SHARE = COST_AXES
@@ -97,8 +93,6 @@ def training_cost_figure(cost: pd.DataFrame, title: str, placements: Sequence[st
     Args:
         cost: `tracking.findings.training_cost.training_cost` for one class and setting of the other
             axes.
-        title: what the figure is about.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.09, figure=figure(title, height=420))
     cost = cost.assign(**{axis: 1 for axis in COST_AXES if axis not in cost})
@@ -185,7 +179,6 @@ def learning_curves(
     Args:
         curves: trial, epoch, metric, value.
         trials: the trials to show: trial, placement, seed.
-        placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     plot = figure(title, height=400)
     shown: set[str] = set()

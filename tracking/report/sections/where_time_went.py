@@ -6,10 +6,8 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from tracking.figures.kit.style import colour, figure, text
-from tracking.labels import some
-from tracking.numbers import digits
-from tracking.pages.section import Section
-from tracking.pages.tables import Table, numbers, words
+from tracking.labels import digits, some
+from tracking.pages.section import Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 
 WHOLE_SWEEP = "whole sweep"
