@@ -13,7 +13,7 @@ from made_up_run import write_run
 from test_report import Page
 
 from lidarplace.rigs.placement import Mount
-from tracking.figures.of_sweeps.side_by_side import side_by_side
+from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.labels import percent
 from tracking.report.build import build_report

@@ -133,7 +133,7 @@ def test_robustness_is_in_percent_of_one_value_for_all_rigs_with_the_worst():
     points = trace(plot, "a")
     np.testing.assert_allclose(points.x, [120, 90])
     np.testing.assert_allclose(points.error_x.arrayminus, [0, 15])
-    np.testing.assert_allclose(trace(plot, "base").x, [95])
+    np.testing.assert_allclose(trace(plot, "base").x, [np.nan, 95])
     assert plot.layout.xaxis.title.text == "percent of base as designed,<br>more is better"
 
 

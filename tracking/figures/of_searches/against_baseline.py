@@ -9,16 +9,8 @@ from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.from_above import add_vehicle, pog_from_above
 from tracking.figures.kit.named_points import label_places
-from tracking.figures.kit.style import (
-    OUTLINE,
-    colour,
-    error_bars,
-    figure,
-    legend_below,
-    name_rows,
-    symbol,
-    text,
-)
+from tracking.figures.kit.side_by_side import side_by_side
+from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, text
 from tracking.run_folders.search_json import Objective
 
 
@@ -33,38 +25,21 @@ def robustness_figure(
         rows: rig, case, value and worst of one objective.
         reference: the rig whose value as designed is 100 %; designed: that value.
     """
-    cases = list(dict.fromkeys(rows["case"]))
-    rigs = list(dict.fromkeys(rows["rig"]))
-    step = 0.6 / len(rigs)
     relative = designed > 0
     scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
-    height = 126 + (22 + 14 * len(rigs)) * len(cases)
-    plot = figure(text(objective.name), height=height)
-    for i, rig in enumerate(rigs):
-        own = rows[rows["rig"] == rig]
-        mean = scale * own["value"].to_numpy(np.float64)
-        worst = scale * own["worst"].to_numpy(np.float64)
-        plot.add_scatter(
-            x=mean,
-            y=[cases.index(case) + step * (i - (len(rigs) - 1) / 2) for case in own["case"]],
-            error_x=error_bars(
-                np.maximum(worst - mean, 0), np.maximum(mean - worst, 0), thickness=1.5
-            ),
-            mode="markers",
-            marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
-            text=[text(case) for case in own["case"]],
-            hovertemplate="%{text}: %{x:.5~g} " + unit + "<extra>" + text(rig) + "</extra>",
-            name=text(rig),
-        )
+    both = scale * rows.set_index(["rig", "case"])[["value", "worst"]]
+    bars = pd.DataFrame({"mean": both["value"], "low": both.min(axis=1), "high": both.max(axis=1)})
+    columns = {str(rig): bars.loc[rig] for rig in rows["rig"].unique()}
+    title = f"percent of {text(reference)} as designed" if relative else text(objective.label)
+    plot = side_by_side(
+        columns,
+        rows["case"].drop_duplicates().tolist(),
+        text(objective.name),
+        f"{title},<br>{objective.better}",
+        shown=f"%{{x:.5~g}} {unit}",
+    )
     if relative:
-        plot.add_vline(x=100, line={"color": "#888888", "width": 1, "dash": "dot"})
-        title = f"percent of {text(reference)} as designed"
-    else:
-        title = text(objective.label)
-    plot.update_xaxes(title=f"{title},<br>{objective.better}")
-    name_rows(plot, cases, showgrid=False)
-    plot.update_layout(showlegend=True)
-    legend_below(plot)
+        plot.add_vline(x=100, line={"color": OUTLINE, "width": 1, "dash": "dot"})
     return plot
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
 from lidarplace.command_line.invocation import command
-from tracking.figures.of_sweeps.side_by_side import side_by_side
+from tracking.figures.kit.side_by_side import side_by_side
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, percent
 from tracking.pages.files_beside import FOLDER

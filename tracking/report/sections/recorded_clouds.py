@@ -1,16 +1,22 @@
 """The section that compares simulated clouds with those that the same LiDARs recorded."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
 from tracking.findings.correlation import correlate
 from tracking.findings.generalist import calibration
 from tracking.kitti_iou import judged
-from tracking.labels import digits, interval, setting_label, signed, span
-from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
+from tracking.labels import setting_label
+from tracking.pages.section import (
+    METRIC,
+    Column,
+    Section,
+    Table,
+    coefficient,
+    in_points,
+    numbers,
+    words,
+)
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
@@ -34,20 +40,6 @@ def recorded_clouds_section(found: Analysis) -> Section | None:
         of_group.append(Column("setting", lambda row: setting_label(axes, row), words=True))
     of_group.append(METRIC)
 
-    def coefficient(head: str, key: str) -> Column:
-        def cell(row: Mapping[Any, Any]) -> str:
-            if np.isnan(row[key]):
-                return "–"
-            return f"{signed(row[key])} {interval(row[f'{key}_low'], row[f'{key}_high'])}"
-
-        return Column(head, cell)
-
-    def bias(row: Mapping[Any, Any]) -> str:
-        if np.isnan(row["bias"]):
-            return "–"
-        low, high = row["bias_low"], row["bias_high"]
-        return f"{digits(row['bias'], '+z.1f')} ({span(low, high, '+z.1f')})"
-
     agreement = Table.of(
         "Rank agreement of simulated clouds with recorded ones",
         rank_agreement(run),
@@ -57,7 +49,7 @@ def recorded_clouds_section(found: Analysis) -> Section | None:
             coefficient("ρ", "spearman"),
             coefficient("τ", "kendall"),
             numbers("p of ρ", "spearman_p", ".2g"),
-            Column("bias (points)", bias),
+            in_points("bias (points)", ("bias", "bias_low", "bias_high"), "+z.1f"),
             words("note"),
         ],
         name="recorded-clouds",

@@ -13,8 +13,8 @@ import pandas as pd
 from lidarplace.base.metrics import RANKING
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from lidarplace.rigs.placement import Mount
+from tracking.figures.kit.side_by_side import differences_figure
 from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.side_by_side import differences_figure
 from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of

@@ -1,4 +1,4 @@
-"""The same rows under several columns: placements by metric, pairs of placements by detector."""
+"""The same rows under several columns: placements by metric, pairs by detector, cases by rig."""
 
 from collections.abc import Mapping, Sequence
 
@@ -27,41 +27,46 @@ def side_by_side(
     title: str,
     axis: str,
     odds: Sequence[str] = (),
+    shown: str = "%{x:.1f}",
 ) -> go.Figure:
-    """Points in rows, a colour a column, bars for 95 % intervals.
+    """Points in rows, a colour a column, bars from low to high.
 
     Args:
         columns: by name, mean, low and high (NaN for no interval) by row.
-        rows: in the order from top to bottom; the first `MOST_ROWS` are drawn.
+        rows: in the order from top to bottom.
+        axis: plotly text.
         odds: how likely each row is to be the best, written on the right.
+        shown: plotly's text of a point that is pointed at.
     """
-    shown = list(rows)[:MOST_ROWS]
-    plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(shown))
+    plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, own) in enumerate(columns.items()):
-        own = own.reindex(shown)
+        own = own.reindex(rows)
+        up, down = (own["high"] - own["mean"]).fillna(0), (own["mean"] - own["low"]).fillna(0)
         # One below the other within a row, as bars of equal values would hide each other.
-        place = np.arange(len(shown)) + 0.5 * ((i + 0.5) / len(columns) - 0.5)
+        place = np.arange(len(rows)) + 0.5 * ((i + 0.5) / len(columns) - 0.5)
         plot.add_scatter(
             x=own["mean"].to_numpy(),
             y=place,
-            error_x=error_bars((own["high"] - own["mean"]).fillna(0), thickness=1.5),
+            error_x=error_bars(up, down, thickness=1.5),
             mode="markers",
             marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
             name=text(name),
-            customdata=[text(row) for row in shown],
-            hovertemplate="%{customdata}: %{x:.1f}<extra>%{fullData.name}</extra>",
+            customdata=[text(row) for row in rows],
+            hovertemplate=f"%{{customdata}}: {shown}<extra>%{{fullData.name}}</extra>",
             showlegend=True,
         )
-    plot.update_xaxes(title=text(axis))
-    name_rows(plot, shown)
+    plot.update_xaxes(title=axis)
+    name_rows(plot, rows)
     if odds:
-        add_odds(plot, odds[:MOST_ROWS])
+        add_odds(plot, odds)
     legend_below(plot)
     return plot
 
 
 def differences_figure(differences: pd.DataFrame, title: str, axis: str) -> go.Figure:
     """A row a pair, a colour a detector, bars for intervals; the dotted line is no difference.
+
+    The first `MOST_ROWS` pairs are drawn.
 
     Args:
         differences: pair, detector, difference, low, high (NaN for no interval).
@@ -70,6 +75,7 @@ def differences_figure(differences: pd.DataFrame, title: str, axis: str) -> go.F
         str(detector): own.set_index("pair").rename(columns={"difference": "mean"})
         for detector, own in differences.groupby("detector", sort=False)
     }
-    plot = side_by_side(columns, list(dict.fromkeys(differences["pair"])), title, axis)
+    pairs = differences["pair"].drop_duplicates().tolist()
+    plot = side_by_side(columns, pairs[:MOST_ROWS], title, text(axis))
     plot.add_vline(x=0, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
     return plot
