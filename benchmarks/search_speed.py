@@ -22,8 +22,8 @@ from lidarplace.command_line.terminal import output
 from sweeps.execution.backends import InProcess
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.problem import Problem, read_problem
-from sweeps.search.trials.training_traffic import training_traffic
-from sweeps.store.of_sweep import store_of
+from sweeps.search.trials.traffic import training_traffic
+from sweeps.store.open import store_of
 
 CONFIG = Path("examples/search.yaml")
 RIGS = 100

@@ -29,14 +29,13 @@ from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.cleaning import clean_store
-from sweeps.store.of_sweep import reference
-from sweeps.store.open import AnyStore
+from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.task import Task
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution
 from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
-from tracking.mlflow.source import source_tags
+from tracking.mlflow.page import source_tags
 from tracking.report.build import build_report
 from tracking.report.recommendation import headline
 from tracking.run_folders.sweep import RunFolder

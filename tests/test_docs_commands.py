@@ -15,7 +15,7 @@ from lidarplace.configuration.yaml import parse_yaml
 from sweeps.command_line import VERBS
 from sweeps.command_line import app as lidarplace
 from sweeps.plan.plan import read_plan
-from sweeps.store.of_sweep import reference
+from sweeps.store.open import reference
 from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
 from tests.docs_verbs import app_of, check_options
 from tests.docs_world import make_world, run

@@ -21,8 +21,7 @@ from torch import Tensor, nn
 
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Trial
-from sweeps.store.of_sweep import store_of
-from sweeps.store.open import AnyStore
+from sweeps.store.open import AnyStore, store_of
 from sweeps.tasks import stages
 from training.detectors.build import build
 

@@ -30,8 +30,8 @@ from sweeps.search.greedy.certificate import Certificate, certify, first_params
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.problem import Problem, read_problem
 from sweeps.search.trials.samplers import Repeatable
-from sweeps.search.trials.training_traffic import training_traffic
-from sweeps.store.of_sweep import store_of
+from sweeps.search.trials.traffic import training_traffic
+from sweeps.store.open import store_of
 
 SAMPLERS = ("random", "qmc", "tpe", "gp", "cmaes", "nsga2", "nsga3")
 LIFTED = ["search.constraints={distance: 0.0}", "ray=debug"]

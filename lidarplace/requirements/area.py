@@ -106,8 +106,7 @@ class Positions:
 def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
     """Points at most `step` metres apart; the sides of the rectangle around the area have some.
 
-    Raises:
-        ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none.
+    Raises ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none.
     """
     sides = area.sides(vehicle)
     numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]

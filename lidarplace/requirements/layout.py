@@ -37,8 +37,7 @@ class Laid:
 def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
     """Find the positions of a requirement.
 
-    Raises:
-        ValueError: the area has no end, is empty, or lies within the vehicle.
+    Raises ValueError: the area has no end, is empty, or lies within the vehicle.
     """
     placed = requirement.placed
     if placed is None:

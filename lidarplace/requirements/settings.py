@@ -262,8 +262,7 @@ class RequirementSettings(Settings):
     def requirement(self, vehicle: Vehicle, curves: DetectionCurves) -> Requirement:
         """In the terms of `lidarplace`.
 
-        Raises:
-            ValueError: the vehicle has no body that a preset lies around, or there is no curve.
+        Raises ValueError: the vehicle has no body that a preset lies around, or there is no curve.
         """
         wanted, placed = self.at_least, None if self.what is None else self.what.placed()
         curve = None

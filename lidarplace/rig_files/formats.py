@@ -46,8 +46,7 @@ FORMATS = {
 def format_of(path: Path, name: str | None) -> RigFormat:
     """The format of that name, or the one that a file is known by.
 
-    Raises:
-        ValueError: there is none of that name, or the file's name does not tell.
+    Raises ValueError: there is none of that name, or the file's name does not tell.
     """
     if name is not None:
         if name not in FORMATS:

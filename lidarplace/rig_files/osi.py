@@ -59,8 +59,7 @@ class _SensorViewConfiguration(_Message):
 def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     """The LiDARs of a configuration, called by their ids, `lidar_1`.
 
-    Raises:
-        ValueError: the file is no such configuration.
+    Raises ValueError: the file is no such configuration.
     """
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []

@@ -52,8 +52,7 @@ class LogFrames:
     def log_of(self, number: int) -> BoxLog:
         """A part of the log that holds this frame.
 
-        Raises:
-            ValueError: there is no such frame, or its boxes cannot be read.
+        Raises ValueError: there is no such frame, or its boxes cannot be read.
         """
         self.check(number)
         if number in self._in_memory or self._folder is None:
@@ -73,11 +72,7 @@ def simulated_scene() -> SumoScene:
 
 
 def simulated_traffic() -> BoxLog:
-    """The box log of `simulated_scene`.
-
-    Raises:
-        ModuleNotFoundError: SUMO is not installed.
-    """
+    """The box log of `simulated_scene`. Raises ModuleNotFoundError: SUMO is not installed."""
     return record(simulated_scene())
 
 

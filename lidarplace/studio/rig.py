@@ -106,8 +106,7 @@ class Rig:
     def placement(self, lidar: Lidar) -> Placement | None:
         """The LiDARs that work, None without any; `lidar` where no model is named.
 
-        Raises:
-            ValueError: two of them are in one place.
+        Raises ValueError: two of them are in one place.
         """
         working = [
             (mount, model)
@@ -187,8 +186,7 @@ def duplicated(rig: Rig, number: int) -> Rig:
 def mirrored(rig: Rig, number: int) -> Rig:
     """With the mirror image of a LiDAR on the other side of the vehicle.
 
-    Raises:
-        ValueError: it sits in the middle.
+    Raises ValueError: it sits in the middle.
     """
     pose = rig.pose(number)
     if pose["y"] == 0:
@@ -211,8 +209,7 @@ def working(rig: Rig) -> Rig:
 def of_model(rig: Rig, number: int, model: str | None) -> Rig:
     """With another model of the catalogue on a mount; None: the default one.
 
-    Raises:
-        ValueError: there is no such model.
+    Raises ValueError: there is no such model.
     """
     lidar = rig.lidars[number]
     written = {key: value for key, value in lidar.written.items() if key != "lidar"}

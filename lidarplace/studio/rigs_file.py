@@ -113,8 +113,7 @@ class RigsFile:
     def laid(self) -> tuple[Laid, ...]:
         """The requirements, laid out around the body.
 
-        Raises:
-            ValueError: one cannot be; names file and requirement.
+        Raises ValueError: one cannot be; names file and requirement.
         """
         laid, curves = [], default_curves()
         for own in self.settings.requirements:
@@ -167,8 +166,7 @@ def as_yaml(content: Mapping[str, Any]) -> str:
 def write_rigs(path: Path, text: str, overwrite: bool) -> None:
     """Write a file; it is renamed into place.
 
-    Raises:
-        FileExistsError: it is there, and `overwrite` does not say that it may go.
+    Raises FileExistsError: it is there, and `overwrite` does not say that it may go.
     """
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")

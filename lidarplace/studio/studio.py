@@ -133,8 +133,7 @@ class Studio:
     def copy_rig(self, name: str) -> None:
         """A copy of the rig under another name, which is then under the hands.
 
-        Raises:
-            ValueError: the name is taken, or none.
+        Raises ValueError: the name is taken, or none.
         """
         if not name or name in [rig.name for rig in self.rigs]:
             raise ValueError(f"a rig needs a name of its own, found {name!r}")
@@ -157,8 +156,7 @@ class Studio:
     def view(self) -> FrameView:
         """The frame that is looked at, read when it is asked for.
 
-        Raises:
-            ValueError: it cannot be read, or a box is bad.
+        Raises ValueError: it cannot be read, or a box is bad.
         """
         with self._viewing:
             if self._view.number != self._frame:
@@ -174,8 +172,7 @@ class Studio:
     def pose(self, number: int, /, **pose: float) -> None:
         """Give a LiDAR other coordinates: x, y, z in metres, roll, pitch, yaw in degrees.
 
-        Raises:
-            ValueError: a number is beyond its limits.
+        Raises ValueError: a number is beyond its limits.
         """
         self._do(edits.posed, number, **pose)
 
@@ -216,8 +213,7 @@ class Studio:
     def snap(self, number: int) -> None:
         """Move a LiDAR to the nearest point of the nearest zone.
 
-        Raises:
-            ValueError: the file has no zones.
+        Raises ValueError: the file has no zones.
         """
         if not self.file.zones:
             raise ValueError(f"{self.file.path}: has no zones")
@@ -358,8 +354,7 @@ class Studio:
     def why_unseen(self, object_id: str) -> tuple[AimedRays, ...]:
         """What becomes of the rays that the working LiDARs aim at an object of the frame.
 
-        Raises:
-            ValueError: there is no such object, or no LiDAR.
+        Raises ValueError: there is no such object, or no LiDAR.
         """
         if self.placement is None:
             raise ValueError("no LiDAR works")
@@ -368,8 +363,7 @@ class Studio:
     def plot(self) -> go.Figure:
         """The frame as the rig sees it, in 3D, for a notebook or a page.
 
-        Raises:
-            ValueError: no LiDAR works, or two are in one place.
+        Raises ValueError: no LiDAR works, or two are in one place.
         """
         from lidarplace.viewing.scene import draw_frame
 

@@ -7,7 +7,7 @@ from judged import SHORT, Judged, head_of, number, table
 from predicting import read
 from scipy import stats
 
-from tracking.report.sections.fitted_q import fit_detection_probability
+from tracking.report.sections.correlation import fit_detection_probability
 
 TARGETS = ("car07", "car", "recall")
 CUSTOMARY = 0.1

@@ -41,7 +41,7 @@ def calibrate(
     from sweeps.calibration.left_out import check
     from sweeps.calibration.observations import observations, rigs_of
     from sweeps.plan.plan import read_plan
-    from sweeps.store.of_sweep import store_of
+    from sweeps.store.open import store_of
 
     overrides = set_ or []
     with checked_input():

@@ -73,8 +73,7 @@ def clean(
 def _store_of(name: str) -> AnyStore:
     """The store of a file, or the one of that name. Raises ValueError if there is none."""
     from sweeps.store.local import Store
-    from sweeps.store.of_sweep import store_of
-    from sweeps.store.open import open_store
+    from sweeps.store.open import open_store, store_of
     from sweeps.sweep_or_search import read_either
 
     if Path(name).suffix in (".yaml", ".yml"):

@@ -132,7 +132,7 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     from sweeps.plan.trial import with_detector
     from sweeps.results.failure_frames import failure_frames
     from sweeps.results.trial_results import identity
-    from sweeps.store.of_sweep import store_of
+    from sweeps.store.open import store_of
 
     config = run.path / "config.yaml"
     sweep, plan = read_plan(config, [])

@@ -46,7 +46,7 @@ def pretrain(
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import pretrain_task
-    from sweeps.store.of_sweep import reference, store_of
+    from sweeps.store.open import reference, store_of
     from sweeps.tasks.task import with_inputs
     from training.checkpoints import write_checkpoint
 

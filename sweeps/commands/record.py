@@ -30,7 +30,7 @@ def record(
     from lidarplace.logs.box_log import BoxLog, join_logs, write_box_log
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.plan import read_plan
-    from sweeps.store.of_sweep import reference, store_of
+    from sweeps.store.open import reference, store_of
 
     with checked_input():
         sweep, plan = read_plan(config, set_ or [])

@@ -25,7 +25,7 @@ from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOp
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
 from sweeps.results.rigs_page import write_rigs_page
-from sweeps.store.of_sweep import check_writable, store_of
+from sweeps.store.open import check_writable, store_of
 
 app = new_app()
 

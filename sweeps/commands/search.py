@@ -70,7 +70,7 @@ def search(
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     from sweeps.search.run import run_search
-    from sweeps.store.of_sweep import check_writable, store_of
+    from sweeps.store.open import check_writable, store_of
 
     with checked_input():
         sweep = problem.sweep()

@@ -46,7 +46,7 @@ def status(
     from sweeps.plan.plan import read_plan
     from sweeps.results.state import sweep_state
     from sweeps.store.damage import until_whole
-    from sweeps.store.of_sweep import store_of
+    from sweeps.store.open import store_of
     from sweeps.sweep_or_search import is_search
 
     overrides = set_ or []

@@ -91,8 +91,7 @@ class Backend(Protocol):
     def wait(self, jobs: Sequence[Job[T]]) -> Job[T] | None:
         """One that has ended; None if none has for a while.
 
-        Raises:
-            BackendLost: no call can end any more.
+        Raises BackendLost: no call can end any more.
         """
 
 

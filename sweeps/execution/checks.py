@@ -275,8 +275,7 @@ def remote_store(url: str) -> Found:
 def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requirement]:
     """What a package asks for with an extra, or without any.
 
-    Raises:
-        PackageNotFoundError: the package is not installed.
+    Raises PackageNotFoundError: the package is not installed.
     """
     from packaging.requirements import Requirement
 

@@ -137,8 +137,7 @@ class _Execution:
     def take_back(self, job: Job[Ended]) -> None:
         """Note how a task ended.
 
-        Raises:
-            DamagedResult: a result that it needs was damaged, and is gone.
+        Raises DamagedResult: a result that it needs was damaged, and is gone.
         """
         ended = _ended(job)
         task, how, _ = self.running.pop(job)

@@ -137,8 +137,7 @@ def _check_token_file() -> None:
 def enter_folder(folder: str) -> None:
     """Make the driver's folder a worker's: relative paths mean there what they mean here.
 
-    Raises:
-        FileNotFoundError: this node has no such folder.
+    Raises FileNotFoundError: this node has no such folder.
     """
     if not Path(folder).is_dir():
         raise FileNotFoundError(

@@ -36,7 +36,6 @@ from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_generalist import GeneralistAnswers
-from sweeps.search.trials.pool import Pool, SurrogateAnswers
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
     Answers,
@@ -48,12 +47,11 @@ from sweeps.search.trials.study import (
     run_study,
     storage_for,
 )
-from sweeps.search.trials.training_traffic import NoTraffic, training_traffic
-from sweeps.store.of_sweep import reference
-from sweeps.store.open import AnyStore
+from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
+from sweeps.store.open import AnyStore, reference
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
-from tracking.mlflow.source import source_tags
+from tracking.mlflow.page import source_tags
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.build import build_search_report
 

@@ -202,8 +202,7 @@ class Store:
     def forget(self, *names: str) -> None:
         """Refer to nothing in the names of sweeps.
 
-        Raises:
-            ValueError: there is no sweep of one of the names; all stay as they are.
+        Raises ValueError: there is no sweep of one of the names; all stay as they are.
         """
         known = sorted(path.stem for path in (self.folder / SWEEPS).glob("*.json"))
         check_sweeps(names, self.folder, known)

@@ -41,8 +41,7 @@ def locked(folder: Path, alone: bool) -> Iterator[None]:
 def is_locked(folder: Path) -> bool:
     """Whether somebody has the lock alone. Looks do not see each other, and make no file.
 
-    Raises:
-        OSError: the filesystem has no locks, or the lock cannot be read.
+    Raises OSError: the filesystem has no locks, or the lock cannot be read.
     """
     try:
         file = (folder / _FILE).open("rb")

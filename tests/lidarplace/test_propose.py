@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.scenes.label_tables.column_names import guess_columns
+from lidarplace.scenes.label_tables.guess_columns import guess_columns
 from lidarplace.scenes.label_tables.propose import propose_mapping
 
 

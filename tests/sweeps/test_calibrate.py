@@ -17,7 +17,7 @@ from sweeps.calibration.left_out import check
 from sweeps.calibration.observations import observations, rigs_of
 from sweeps.commands.calibrate import app
 from sweeps.plan.plan import read_plan
-from sweeps.store.of_sweep import store_of
+from sweeps.store.open import store_of
 from tests.sweeps.toy import result
 
 MOST, RATE = 0.9, 0.03

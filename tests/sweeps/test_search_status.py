@@ -25,7 +25,7 @@ from sweeps.search.trials.study import (
 )
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
-from sweeps.store.of_sweep import reference
+from sweeps.store.open import reference
 from sweeps.sweep_or_search import is_search, read_either
 
 

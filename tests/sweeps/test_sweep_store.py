@@ -8,7 +8,7 @@ import yaml
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.store.local import Store
-from sweeps.store.of_sweep import reference, store_of
+from sweeps.store.open import reference, store_of
 from sweeps.store.remote import RemoteStore
 
 

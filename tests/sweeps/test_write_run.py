@@ -20,7 +20,7 @@ from sweeps.results.failure_frames import failure_frames
 from sweeps.results.promotion import Promotion
 from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
-from sweeps.store.of_sweep import store_of
+from sweeps.store.open import store_of
 from sweeps.tasks.parameters import (
     CollectParams,
     RecallParams,

@@ -20,7 +20,7 @@ from tracking.report.build import build_report
 from tracking.report.decision.rigs import ViewedRig, rig_views
 from tracking.report.decision.where_blind import _Binned, _limits, bin_table
 from tracking.report.recommendation import recommended
-from tracking.report.sections.binned import Bins
+from tracking.report.sections.objects import Bins
 from tracking.run_folders.sweep import RunFolder
 
 

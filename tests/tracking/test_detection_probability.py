@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tracking.report.sections.fitted_q import fit_detection_probability
+from tracking.report.sections.correlation import fit_detection_probability
 
 PLACEMENTS = list("abcdefgh")
 QS = np.geomspace(1e-3, 1, 13)

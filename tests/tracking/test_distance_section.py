@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tracking.report.analysis import Analysis
-from tracking.report.sections.binned import by_distance_section, by_sector_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
+from tracking.report.sections.objects import by_distance_section, by_sector_section
 from tracking.run_folders.sweep import RunFolder
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from lidarplace.base.roi import Roi
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.from_above import pog_from_above
 from tracking.figures.kit.named_points import apart, label_places, labels_on_top
 from tracking.figures.kit.style import (
     COLOURS,
@@ -20,6 +19,7 @@ from tracking.figures.kit.style import (
     symbol,
     theme,
 )
+from tracking.figures.kit.vehicle_lines import pog_from_above
 from tracking.figures.of_sweeps.published import against_own
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title

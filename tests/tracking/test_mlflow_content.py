@@ -11,8 +11,7 @@ from mlflow_runs_of import logging, new_store, runs_of, trial, until
 import tracking
 from tracking.mlflow import log as mlflow_log
 from tracking.mlflow.content import Dataset, Model
-from tracking.mlflow.page import VIEW_TAG
-from tracking.mlflow.source import source_tags
+from tracking.mlflow.page import VIEW_TAG, source_tags
 
 DATA = [
     Dataset(

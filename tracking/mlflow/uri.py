@@ -10,8 +10,7 @@ from lidarplace.files.secret_urls import check_whole, public_url
 def absolute_uri(uri: str) -> str:
     """`uri` with the driver of its database, and a file as an absolute path for later.
 
-    Raises:
-        ValueError: MLflow cannot keep runs there.
+    Raises ValueError: MLflow cannot keep runs there.
     """
     if "://" not in uri or uri.startswith("file:"):
         raise ValueError(

@@ -21,7 +21,6 @@ from tracking.report.headline import Verdict, surrogate_verdicts, verdicts
 from tracking.report.recommendation import answer, recommendations
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section
-from tracking.report.sections.binned import by_distance_section, by_sector_section
 from tracking.report.sections.ceiling import ceiling_section, reliability_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.correlation import correlation_section
@@ -31,7 +30,11 @@ from tracking.report.sections.detectors import detectors_section
 from tracking.report.sections.failures import FILE as FAILURES
 from tracking.report.sections.failures import failures_section
 from tracking.report.sections.generalist import generalist_section
-from tracking.report.sections.individuals import individuals_section
+from tracking.report.sections.objects import (
+    by_distance_section,
+    by_sector_section,
+    individuals_section,
+)
 from tracking.report.sections.placements import agreement_section, placements_section
 from tracking.report.sections.predictors import counted, predictors_section
 from tracking.report.sections.promotion import promotion_section

@@ -103,8 +103,7 @@ class Table:
     def write(self, table: pd.DataFrame, folder: Path) -> None:
         """Write the table in one step; without rows it needs no columns.
 
-        Raises:
-            ValueError: as for `read`.
+        Raises ValueError: as for `read`.
         """
         self._check(table, folder / self.file)
         with replacing(folder / self.file) as partial:

@@ -64,8 +64,7 @@ def smallest_detectable(n: int, coefficient: str = "pearson", reliability: float
 def placements_needed(rho: float, coefficient: str = "pearson", reliability: float = 1.0) -> int:
     """How many placements find a correlation of `rho` with 80 % probability.
 
-    Raises:
-        ValueError: 10,000 do not suffice.
+    Raises ValueError: 10,000 do not suffice.
     """
     high = 5
     while power(rho, high, coefficient, reliability) < TARGET:

@@ -256,7 +256,7 @@ def expected_ig_by_q(
 ) -> pd.DataFrame:
     """`expected_ig` without occlusion for many q: the rays are traced once.
 
-    `tracking.report.sections.fitted_q` fits q to measured AP with it.
+    `tracking.report.sections.correlation` fits q to measured AP with it.
 
     Returns:
         A row a class (index), a column a q; nats.

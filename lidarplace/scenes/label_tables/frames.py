@@ -36,8 +36,7 @@ def read_stamps(
 ) -> Stamps:
     """Drive and time (or, if `whole`, frame number) of every row.
 
-    Raises:
-        ValueError: a value is something else, or missing.
+    Raises ValueError: a value is something else, or missing.
     """
     names = np.full(len(table), DRIVE, object) if drive is None else texts(table, drive, source)
     if whole:

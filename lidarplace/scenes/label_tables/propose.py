@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausible import SIZES
-from lidarplace.scenes.label_tables.column_names import class_in, guess_columns
-from lidarplace.scenes.label_tables.column_values import add_columns_by_values
+from lidarplace.scenes.label_tables.guess_columns import (
+    add_columns_by_values,
+    class_in,
+    guess_columns,
+)
 from lidarplace.scenes.label_tables.mapping import Columns
 from lidarplace.scenes.label_tables.read import read_table
 from lidarplace.scenes.label_tables.units import (

@@ -65,8 +65,7 @@ class Track:
     def at(self, stamps: Stamps) -> VehiclePoses:
         """Poses at these times, straight lines between those that are known.
 
-        Raises:
-            ValueError: a time is not within those of its drive.
+        Raises ValueError: a time is not within those of its drive.
         """
         found = np.empty((len(stamps.value), 4))
         for drive in pd.unique(stamps.drive):
@@ -91,8 +90,7 @@ class Track:
 def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, source: str) -> Track:
     """The poses that the mapping names, of `table` or of a file of their own.
 
-    Raises:
-        ValueError: the file cannot be read, lacks a column, or a value is wrong.
+    Raises ValueError: the file cannot be read, lacks a column, or a value is wrong.
     """
     drive, stamp = mapping.columns.drive, mapping.stamp
     if poses.file is not None:

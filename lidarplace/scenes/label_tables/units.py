@@ -1,6 +1,8 @@
 """Units of label files, as factors to metres, radians and seconds, and what they may be."""
 
 import math
+import re
+import unicodedata
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar, cast, get_args
 
@@ -8,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.logs.plausible import STEP_S
-from lidarplace.scenes.label_tables.column_names import unit_in
 
 LengthUnit = Literal["m", "cm", "mm"]
 AngleUnit = Literal["rad", "deg"]
@@ -69,3 +70,24 @@ def guess_time(name: str, largest: float, step: float) -> Guess[TimeUnit]:
         if STEP_S[0] <= step * seconds <= STEP_S[1]:
             return Guess(short, f"{step:.4g} from one to the next in the median")
     return Guess("s", "nothing tells")
+
+
+UNITS = ("mm", "cm", "m", "rad", "deg", "degrees", "s", "ms", "us", "ns")
+
+
+def plain(name: str) -> str:
+    """A name in lower case with underscores: `posX [mm]` is `pos_x_mm`, `Höhe` is `hohe`."""
+    bare = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", bare)
+    return re.sub(r"[^a-z0-9]+", "_", apart.lower()).strip("_")
+
+
+def unit_in(name: str) -> str | None:
+    """The unit at the end of a name, `mm` of `length_mm`."""
+    last = plain(name).rpartition("_")[2]
+    return ("deg" if last == "degrees" else last) if last in UNITS and last != plain(name) else None
+
+
+def without_unit(name: str) -> str:
+    """The plain name without its unit."""
+    return plain(name).removesuffix(f"_{plain(name).rpartition('_')[2]}" if unit_in(name) else "")

@@ -1,14 +1,18 @@
 """Where the map of a town comes from: generated, a file, or CARLA's by name."""
 
 import contextlib
+import gzip
 import os
+import subprocess
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
-from xml.etree.ElementTree import ParseError, iterparse
+from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring, iterparse
 
-from lidarplace.scenes.sumo.opendrive import convert_opendrive
+from lidarplace.files.regular import regular
+from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.settings import GENERATED, MAP_SUFFIXES
-from lidarplace.scenes.sumo.town import TownMap, build_town
+from lidarplace.scenes.sumo.town import TownMap, build_town, sumo_home
 
 PACKAGE = "py123d"
 """A package on PyPI that carries CARLA's maps (CC-BY 4.0)."""
@@ -40,8 +44,7 @@ def _keeps_left(network: Path) -> bool:
 def find_map(town: str) -> Path:
     """File of a town that is not generated: its path, or that of the CARLA map of this name.
 
-    Raises:
-        ValueError: there is no such file.
+    Raises ValueError: there is no such file.
     """
     path = Path(town) if town.endswith(MAP_SUFFIXES) else find_carla_map(town)
     if not path.is_file():
@@ -81,3 +84,136 @@ def find_carla_map(name: str) -> Path:
         f"no map {name!r}; looked in {' and '.join(looked)}. CARLA's maps (CC-BY 4.0) come with "
         f"`pip install --no-deps {PACKAGE}`, or with a CARLA whose folder CARLA_ROOT names"
     )
+
+
+SPEED_M_S = 13.89
+"""Speed limit of every lane, 50 km/h: netconvert does not read the limits of roads, and CARLA's
+traffic stays far below those of its maps."""
+
+_RAIL_AND_OTHERS = (
+    "pedestrian rail rail_urban rail_electric rail_fast tram drone aircraft scooter container "
+    "wheelchair subway cable_car ship"
+)
+
+SIDEWALKS = ("sidewalk", "walking")
+"""Types of lanes for pedestrians; the second is OpenDRIVE's since version 1.8."""
+
+LANE_TYPES = f"""<types>
+<type id="driving" priority="1" speed="{SPEED_M_S}" width="3.5" disallow="{_RAIL_AND_OTHERS}"/>
+<type id="biking" priority="0" speed="{SPEED_M_S}" width="1.5" allow="bicycle"/>
+<type id="sidewalk" priority="0" speed="2.78" width="2" allow="pedestrian"/>
+<type id="walking" priority="0" speed="2.78" width="2" allow="pedestrian"/>
+<type id="shoulder" priority="0" speed="1.39" width="1" disallow="all"/>
+<type id="border" priority="0" speed="1.39" width="0.1" disallow="all"/>
+<type id="median" priority="0" speed="1.39" width="0.1" disallow="all"/>
+<type id="curb" priority="0" speed="1.39" width="0.1" disallow="all"/>
+<type id="parking" priority="0" speed="1.39" width="2.5" disallow="all"/>
+<type id="bidirectional" priority="0" speed="1.39" width="3.5" disallow="all"/>
+<type id="none" priority="0" speed="1.39" width="1" disallow="all" discard="true"/>
+</types>
+"""
+"""Who may use a lane, by its type in OpenDRIVE. Lanes for nobody keep the others in their place.
+By netconvert's own table sidewalks are left out, or open to cars."""
+
+
+def convert_opendrive(path: Path, folder: Path) -> TownMap:
+    """Convert `path` (`.xodr` or `.xodr.gz`) to a SUMO network in `folder`.
+
+    x and y stay those of OpenDRIVE, but for a map with left-hand traffic, of which the network is
+    the mirror image. Cars may turn round at dead ends only; lights adapt to traffic; crossings are
+    guessed, and so are sidewalks if the map has none at all.
+
+    Raises:
+        ValueError: not OpenDRIVE, or with something that netconvert cannot read; names it, or
+            carries netconvert's message.
+    """
+    root = read_opendrive(path)
+    lefthand = drives_left(root, path)
+    if lefthand:
+        mirror_map(root)
+    plain, types, network = (folder / f"town.{end}" for end in ("xodr", "typ.xml", "net.xml"))
+    try:
+        ElementTree(root).write(plain, encoding="utf-8", xml_declaration=True)
+    except RecursionError:
+        raise ValueError(f"{path}: not an OpenDRIVE map: nested too deeply") from None
+    types.write_text(LANE_TYPES)
+    command = [
+        *(str(sumo_home() / "bin" / "netconvert"), "--opendrive-files", str(plain)),
+        *("--type-files", str(types), "--output-file", str(network)),
+        *("--offset.disable-normalization", "--no-turnarounds.except-deadend"),
+        *("--crossings.guess", "--tls.default-type", "actuated"),
+        *("--geometry.remove", "--junctions.join"),  # many edges are shorter than a car
+        *("--xml-validation", "never", "--no-warnings"),
+    ]
+    if not any(lane.get("type") in SIDEWALKS for lane in root.iter("lane")):
+        command += ["--sidewalks.guess", "--sidewalks.guess.max-speed", str(SPEED_M_S)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0 or not network.is_file():
+        errors = [line for line in done.stderr.splitlines() if line.startswith("Error")]
+        message = " ".join((errors or ["Error: no network came out"])[0].split())
+        raise ValueError(f"{path}: not an OpenDRIVE map: netconvert: {message}")
+    return TownMap(network, mirrored=lefthand)
+
+
+RULES = ("RHT", "LHT")
+"""Right-hand and left-hand traffic; the first is meant where a road has no rule."""
+
+
+def read_opendrive(path: Path) -> Element:
+    """The tree of `path` (`.xodr` or `.xodr.gz`), without namespaces.
+
+    Centre lanes without a type get "none": they have no width, and OpenDRIVE 1.8 has them so.
+
+    Raises:
+        ValueError: no OpenDRIVE, a lane without id or type, or a direct junction.
+    """
+    try:
+        data = regular(path).read_bytes()
+        data = gzip.decompress(data) if path.suffix == ".gz" else data
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise ValueError(f"{path}: not a gzip file: {error}") from None
+    try:
+        root = fromstring(data)
+    except (ParseError, LookupError, ValueError) as error:
+        raise ValueError(f"{path}: not an OpenDRIVE map: {error}") from None
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    if root.tag != "OpenDRIVE":
+        raise ValueError(f"{path}: not an OpenDRIVE map: its root is {root.tag}, not OpenDRIVE")
+    for junction in root.iter("junction"):
+        if junction.get("type") == "direct":
+            raise ValueError(
+                f"{path}: junction {junction.get('id')} is of type direct, which netconvert cannot "
+                "read; allowed are junctions with connecting roads, or links from road to road"
+            )
+    for lane in root.iterfind(".//center/lane"):
+        lane.set("type", lane.get("type", "none"))
+    for road in root.iter("road"):
+        for lane in road.iter("lane"):
+            for name in ("id", "type"):
+                if name not in lane.attrib:
+                    which = f"lane {lane.get('id')}" if name == "type" else "a lane"
+                    raise ValueError(f"{path}: road {road.get('id')}: {which} has no {name}")
+    return root
+
+
+def drives_left(root: Element, path: Path) -> bool:
+    """Whether the map of `root`, read from `path`, has left-hand traffic.
+
+    Raises ValueError: the rule of a road is neither of `RULES`, or the rules of two roads differ.
+    """
+    first: dict[str, str | None] = {}
+    for road in root.iter("road"):
+        rule = road.get("rule", RULES[0])
+        if rule not in RULES:
+            raise ValueError(
+                f"{path}: road {road.get('id')}: rule is {rule!r}; allowed are "
+                f"{' and '.join(RULES)}"
+            )
+        first.setdefault(rule, road.get("id"))
+    if len(first) > 1:
+        raise ValueError(
+            f"{path}: road {first['LHT']} has left-hand traffic (rule LHT), road {first['RHT']} "
+            "right-hand traffic (rule RHT, or none); allowed is one of them in a map"
+        )
+    return "LHT" in first

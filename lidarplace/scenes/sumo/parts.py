@@ -33,8 +33,7 @@ class TownRecording:
 def town_parts(scene: SumoScene) -> list[ScenePart]:
     """The simulations of a scene that have routes, training first.
 
-    Raises:
-        ValueError: a map is nowhere to be found.
+    Raises ValueError: a map is nowhere to be found.
     """
     # Left out is what only says which runs there are: more towns leave these as they are.
     settings = SumoScene.model_validate(scene.model_dump(mode="json", exclude=_COUNTS))

@@ -39,11 +39,7 @@ class TownMap:
 
 
 def sumo_home() -> Path:
-    """Folder of the installed Eclipse SUMO.
-
-    Raises:
-        ImportError: SUMO is not installed.
-    """
+    """Folder of the installed Eclipse SUMO. Raises ImportError: SUMO is not installed."""
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # libsumo greets with a remark on pyarrow
             import libsumo  # noqa: F401

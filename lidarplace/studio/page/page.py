@@ -154,8 +154,7 @@ PATIENCE_S = 120.0
 def send_picture(client: viser.ClientHandle) -> None:
     """Let a browser draw its scene as it stands there, and save it as a PNG file.
 
-    Raises:
-        ValueError: it does not answer.
+    Raises ValueError: it does not answer.
     """
     import imageio.v3 as iio
 

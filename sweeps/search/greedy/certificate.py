@@ -167,8 +167,7 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
 def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certificate | None:
     """The certificate in `path`, if it is of this problem; else a new one, kept there.
 
-    Raises:
-        ConfigError: `path` holds something else.
+    Raises ConfigError: `path` holds something else.
     """
     if path.exists():
         try:

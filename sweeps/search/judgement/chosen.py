@@ -20,8 +20,7 @@ from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_ri
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import Over, left_out_over_tests, metrics_over_tests
 from sweeps.search.trials.by_detectors import weighted_value
-from sweeps.store.of_sweep import reference
-from sweeps.store.open import AnyStore
+from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.task import with_inputs
 
 MOST_CHOSEN = 8

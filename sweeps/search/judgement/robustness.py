@@ -11,7 +11,7 @@ from lidarplace.mounting.errors import MountingErrors
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choices, ordered, with_each_dead
-from sweeps.search.trials.pool import Pool
+from sweeps.search.trials.traffic import Pool
 
 AS_DESIGNED = "as designed"
 

@@ -15,7 +15,7 @@ from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Plan
 from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.problem.problem import Problem
-from sweeps.store.of_sweep import store_of
+from sweeps.store.open import store_of
 from tracking.findings.best_placement import best_placement
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import headline_iou
@@ -59,8 +59,7 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
 def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
     """The sweep that a search left in `sweep.yaml`, with the addresses of the search.
 
-    Raises:
-        ConfigError: the file, which a user may have changed, is wrong.
+    Raises ConfigError: the file, which a user may have changed, is wrong.
     """
     whole = problem.file.model_dump(mode="json", include={"store", "tracking"})
     overrides = [f"{key}={json.dumps(value)}" for key, value in whole.items()]

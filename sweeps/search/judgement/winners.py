@@ -17,8 +17,8 @@ from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.problem.assess import Assessment, Question
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.space import Space
-from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Timing, assessment_of, candidate_of, finished_trials
+from sweeps.search.trials.traffic import Pool
 
 MOST_EXACT = 20
 """Best rigs that are assessed again with all rays."""

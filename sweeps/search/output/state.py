@@ -20,7 +20,7 @@ from sweeps.search.trials.study import (
     quiet,
 )
 from sweeps.store.lock import is_locked
-from sweeps.store.of_sweep import reference, store_of
+from sweeps.store.open import reference, store_of
 
 
 @dataclass(frozen=True)

@@ -216,8 +216,7 @@ class Problem(SearchConfig):
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     """Read the configuration of a search.
 
-    Raises:
-        ConfigError: anything wrong with the file, a key or a value.
+    Raises ConfigError: anything wrong with the file, a key or a value.
     """
     source = read_named(path, overrides, SearchFile)
     file = check(SearchFile, source, path)

@@ -9,10 +9,9 @@ import optuna
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, Outcome, execute
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, tell
-from sweeps.store.of_sweep import reference
-from sweeps.store.open import AnyStore
+from sweeps.search.trials.traffic import Pool
+from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.task import Task
 
 Asked = Sequence[tuple[optuna.Trial, Candidate]]

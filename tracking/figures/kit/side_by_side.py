@@ -40,7 +40,7 @@ def side_by_side(
     """
     plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, own) in enumerate(columns.items()):
-        own = own.reindex(rows)
+        own = own.reindex(list(rows))
         up, down = (own["high"] - own["mean"]).fillna(0), (own["mean"] - own["low"]).fillna(0)
         # One below the other within a row, as bars of equal values would hide each other.
         place = np.arange(len(rows)) + 0.5 * ((i + 0.5) / len(columns) - 0.5)

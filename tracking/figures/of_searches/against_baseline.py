@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.kit.from_above import add_vehicle, pog_from_above
 from tracking.figures.kit.named_points import label_places
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, text
+from tracking.figures.kit.vehicle_lines import add_vehicle, pog_from_above
 from tracking.run_folders.search_json import Objective
 
 

@@ -12,7 +12,7 @@ from tracking.figures.kit.style import SEQUENTIAL, figure, text
 from tracking.labels import digits, metric_label
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
-from tracking.report.sections.binned import (
+from tracking.report.sections.objects import (
     RING,
     SECTOR,
     Bins,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.kit.from_above import add_vehicle
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
+from tracking.figures.kit.vehicle_lines import add_vehicle
 from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis

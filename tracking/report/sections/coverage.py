@@ -11,10 +11,17 @@ from plotly.subplots import make_subplots
 from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.from_above import add_vehicle, averaged, in_view, pog_from_above
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.kit.style import SEQUENTIAL, figure, text
-from tracking.figures.kit.vehicle_lines import name_of, vehicle_from_above, vehicle_from_the_side
+from tracking.figures.kit.vehicle_lines import (
+    add_vehicle,
+    averaged,
+    in_view,
+    name_of,
+    pog_from_above,
+    vehicle_from_above,
+    vehicle_from_the_side,
+)
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis

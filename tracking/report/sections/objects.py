@@ -1,4 +1,4 @@
-"""A metric of every placement by what objects are told apart by: distance, direction."""
+"""The sections of objects: how many there are, and a metric of each placement by where they are."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,12 +10,59 @@ import plotly.graph_objects as go
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
 from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 from tracking.findings.groups import Group, by_setting, has_detectors
+from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import judged
 from tracking.labels import metric_label, plus_minus
-from tracking.pages.section import Section, Table, slug
+from tracking.pages.section import Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
+
+
+def individuals_section(found: Analysis) -> Section | None:
+    """How many individuals were met; None for a sweep without detectors."""
+    run = found.run
+    if not has_detectors(run):
+        return None
+    section = Section("Objects: boxes and individuals")
+    if run.individuals is None or run.individuals.empty:
+        section.notes.append("The run folder has no individuals.parquet.")
+        return section
+    section.notes.append(
+        "A box is an object in one frame; a road user that is in 50 frames is one individual, and "
+        "one of two routes too. Frames of one individual say nearly the same, so what was "
+        "measured is as sure as its individuals and routes are many, not its boxes. A log that "
+        "does not name its objects has as many individuals as boxes."
+    )
+    for title, part in by_setting(run.individuals, run.axes):
+        section.tables.append(individuals_table(part, title))
+    return section
+
+
+def individuals_table(individuals: pd.DataFrame, title: str) -> Table:
+    """`count_individuals` as text."""
+    counts = count_individuals(individuals)
+    columns = [
+        Column("frames", lambda row: _SPLITS.get(row["split"], str(row["split"])), words=True),
+        words("class"),
+        numbers("routes with any", "routes", ","),
+        numbers("boxes", "boxes", ","),
+        numbers("individuals", "individuals", ","),
+        Column(
+            f"boxes of the {MOST_FREQUENT} most frequent",
+            lambda row: f"{100 * row['share_of_ten']:.0f} %",
+        ),
+    ]
+    return Table.of(
+        "Objects that count" + (f" · {title}" if title else ""),
+        counts,
+        columns,
+        name=slug("individuals", title),
+    )
+
+
+_SPLITS = {"train": "training"}
+
 
 _METRIC = headline_metric("all")
 SECTOR = ["sector", "from_deg", "to_deg"]

@@ -1,0 +1,150 @@
+"""The training traffic of a search, and rigs that are assessed on it by a pool of workers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import optuna
+from rich.console import Console
+
+from lidarplace import ExpectedRecall
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
+from sweeps.execution.backends import Backend, Job
+from sweeps.execution.execute import execute
+from sweeps.execution.progress import StageProgress
+from sweeps.plan.plan import RECALL_FRAMES
+from sweeps.search.problem.assess import Assessment, Question, Traffic, assess
+from sweeps.search.problem.choice import Choices
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.space import Space
+from sweeps.search.trials.study import Candidate, assessment_of, candidate_of, finished_trials, tell
+from sweeps.store.open import AnyStore, reference
+from sweeps.tasks.parameters import RecallParams
+from sweeps.tasks.stages import grids_of, objects_of
+from sweeps.tasks.task import Task
+
+
+class NoTraffic(RuntimeError):
+    """A task that leads to the traffic failed, or nothing is in it."""
+
+
+def training_traffic(
+    console: Console,
+    problem: Problem,
+    store: AnyStore,
+    backend: Backend,
+    scene: Mapping[str, Any] | None = None,
+) -> Traffic:
+    """What the objectives ask for.
+
+    Args:
+        scene: key path -> value, what is different from the configuration.
+
+    Raises:
+        ConfigError: a value is not allowed at its key path.
+        NoTraffic: something failed, or `expected_recall` is asked of a class of which no object
+            counts.
+    """
+    if not problem.question.needs_pog:
+        return Traffic({})
+    sweep = problem.sweep(scene)
+    tasks, trial = problem.pog_tasks(sweep)
+    purpose = "search" if scene is None else f"search-{trial.pog.key[:6]}"
+    store.refer(reference(sweep, purpose), [task.key for task in tasks])
+    with StageProgress(console, tasks, store) as progress:
+        failures = execute(tasks, store, backend, progress).failures
+    for failure in failures.values():
+        raise NoTraffic(failure.reason)
+    grids = grids_of(store.load(trial.pog))
+    if not problem.question.needs_objects:
+        return Traffic(grids)
+    assert trial.recall is not None
+    objects = _objects(problem, store, trial.recall)
+    frames = next(iter(grids.values())).frames
+    console.print(
+        f"expected_recall: {len(objects.objects.table):,} objects that count, in "
+        f"{min(RECALL_FRAMES, frames)} of {frames} training frames"
+    )
+    return Traffic(grids, objects)
+
+
+def _objects(problem: Problem, store: AnyStore, recall: Task) -> ExpectedRecall:
+    """The objects of which the objectives are, under rigs as clouds are collected."""
+    file = problem.file
+    params = recall.params
+    assert isinstance(params, RecallParams)
+    asked = [o for o in file.search.objective if o.by in OBJECT_SURROGATES]
+    weighted = {name for objective in asked for name in objective.weights_of(file.classes)}
+    params = replace(params, classes=tuple(name for name in file.classes if name in weighted))
+    logs = [store.load(task) for task in recall.inputs]
+    model = objects_of(params, logs, azimuth_share=file.lidar.cloud_share)
+    missing = weighted - set(model.objects.table["class"])
+    if missing:
+        raise NoTraffic(
+            f"expected_recall: no {min(missing)} counts in the training frames; "
+            "ask for the other classes, such as expected_recall.Car"
+        )
+    return model
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Assesses rigs on one traffic.
+
+    Attributes:
+        traffic: shared out by the backend.
+    """
+
+    backend: Backend
+    traffic: Traffic
+
+    @classmethod
+    def of(cls, backend: Backend, traffic: Traffic) -> Pool:
+        """The pool of a backend's workers."""
+        for grid in traffic.grids.values():
+            grid.levels, grid.h_pog  # noqa: B018 - worked out once, not by every worker
+        if traffic.objects is not None:
+            traffic.objects.objects.frames  # noqa: B018 - as well
+        return cls(backend, backend.share(traffic))
+
+    def submit(self, rig: Choices, question: Question) -> Job[Assessment]:
+        """Start with a rig."""
+        return self.backend.submit(assess, rig, question, self.traffic)
+
+    def in_order(self, rigs: Sequence[Choices], question: Question) -> list[Assessment]:
+        """Assess several rigs at once; results in the order of `rigs`."""
+        jobs = [self.submit(rig, question) for rig in rigs]
+        return [job.result() for job in jobs]
+
+
+class SurrogateAnswers:
+    """Answers by a pool of workers."""
+
+    def __init__(self, study: optuna.Study, space: Space, question: Question, pool: Pool) -> None:
+        self._study, self._question, self._pool = study, question, pool
+        self._known: dict[tuple[Any, ...], Assessment] = {
+            candidate_of(trial, space).key: assessment_of(trial) for trial in finished_trials(study)
+        }
+        self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        self._jobs: dict[tuple[Any, ...], Job[Assessment]] = {}
+
+    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
+        self._asked.append((trial, candidate))
+        if candidate.key not in self._known and candidate.key not in self._jobs:
+            self._jobs[candidate.key] = self._pool.submit(candidate.rig, self._question)
+
+    def finish(self) -> None:
+        for key, job in self._jobs.items():
+            self._known[key] = job.result()
+        for trial, candidate in self._asked:
+            found = self._known[candidate.key]
+            values, failure = None, None
+            if found.values is not None:
+                values = [found.values[o.name] for o in self._question.objectives]
+                if any(math.isnan(value) for value in values):
+                    failure = "an objective is undefined for this rig: nothing is covered"
+            tell(self._study, trial, found, values, failure)
+        self._asked, self._jobs = [], {}
