@@ -9,7 +9,7 @@ import pandas as pd
 
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.benchmark.rigs import populations
-from tracking.numbers import DASH, digits, span
+from tracking.labels import DASH, digits, span
 
 _LABELS = {
     "generalist": "**generalist** (three)",

@@ -70,7 +70,7 @@ def benchmark(
 def _print_scores(scores: pd.DataFrame) -> None:
     """One predictor by metric and population."""
     from sweeps.benchmark.markdown import percent, rho_cell
-    from tracking.numbers import digits, span
+    from tracking.labels import digits, span
 
     rows = [
         [

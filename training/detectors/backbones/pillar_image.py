@@ -41,7 +41,7 @@ def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     points = np.concatenate([np.zeros((0, 4), np.float32), *(f.numpy() for f in frames)])
     ends = np.cumsum([len(frame) for frame in frames])
     parameters = (layer.linear.weight, norm.weight, norm.bias)
-    features, cells = _Features.apply(*parameters, points, ends, grid, norm)  # type: ignore[no-untyped-call]
+    features, cells = _Features.apply(*parameters, points, ends, grid, norm)
     return scatter(features, cells, len(frames), grid)
 
 
