@@ -33,13 +33,18 @@ def ground(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray(0.15 * np.sin(x / 9) + 0.01 * y)
 
 
-def write_log(folder: Path, frames: int = 4, seed: int = 0, rig: RecordedRig = RIG) -> BoxLog:
-    """A training and a test route of so many frames each, with six cars; returns the log."""
+def write_log(
+    folder: Path, frames: int = 4, seed: int = 0, rig: RecordedRig = RIG, behind: int = 0
+) -> BoxLog:
+    """A training and a test route of so many frames each, with six cars, and more `behind` the
+    wall; the vehicle stands still. Returns the log."""
     random = np.random.default_rng(seed)
     rows = []
     for frame in range(2 * frames):
-        for k in range(6):
-            x, y = 8.0 + 4.5 * k + 0.3 * frame, random.uniform(-7, 7)
+        for k in range(6 + behind):
+            x, y = 8.0 + 4.5 * (k % 6) + 0.3 * frame, random.uniform(-7, 7)
+            if k >= 6:
+                y += WALL_Y - 9.0
             pose = (x, y, 0.75 + ground(x, y), 4.4, 1.8, 1.5, random.uniform(-0.4, 0.4))
             scene = f"route {frame // frames}"
             rows.append((scene, frame, frame / 10, f"{scene} {k}", "Car", *pose))
@@ -47,6 +52,7 @@ def write_log(folder: Path, frames: int = 4, seed: int = 0, rig: RecordedRig = R
     number = np.arange(2 * frames)
     table = pd.DataFrame({"frame": number, "timestamp_s": number / 10, "route": number // frames})
     table["scene"] = [f"route {route}" for route in table["route"]]
+    table[["ego_x", "ego_y", "ego_yaw"]] = 0.0
     table["split"] = np.where(table["route"] == 0, "train", "test")
     log = BoxLog(
         pd.DataFrame(rows, columns=names), table, rigs=dict.fromkeys(table["scene"].unique(), rig)

@@ -109,14 +109,16 @@ def cast_in_world(
     into: Hits | None = None,
     ends: NDArray[np.float64] = NO_ENDS,
     only_objects: bool = False,
+    level: bool = True,
 ) -> Hits:
     """Cast all rays of one LiDAR at parts and the static world, see `cast`.
 
     Args:
-        world: around the vehicle; None: there is none, and the ground is flat.
-        only_objects: let the world stop only rays that hit an object; there is no other ground.
+        world: around the vehicle; None: there is none.
+        only_objects: let the world stop only rays that hit an object.
+        level: whether the ground is flat, at z = 0, where the world has none.
     """
-    hits = cast(mount, lidar, parts, crop, into, ends, level=world is None)
+    hits = cast(mount, lidar, parts, crop, into, ends, level=level and world is None)
     if world is None:
         return hits
     for own_mount, own, numbers in blocks(mount, lidar):
@@ -127,6 +129,7 @@ def cast_in_world(
             *world,
             np.array(crop, np.float64),
             only_objects,
+            level,
             hits.of(numbers),
         )
     return hits
@@ -423,7 +426,7 @@ def _tile_at(worlds, scene, x, y):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def stop_at_world(  # pragma: no cover - compiled
-    place, turn_in_ego, fired, worlds, scene, turn, shift, crop, only_objects, hits
+    place, turn_in_ego, fired, worlds, scene, turn, shift, crop, only_objects, level, hits
 ):
     """Let rays end at the world, in place, where that is nearer than what they hit.
 
@@ -433,13 +436,13 @@ def stop_at_world(  # pragma: no cover - compiled
         worlds, scene, turn, shift: as of `WorldAround`.
         crop: hits within it are right, as of `cast`.
         only_objects: rays that hit no object are left as they are.
+        level: where no ground is known it is flat, as seen from the vehicle.
         hits: without ground.
     """
     origin, rotation = turn @ place + shift, turn @ turn_in_ego
     ranges, targets, reflected = hits
     beams, steps = len(fired.elevations), fired.azimuths.shape[2]
-    # Where no ground is known it is flat, as seen from the vehicle.
-    if place[2] > 0.0:
+    if level and place[2] > 0.0:
         for beam in range(beams):
             ce, se = fired.elevations[beam, 1], fired.elevations[beam, 2]
             cosines, sines = along(fired, beam)

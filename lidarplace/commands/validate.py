@@ -13,6 +13,7 @@ from lidarplace.command_line.options import LogArgument
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb
 from lidarplace.configuration.correction import read_correction, write_correction
+from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.files.atomic import replacing
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.validation.fit import FEWEST_TRACKS
@@ -20,7 +21,7 @@ from lidarplace.validation.fit import FEWEST_TRACKS
 app = new_app()
 
 
-@verb(app, "logs/av2 --out validation", "logs/new --correction av2_fleet")
+@verb(app, "logs/av2 --out validation", "logs/new --correction av2_fleet --vehicle body.yaml")
 def main(
     log: LogArgument,
     out: Annotated[
@@ -30,20 +31,30 @@ def main(
         str | None,
         typer.Option(metavar="FILE|NAME", help="judge this correction; without it one is fitted"),
     ] = None,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="body of the vehicle: YAML of what the key vehicle of a sweep holds, or a mesh in "
+            "metres; by default a sedan",
+        ),
+    ] = None,
 ) -> None:
     """Compare simulated points with the real ones of a log, and fit a correction.
 
     The log needs the points that each box had and the rig that recorded them: `convert` keeps both.
+    A static world (`convert --world`) stops simulated rays.
     Writes validation.html, which begins with the decision whether to believe the simulator for
     this vehicle; the tables behind it as Parquet; and correction.yaml for `lidar: {correction: …}`.
     """
-    from lidarplace.validation.page import write_page
+    from lidarplace.validation.page import with_world, write_page
     from lidarplace.validation.validation import validate
     from lidarplace.validation.verdict import verdict
 
     with checked_input():
         file = None if correction is None else read_correction(correction)
-        found = validate(read_box_log(log), log, file)
+        body = None if vehicle is None else read_vehicle(vehicle)
+        found = validate(read_box_log(log), log, file, vehicle=body)
         out.mkdir(parents=True, exist_ok=True)
         decision = verdict(found)
         tables = {
@@ -69,6 +80,7 @@ def main(
     rows = [_row(row) for _, row in shown.iterrows()]
     head = ("", "objects", "ratio", "bias, log2", "spread, log2", "within ×2", "rho")
     output().print(table(f"{log}: simulated against real points", head, rows))
+    say(with_world(found))
     say(f"{decision.answer}: {' '.join(decision.why)}")
     say(out / "validation.html")
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict, model_validator
+from pydantic import BeforeValidator, Field, Strict, TypeAdapter, ValidationError, model_validator
 
 from lidarplace.base.optional import needs
-from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings
+from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, fault
+from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.pose import rotation
@@ -90,3 +92,21 @@ OwnVehicle = Annotated[VehicleSettings, BeforeValidator(_short)] | None
 def vehicle_of(settings: VehicleSettings | None) -> Vehicle:
     """The vehicle of a field: a car if it is null."""
     return Vehicle.car() if settings is None else settings.vehicle()
+
+
+def read_vehicle(path: Path) -> Vehicle | None:
+    """The vehicle in a file: YAML of what a field holds, or a mesh in metres.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it holds no vehicle; names file, key and value.
+    """
+    raw = read_yaml_file(path) if path.suffix in (".yaml", ".yml") else path.name
+    try:
+        settings = _FIELD.validate_python(raw, context={"folder": path.parent})
+    except ValidationError as error:
+        raise fault(error, str(path)) from None
+    return None if settings is None else settings.vehicle()
+
+
+_FIELD: TypeAdapter[VehicleSettings | None] = TypeAdapter(OwnVehicle)

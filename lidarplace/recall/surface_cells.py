@@ -218,6 +218,7 @@ def _cells_in_frames(
                 frames.shift[frame],
                 frames.near[frame],
                 True,
+                True,
                 (ranges, targets, reflected),
             )
         first, last = frames.first_object[frame], frames.first_object[frame + 1]

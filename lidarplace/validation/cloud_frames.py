@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.clouds.clouds import read_clouds
-from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.shade import ends_in_rig
-from lidarplace.clouds.surroundings import Surroundings
-from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.placement import Mount
 from lidarplace.validation.shadow import sectors
-from lidarplace.validation.simulation import REACH_M, rays_on_objects
+from lidarplace.validation.simulation import Recording
 
 FATES = ("in the box", "hidden", "passed beyond", "lost")
 """What a real LiDAR did where a simulated ray meets an object: it met the object, too; something
@@ -78,9 +76,7 @@ class Seen:
 
 def seen_in(
     cloud: Cloud,
-    surroundings: Surroundings,
-    geometry: NDArray[np.float64],
-    placement: Placement,
+    recording: Recording,
     share: NDArray[np.float64],
     factor: NDArray[np.float64],
     loss: float,
@@ -90,25 +86,22 @@ def seen_in(
 
     Args:
         cloud: of the frame.
-        surroundings: of the log.
-        geometry: of all boxes of the log, rows of `GEOMETRY`.
-        placement: as recorded.
+        recording: of the log.
         share: what the own shadow leaves, shape (LiDARs, SECTORS).
         factor: of every box of the log.
         loss: 1 / distance of the correction, 1/m.
         cell: edge of a cell, metres.
     """
-    rows = surroundings.rows(cloud.frame)
-    boxes = geometry[rows]
-    parts = body_parts(None).and_(surroundings.parts(cloud.frame, REACH_M))
-    ends = ends_in_rig(placement)
+    rows, placement = recording.surroundings.rows(cloud.frame), recording.placement
+    boxes = recording.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[rows]
+    every = recording.met(cloud.frame)
     random = np.random.default_rng(cloud.frame)
     found = Seen(rows, [], [], [], np.zeros((len(rows), len(FATES)), np.int64))
     for number, (mount, lidar) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
         points = cloud.points[cloud.lidar == number].astype(np.float64)
         found.real.append(_cells(*_inside(points, boxes), boxes, cell))
         own = lidar.in_frame(cloud.frame)
-        met = rays_on_objects(mount, own, parts, ends[number])
+        met = every[number]
         rays, target = own.directions()[met.ray] @ mount.rotation.T, met.target
         at = mount.position + rays * met.range[:, None]
         found.shipped.append(_cells(at, target, boxes, cell))

@@ -85,12 +85,13 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     """`scores` of models by distance, class and route; rows of few objects are left out.
 
     Args:
-        objects: columns class, route, distance, real, rays/MODEL (of the objects, before anything
+        objects: columns class, route, distance, world, real, rays/MODEL (of them, before anything
             gets lost) and points/MODEL.
         models: such as "shipped" and "corrected".
 
     Returns:
-        Columns model, by (all, distance, class or route), group, and those of `scores`.
+        Columns model, by (all, distance, class or route), group, those of `scores`, and world, the
+        share of objects in scenes with a static world.
     """
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)
@@ -111,7 +112,8 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
                 points = part[f"points/{model}"].to_numpy(np.float64)
                 chance = chances(part[f"rays/{model}"].to_numpy(np.float64), points)
                 found = scores(points, part["real"].to_numpy(np.float64), chance)
-                rows.append({"model": model, "by": by, "group": name, **found})
+                world = float(part["world"].mean())
+                rows.append({"model": model, "by": by, "group": name, **found, "world": world})
     return pd.DataFrame(rows)
 
 

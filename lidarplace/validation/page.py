@@ -69,12 +69,17 @@ def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> 
         why=decision.why,
         compared=f"{found.boxes:,} boxes of {found.tracks:,} objects in {found.frames:,} frames of "
         f"{found.routes} routes, nearer than {BELOW_M:g} m; {found.clouds:,} frames with clouds; "
-        f"LiDARs {', '.join(found.names)}.",
+        f"{with_world(found)}; LiDARs {', '.join(found.names)}.",
         sections=sections,
         plotlyjs=get_plotlyjs(),
         themes=json.dumps({"light": theme(False), "dark": theme(True)}),
     )
     write_text(path, page)
+
+
+def with_world(found: Validation) -> str:
+    """How many objects are in scenes whose static world stopped rays, in words."""
+    return f"static world for {found.scores.iloc[0]['world']:.0%} of the objects"
 
 
 _SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
@@ -315,8 +320,9 @@ def _method(found: Validation) -> Section:
     return Section(
         "How it was done",
         (
-            "Every frame was simulated with the rig as recorded, without a ground, because labels "
-            "of real logs are above or below a plane. Rays that meet a labelled object count.",
+            "Every frame was simulated with the rig as recorded, without flat ground, because "
+            "labels of real logs are above or below a plane. Rays that meet a labelled object "
+            "count, unless the static world of the log (convert --world) stops them before.",
             "Spread and bias are of objects with real and simulated points. Intervals resample "
             "objects, not boxes. Simulated shares of objects with at least 5 or 20 points are "
             "probabilities: every ray returns or not by itself.",

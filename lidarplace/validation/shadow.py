@@ -14,7 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.clouds.shapes import OWN_BODY
+from lidarplace.clouds.own_body import sedan
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.validation.simulation import SECTORS
 
@@ -29,7 +30,7 @@ _FAR_M = 8.0
 """What another LiDAR sees so near to a ray, and so far away, the ray would meet, too."""
 
 _OPEN = 0.9  # quantile over sectors: the share of rays that return where nothing is in the way
-_OWN = 0.5 * np.array(OWN_BODY[3:5]) + 0.2  # metres: what returns from there is the vehicle
+_AROUND_M = 0.2  # what returns so near to the vehicle is the vehicle
 
 
 def sectors(
@@ -45,7 +46,10 @@ def _sectors(seen: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def returned(
-    points: NDArray[np.floating], lidar: NDArray[np.integer], placement: Placement
+    points: NDArray[np.floating],
+    lidar: NDArray[np.integer],
+    placement: Placement,
+    vehicle: Vehicle | None = None,
 ) -> NDArray[np.float64]:
     """Share of the rays with something to return from that did, shape (LiDARs, SECTORS).
 
@@ -55,8 +59,11 @@ def returned(
         points: x, y, z of a frame in the ego frame, shape (n, 3).
         lidar: number of the LiDAR of each, shape (n,).
         placement: of the LiDARs.
+        vehicle: carries them; None: a sedan.
     """
-    world = (np.abs(points[:, :2]) > _OWN).any(axis=1)
+    body = (vehicle or sedan()).extents[:, :, :2]
+    low, high = body[:, 0].min(axis=0, initial=np.inf), body[:, 1].max(axis=0, initial=-np.inf)
+    world = ((points[:, :2] < low - _AROUND_M) | (points[:, :2] > high + _AROUND_M)).any(axis=1)
     rows = []
     for number, (mount, model) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
         seen = points.astype(np.float64) - mount.position

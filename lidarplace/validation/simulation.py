@@ -1,7 +1,7 @@
 """Returns of the recorded rig from every box of a log, as the simulator has them.
 
-The log's ground is not the plane of our ego frame: boxes far away stand metres above or below it.
-So rays do not meet a ground here.
+Rays end at the static world of the log, where it has one. The log's ground is not the plane of our
+ego frame: boxes far away stand metres above or below it. Where it has no ground, there is none.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numba
@@ -17,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import NO_ENDS, cast
+from lidarplace.clouds.raycast import NO_ENDS
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import Parts
+from lidarplace.clouds.static_world import WorldAround, cast_in_world
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -51,47 +54,6 @@ class Returns:
     distance: NDArray[np.float64]
 
 
-def simulate(log: BoxLog, placement: Placement, frames: Sequence[int], *, seed: int = 0) -> Returns:
-    """Cast every LiDAR of a rig in these frames; frames are shared among numba's threads.
-
-    Args:
-        log: objects and buildings.
-        placement: as recorded.
-        frames: numbers of frames of the log.
-        seed: of the shapes of the objects.
-
-    Raises:
-        ValueError: a box is bad or a frame is not in the log.
-    """
-    surroundings, body = Surroundings(log, seed), body_parts(None)
-    ends = ends_in_rig(placement)
-
-    sectors = {lidar: _sectors(lidar) for lidar in placement.lidars if lidar.pattern is None}
-
-    def of_frame(frame: int) -> list[NDArray[np.float64]]:
-        rows, found = surroundings.rows(frame), []
-        parts = body.and_(surroundings.parts(frame, REACH_M))
-        for number, (mount, model) in enumerate(
-            zip(placement.mounts, placement.lidars, strict=True)
-        ):
-            lidar = model.in_frame(frame)
-            met = rays_on_objects(mount, lidar, parts, ends[number])
-            sector = sectors[lidar] if lidar in sectors else _sectors(lidar)
-            cell = met.target * SECTORS + sector[met.ray]
-            points = np.bincount(cell, minlength=len(rows) * SECTORS)
-            (hit,) = np.nonzero(points)
-            mean = np.bincount(cell, met.range, len(points))[hit] / points[hit]
-            lidars = np.full(len(hit), number)
-            found.append(np.stack([rows[hit // SECTORS], lidars, hit % SECTORS, points[hit], mean]))
-        return found
-
-    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-        every = [own for found in threads.map(of_frame, frames) for own in found]
-    box, number, sector, points, mean = np.concatenate([np.empty((5, 0)), *every], axis=1)
-    rows, lidars, sectors_hit = (key.astype(np.int64) for key in (box, number, sector))
-    return Returns(rows, lidars, sectors_hit, points, mean)
-
-
 class Met(NamedTuple):
     """Rays of a LiDAR that return from objects.
 
@@ -106,15 +68,84 @@ class Met(NamedTuple):
     range: NDArray[np.float64]
 
 
-def rays_on_objects(
-    mount: Mount, lidar: Lidar, parts: Parts, ends: NDArray[np.float64] = NO_ENDS
-) -> Met:
-    """Cast a LiDAR without a ground.
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A rig in the frames of a log that it recorded.
 
-    Args:
-        mount, lidar, parts, ends: as of `lidarplace.clouds.raycast.cast`.
+    Attributes:
+        log: objects, buildings and static world.
+        placement: the rig.
+        seed: of the shapes of the objects.
+        vehicle: carries the rig; None: a sedan.
+
+    Raises:
+        ValueError: a box is bad, or a scene with a static world has a frame without a pose.
     """
-    hits = cast(mount, lidar, parts, ends=ends, level=False)
+
+    log: BoxLog
+    placement: Placement
+    seed: int = 0
+    vehicle: Vehicle | None = None
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """Of the log."""
+        return Surroundings(self.log, self.seed)
+
+    @cached_property
+    def _ends(self) -> list[NDArray[np.float64]]:
+        return ends_in_rig(self.placement, self.vehicle)
+
+    def met(self, frame: int) -> list[Met]:
+        """What the rays of each LiDAR meet in a frame. Raises ValueError if it is not listed."""
+        parts = body_parts(self.vehicle).and_(self.surroundings.parts(frame, REACH_M))
+        world = self.surroundings.world(frame)
+        views = zip(self.placement.mounts, self.placement.lidars, self._ends, strict=True)
+        return [
+            rays_on_objects(mount, lidar.in_frame(frame), parts, world, ends)
+            for mount, lidar, ends in views
+        ]
+
+
+def simulate(recording: Recording, frames: Sequence[int]) -> Returns:
+    """Cast every LiDAR in these frames, which are shared among numba's threads.
+
+    Raises:
+        ValueError: as `Recording` does.
+    """
+    surroundings, lidars = recording.surroundings, recording.placement.lidars
+    sectors = {lidar: _sectors(lidar) for lidar in lidars if lidar.pattern is None}
+
+    def of_frame(frame: int) -> list[NDArray[np.float64]]:
+        rows, found = surroundings.rows(frame), []
+        for number, (lidar, met) in enumerate(zip(lidars, recording.met(frame), strict=True)):
+            sector = sectors[lidar] if lidar in sectors else _sectors(lidar.in_frame(frame))
+            cell = met.target * SECTORS + sector[met.ray]
+            points = np.bincount(cell, minlength=len(rows) * SECTORS)
+            (hit,) = np.nonzero(points)
+            mean = np.bincount(cell, met.range, len(points))[hit] / points[hit]
+            of_lidar = np.full(len(hit), number)
+            found.append(
+                np.stack([rows[hit // SECTORS], of_lidar, hit % SECTORS, points[hit], mean])
+            )
+        return found
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        every = [own for found in threads.map(of_frame, frames) for own in found]
+    box, number, sector, points, mean = np.concatenate([np.empty((5, 0)), *every], axis=1)
+    rows, numbers, sectors_hit = (key.astype(np.int64) for key in (box, number, sector))
+    return Returns(rows, numbers, sectors_hit, points, mean)
+
+
+def rays_on_objects(
+    mount: Mount,
+    lidar: Lidar,
+    parts: Parts,
+    world: WorldAround | None = None,
+    ends: NDArray[np.float64] = NO_ENDS,
+) -> Met:
+    """Cast a LiDAR without flat ground; arguments as of `cast_in_world`."""
+    hits = cast_in_world(mount, lidar, parts, world, ends=ends, only_objects=True, level=False)
     (ray,) = np.nonzero(hits.target >= 0)
     away = hits.range[ray]
     seen = (away >= lidar.min_range) & (away <= lidar.sight(hits.reflected[ray]))

@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.configuration.correction import CorrectionFile
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import CLASSES, GEOMETRY, POINTS, points_of
+from lidarplace.logs.boxes import CLASSES, POINTS, points_of
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.correction import OTHER
 from lidarplace.rigs.placement import Placement
@@ -24,7 +24,7 @@ from lidarplace.validation.cloud_frames import FATES, Seen, real_clouds, seen_in
 from lidarplace.validation.comparison import BELOW_M, comparison, floor
 from lidarplace.validation.fit import FEWEST_TRACKS, Fit, Problem
 from lidarplace.validation.shadow import returned, shadows
-from lidarplace.validation.simulation import SECTORS, Returns, simulate
+from lidarplace.validation.simulation import SECTORS, Recording, Returns, simulate
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
 
 MOST_CLOUDS = 60
@@ -45,7 +45,8 @@ class Validation:
         routes, tracks, boxes, frames: how much was compared, nearer than `BELOW_M`.
         clouds: frames with clouds.
         objects: every box, with real and simulated points: `real`, `points/shipped`,
-            `points/corrected` and `real/NAME`, `shipped/NAME`, `corrected/NAME` by LiDAR.
+            `points/corrected` and `real/NAME`, `shipped/NAME`, `corrected/NAME` by LiDAR; and
+            `world`, whether the static world of its scene stopped rays.
         scores: of `comparison`.
         floor: of `comparison.floor`.
         fits: a row for each route left out.
@@ -75,7 +76,12 @@ class Validation:
 
 
 def validate(
-    log: BoxLog, folder: Path, correction: CorrectionFile | None = None, *, seed: int = 0
+    log: BoxLog,
+    folder: Path,
+    correction: CorrectionFile | None = None,
+    *,
+    seed: int = 0,
+    vehicle: Vehicle | None = None,
 ) -> Validation:
     """Compare the simulation of a log with what its own LiDARs returned.
 
@@ -85,6 +91,7 @@ def validate(
         correction: to be judged; None: one is fitted, and judged on routes that it was not fitted
             to.
         seed: of the shapes of objects.
+        vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
         InputError: there are no counts, no rig, rigs of different scenes differ in their LiDARs, or
@@ -93,14 +100,15 @@ def validate(
     rig, log = _checked(log)
     names, objects = rig.names, _objects(log)
     frames = log.frames["frame"].tolist()
+    recording = Recording(log, rig.placement, seed, vehicle)
+    returns = own = simulate(recording, frames)
     model = _geometry(rig, correction)
-    returns = simulate(log, rig.placement, frames, seed=seed)
-    own = returns
     if model != rig.placement:
-        own = simulate(log, model, frames, seed=seed)
+        recording = replace(recording, placement=model)
+        own = simulate(recording, frames)
     route_of = log.frames.set_index("frame")["route"]
     clouds = list(real_clouds(folder, len(names), MOST_CLOUDS))
-    share = {c.frame: returned(c.points, c.lidar, rig.placement) for c in clouds}
+    share = {c.frame: returned(c.points, c.lidar, rig.placement, vehicle) for c in clouds}
 
     def shadow(left_out: object = None) -> NDArray[np.float64]:
         kept = [s for frame, s in share.items() if route_of[frame] != left_out]
@@ -142,18 +150,12 @@ def validate(
         final, intervals, mask = _given(correction), {}, _masks(correction, names)
 
     seen: list[Seen] = []
-    surroundings = Surroundings(log, seed)
-    geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
     curves = default_curves()
     for cloud in clouds:
         fitted, own_mask = models[route_of[cloud.frame]]
         factor = np.array([fitted.factor.get(n, fitted.factor.get(OTHER, 1.0)) for n in classes])
         loss = 1.0 / (fitted.distance or math.inf)
-        seen.append(
-            seen_in(
-                cloud, surroundings, geometry, model, own_mask, factor, loss, curves.cell
-            )
-        )  # fmt: skip
+        seen.append(seen_in(cloud, recording, own_mask, factor, loss, curves.cell))
     counts = np.zeros(size, np.bool_)
     counts[objects.index[(objects["distance"] < BELOW_M) & objects["real"].notna()]] = True
     by_points = points_by_subset(objects, names)
@@ -223,6 +225,7 @@ def _objects(log: BoxLog) -> pd.DataFrame:
     boxes = log.boxes
     own = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
     own["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])
+    own["world"] = boxes["scene"].isin(list(log.world))
     own["distance"] = np.hypot(boxes["x"], boxes["y"])
     own["real"] = boxes[POINTS].astype(np.float64)
     for name, column in points_of(boxes).items():

@@ -10,14 +10,17 @@ from typer.testing import CliRunner
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.points_in_boxes import count_points_per_object
+from lidarplace.commands.convert import app as convert
 from lidarplace.commands.validate import app
 from lidarplace.configuration.correction import read_correction
+from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.validation.simulation import simulate
+from lidarplace.validation.simulation import Recording, simulate
 from lidarplace.validation.validation import validate
 from lidarplace.validation.verdict import verdict
 from tests.lidarplace.validation.vehicle import NAMES, NOTHING, REAL, RIG, recorded
+from tests.other_simulator import write_log
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +139,8 @@ def test_ground_hides_nothing(real):
         NAMES,
         replace(RIG.placement, mounts=[replace(m, z=m.z - 3.0) for m in RIG.placement.mounts]),
     )
-    high, low = simulate(log, RIG.placement, frames), simulate(sunk, lower.placement, frames)
+    high = simulate(Recording(log, RIG.placement), frames)
+    low = simulate(Recording(sunk, lower.placement), frames)
     # The own body stays where it is, and hides other rays.
     assert low.points.sum() == pytest.approx(high.points.sum(), rel=0.1)
 
@@ -184,4 +188,53 @@ def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     write_box_log(empty, replace(read_box_log(folder), boxes=log.boxes.drop(columns="points")))
     wrong = CliRunner().invoke(app, [str(empty), "--out", str(out)])
     assert wrong.exit_code == 2
+    assert len(wrong.output.strip().splitlines()) == 1
+
+
+LIDAR = "{beams: 14, elevation_deg: [-24, 2], azimuth_steps: 300, range: 80}"
+MOUNTED = (
+    f"mounts: [{{name: top, z: 2, lidar: {LIDAR}}}, {{name: low, x: 2.6, z: 0.6, lidar: {LIDAR}}}]"
+)
+
+
+def test_a_world_that_convert_built_stops_simulated_rays(tmp_path):
+    """A third of the cars is behind a wall without a label, in clouds of another simulator."""
+    write_log(tmp_path / "source", frames=8, behind=3)
+    (tmp_path / "rig.yaml").write_text(MOUNTED)
+    clouds = ["--rig", f"{tmp_path}/rig.yaml", "--clouds", f"{tmp_path}/source/sweeps"]
+    scores, behind = {}, {}
+    for name, more in (("open", []), ("world", ["--world"])):
+        log, out = str(tmp_path / name), tmp_path / f"{name}_out"
+        done = CliRunner().invoke(convert, ["table", f"{tmp_path}/source", log, *clouds, *more])
+        assert done.exit_code == 0, done.output
+        assert ("static world" in done.output) == bool(more)
+        done = CliRunner().invoke(app, [log, "--out", str(out)])
+        assert done.exit_code == 0, done.output
+        says = f"static world for {100 * len(more)}% of the objects"
+        assert says in done.output
+        assert says in (out / "validation.html").read_text(encoding="utf-8")
+        found = pd.read_parquet(out / "scores.parquet")
+        scores[name] = found[(found["by"] == "all") & (found["model"] == "corrected")].iloc[0]
+        objects = pd.read_parquet(out / "objects.parquet")
+        assert (objects["world"] == bool(more)).all()
+        behind[name] = objects.loc[objects["y"] < -12, "points/corrected"].sum()
+    assert scores["open"]["rho"] < 0.6
+    assert scores["world"]["rho"] > 0.85
+    assert abs(scores["world"]["ratio"] - 1) < 0.15 < scores["open"]["ratio"] - 1
+    assert behind["world"] < 0.05 * behind["open"]
+
+
+def test_the_body_of_the_vehicle_is_the_users(real, tmp_path):
+    """A plate before the lower LiDAR's nose stops rays that a sedan does not."""
+    folder, log = real
+    body = tmp_path / "body.yaml"
+    body.write_text("[[[-2, -3, 0.2], [2, 3, 1.6]]]")
+    wide = read_vehicle(body)
+    frames = log.frames["frame"].tolist()[:2]
+    sedan, own = (simulate(Recording(log, RIG.placement, 0, v), frames) for v in (None, wide))
+    assert own.points.sum() < 0.9 * sedan.points.sum()
+    body.write_text("{boxes: [[[0, 0, 0], [1, 1]]]}")
+    wrong = CliRunner().invoke(app, [str(folder), "--vehicle", str(body)])
+    assert wrong.exit_code == 2
+    assert wrong.output.startswith(f"{body}: boxes[0]")
     assert len(wrong.output.strip().splitlines()) == 1
