@@ -31,7 +31,7 @@ from lidarplace.clouds.convex import (
     shorter_turn,
     window,
 )
-from lidarplace.clouds.shapes import BODY, PANE, Parts
+from lidarplace.clouds.shapes import BODY, Parts
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, blocks
@@ -205,27 +205,6 @@ def runs(beams, beam, middle, below, above):  # pragma: no cover - compiled
     return (start, min(start + count, steps)), (0, min(start + count - beams.turn, steps))
 
 
-def visible_share(
-    viewpoint: tuple[float, float, float], parts: Parts, objects: int, grid: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Share of each object that an ideal sensor at `viewpoint` sees past the others.
-
-    A grid of (azimuths, elevations) rays spans the angles of each object. Of the rays that enter
-    one of its parts when it is alone, the share that meets no other object and no building before.
-    0 if no ray enters it: it is thinner than the grid, or all of it holds the viewpoint.
-
-    Args:
-        viewpoint: x, y, z in the ego frame, metres. Ground and own body hide nothing.
-        parts: of one frame.
-        objects: number of objects; the owners of parts are below it.
-        grid: rays along azimuth and along elevation.
-
-    Returns:
-        Shares, shape (objects,), float64.
-    """
-    return _visible_share(np.array(viewpoint), parts.geometry, parts.owner, objects, *grid)
-
-
 @inner
 def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
     """Whether a surface is neither too near nor too dark to be seen, see `Lidar.sight`."""
@@ -371,82 +350,3 @@ def cast_compiled(
                 least = min(least, here)
             targets[ray] = owners[p]
             reflected[ray] = min(cosine, 1.0) * reflectivities[p]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _visible_share(  # pragma: no cover - compiled
-    viewpoint, parts, owners, objects, width, height
-) -> NDArray[np.float64]:
-    number = len(parts)
-    upright = np.eye(3)
-    corners = np.empty((8, 3))
-    planes = np.empty((number, 6, 5))
-    facing = np.empty(number, np.int64)
-    windows = np.empty((number, 7))
-    for p in range(number):
-        fill_corners(parts[p], corners)
-        windows[p] = window(corners, viewpoint, upright)
-        facing[p] = fill_planes(parts[p], viewpoint, upright, planes[p])
-
-    share = np.zeros(objects)
-    own, other = np.empty((height, width)), np.empty(width)
-    cosines, sines = np.empty(width), np.empty(width)
-    elevations = np.empty((height, 2))
-    last = 0
-    for o in range(objects):
-        first = last
-        while first < number and owners[first] != o:
-            first += 1
-        last = first
-        middle = windows[first, 0] if first < number else 0.0
-        below = above = far = 0.0
-        lowest, highest = np.inf, -np.inf
-        while last < number and owners[last] == o:
-            turn = shorter_turn(middle, windows[last, 0])
-            below = max(below, windows[last, 1] - turn)
-            above = max(above, windows[last, 2] + turn)
-            lowest = min(lowest, windows[last, 3])
-            highest = max(highest, windows[last, 4])
-            far = max(far, windows[last, 6])
-            last += 1
-        below, above = min(below, math.pi), min(above, math.pi)
-        for i in range(width):
-            azimuth = middle - below + (below + above) * (i + 0.5) / width
-            cosines[i], sines[i] = math.cos(azimuth), math.sin(azimuth)
-        for j in range(height):
-            elevation = lowest + (highest - lowest) * (j + 0.5) / height
-            elevations[j] = math.cos(elevation), math.sin(elevation)
-        own[:] = 0.0
-        for p in range(first, last):
-            if facing[p] == 0:
-                continue
-            for j in range(height):
-                enter_along(
-                    cosines, sines, planes[p], facing[p], elevations[j, 0], elevations[j, 1], other
-                )
-                for i in range(width):
-                    own[j, i] = max(own[j, i], other[i])
-        alone = (own > 0.0).sum()
-        if alone == 0:
-            continue
-        for p in range(number):
-            turn = abs(shorter_turn(middle, windows[p, 0]))
-            widths = max(below, above) + max(windows[p, 1], windows[p, 2])
-            if (
-                owners[p] == o
-                or owners[p] == PANE - o
-                or facing[p] == 0
-                or windows[p, 5] > far
-                or turn > widths + 1e-9
-                or windows[p, 3] > highest
-                or windows[p, 4] < lowest
-            ):
-                continue
-            for j in range(height):
-                enter_along(
-                    cosines, sines, planes[p], facing[p], elevations[j, 0], elevations[j, 1], other
-                )
-                for i in range(width):
-                    own[j, i] = own[j, i] if own[j, i] >= other[i] else -1.0
-        share[o] = (own > 0.0).sum() / alone
-    return share

@@ -2,7 +2,8 @@
 
 Cells are tested block by block, from near to far: a block costs only the beams and azimuths that
 can meet it, and of those only the rays that nothing nearer has stopped. The result is that of
-testing every ray against every cell, and against every patch of ground, which is bilinear.
+testing every ray against every cell, and against every patch of ground, which is bilinear. Where
+few rays matter, each goes from patch to patch by itself.
 
 A cell that stops a share of the rays stops a ray by chance: a hash of cell and ray, so that it is
 the same whenever the ray is cast.
@@ -52,7 +53,6 @@ _EDGE = BLOCK * CELL_M
 _COLUMNS = TILE * TILE
 _IN_BLOCK = BLOCK**3
 _LEVELS = 2 * HALF_LEVELS
-_ANY = -(2**31)  # of targets, panes among them
 _SUNK_M = 1e-6
 """How far a ray may be under a patch where it comes in: rounding at the seam to its neighbour."""
 
@@ -65,6 +65,7 @@ class Worlds(NamedTuple):
         grids: first tile i and j, their numbers, and where they start in `tile_of`, shape (S, 5).
         tile_of: row of each tile of the grids, -1 where there is none, int32.
         heights: of the ground of each tile, NaN where unknown, shape (T, 9, 9), float32.
+        bounds: lowest and highest of what is over each patch of each tile, shape (T * 64, 2).
         first_block: of each column of each tile, shape (T * 256 + 1,), int64.
         block_keys: `cell_keys` without the place in the block, shape (B,), int64.
         block_boxes: corner of the block, and the box that holds its cells, shape (B, 9), float64.
@@ -77,6 +78,7 @@ class Worlds(NamedTuple):
     grids: NDArray[np.int64]
     tile_of: NDArray[np.int32]
     heights: NDArray[np.float32]
+    bounds: NDArray[np.float64]
     first_block: NDArray[np.int64]
     block_keys: NDArray[np.int64]
     block_boxes: NDArray[np.float64]
@@ -170,11 +172,13 @@ def worlds_of(worlds: Mapping[str, StaticWorld]) -> Worlds:
     new[1:] = (np.diff(columns) != 0) | (np.diff(keys) != 0)
     first = np.flatnonzero(new)
     masks, first_cell, boxes = _blocks(place, cells, np.append(first, len(keys)))
+    ground = np.concatenate([np.empty((0, PATCHES + 1, PATCHES + 1), np.float32), *heights])
     return Worlds(
         origins=np.array([world.origin for world in worlds.values()]).reshape(-1, 3),
         grids=np.array(grids, np.int64).reshape(-1, 5),
         tile_of=np.concatenate([np.empty(0, np.int32), *tiles_of]),
-        heights=np.concatenate([np.empty((0, PATCHES + 1, PATCHES + 1), np.float32), *heights]),
+        heights=ground,
+        bounds=_bounds(ground, columns[first], boxes),
         first_block=np.searchsorted(columns[first], np.arange(number * _COLUMNS + 1)),
         block_keys=keys[first],
         block_boxes=boxes,
@@ -182,6 +186,21 @@ def worlds_of(worlds: Mapping[str, StaticWorld]) -> Worlds:
         first_cell=first_cell,
         cells=cells,
     )
+
+
+def _bounds(
+    ground: NDArray[np.float32], columns: NDArray[np.int64], boxes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """As of `Worlds`; `columns` and `boxes` are of its blocks."""
+    ends = [slice(0, PATCHES), slice(1, PATCHES + 1)]
+    corners = np.array([ground[:, a, b].ravel() for a in ends for b in ends], np.float64)
+    bounds = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
+    bounds[np.isnan(bounds[:, 0])] = np.inf, -np.inf
+    tile, place = np.divmod(columns, _COLUMNS)
+    row = (tile * PATCHES + place // TILE // 2) * PATCHES + place % TILE // 2
+    np.minimum.at(bounds[:, 0], row, boxes[:, 5])
+    np.maximum.at(bounds[:, 1], row, boxes[:, 8])
+    return bounds + 2 * _SUNK_M * np.array([-1.0, 1.0])
 
 
 @njit(cache=True, nogil=True)
@@ -365,7 +384,7 @@ def _seen_under(centre, half, origin, rotation):  # pragma: no cover - compiled
 
 @inner
 def _render(  # pragma: no cover - compiled
-    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
+    centre, half, patch, block, origin, rotation, fired, worlds, hits
 ):
     """Stop the rays at a patch of ground, or, if `block` is none of -1, at the cells of a block."""
     azimuth, width, lowest, highest, near = _seen_under(centre, half, origin, rotation)
@@ -373,7 +392,6 @@ def _render(  # pragma: no cover - compiled
         return
     elevations = fired.elevations
     ranges, targets, reflected = hits
-    least = 0 if only_objects else _ANY
     steps = fired.azimuths.shape[2]
     first_beam, last_beam = beams_in(fired, azimuth, width, width)
     spans = runs(fired, first_beam, azimuth, width, width)
@@ -388,13 +406,13 @@ def _render(  # pragma: no cover - compiled
             # Counted without branches, as vector code: mostly something nearer has stopped them.
             left = 0
             for ray in range(beam * steps + first, beam * steps + last):
-                left += (ranges[ray] >= near) & (targets[ray] >= least)
+                left += ranges[ray] >= near
             if left == 0:
                 continue
             for step in range(first, last):
                 ray = beam * steps + step
                 most = ranges[ray]
-                if most < near or targets[ray] < least:
+                if most < near:
                     continue
                 most = min(most, fired.reach)
                 x, y = ce * cosines[step], ce * sines[step]
@@ -415,13 +433,60 @@ def _render(  # pragma: no cover - compiled
 
 
 @inner
-def _tile_at(worlds, scene, x, y):  # pragma: no cover - compiled
-    """Row of the tile that holds a place, -1 if there is none."""
-    i0, j0, ni, nj, start = worlds.grids[scene]
-    i, j = math.floor(x / TILE_M) - i0, math.floor(y / TILE_M) - j0
-    if i < 0 or j < 0 or i >= ni or j >= nj:
+def _tile_at(worlds, scene, i, j):  # pragma: no cover - compiled
+    """Row of the tile that holds the patch (i, j), -1 if there is none."""
+    grids = worlds.grids
+    ti, tj = i // PATCHES - grids[scene, 0], j // PATCHES - grids[scene, 1]
+    if ti < 0 or tj < 0 or ti >= grids[scene, 2] or tj >= grids[scene, 3]:
         return -1
-    return worlds.tile_of[start + i * nj + j]
+    return worlds.tile_of[grids[scene, 4] + ti * grids[scene, 3] + tj]
+
+
+@inner
+def _fill_patch(worlds, tile, i, j, patch):  # pragma: no cover - compiled
+    """Fill `patch` with the patch (i, j), see `_meet_patch`; return whether its ground is known."""
+    heights, p, q = worlds.heights, i % PATCHES, j % PATCHES
+    patch[0], patch[1] = i * PATCH_M, j * PATCH_M
+    patch[2], patch[3] = heights[tile, p, q], heights[tile, p, q + 1]
+    patch[4], patch[5] = heights[tile, p + 1, q], heights[tile, p + 1, q + 1]
+    return not math.isnan(patch[2] + patch[3] + patch[4] + patch[5])
+
+
+@inner
+def stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):  # pragma: no cover - compiled
+    """Whether the world stops a ray nearer than `most`: from patch to patch.
+
+    Start and direction are in the axes of the world, metres from its origin; `patch` is memory,
+    shape (6,).
+    """
+    i, j = math.floor(ox / PATCH_M), math.floor(oy / PATCH_M)
+    si, sj = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
+    ti = ((i + (si > 0)) * PATCH_M - ox) / dx if dx != 0.0 else np.inf
+    tj = ((j + (sj > 0)) * PATCH_M - oy) / dy if dy != 0.0 else np.inf
+    t = 0.0
+    while t < most:
+        tile = _tile_at(worlds, scene, i, j)
+        row = (tile * PATCHES + i % PATCHES) * PATCHES + j % PATCHES
+        leave = min(ti, tj, most)
+        low, high = min(oz + t * dz, oz + leave * dz), max(oz + t * dz, oz + leave * dz)
+        if tile >= 0 and low <= worlds.bounds[row, 1] and high >= worlds.bounds[row, 0]:
+            known = _fill_patch(worlds, tile, i, j, patch)
+            if known and _meet_patch(ox, oy, oz, dx, dy, dz, patch, most) < most:
+                return True
+            # Two columns of a patch follow each other along y.
+            column = row // PATCHES * 2 * TILE + row % PATCHES * 2
+            for at in (column, column + TILE):
+                for block in range(worlds.first_block[at], worlds.first_block[at + 2]):
+                    if worlds.block_boxes[block, 5] > high or worlds.block_boxes[block, 8] < low:
+                        continue
+                    if _meet_block(ox, oy, oz, dx, dy, dz, block, most, ray, worlds)[0] < most:
+                        return True
+        t = min(ti, tj)
+        if ti <= tj:
+            i, ti = i + si, ti + abs(PATCH_M / dx)
+        else:
+            j, tj = j + sj, tj + abs(PATCH_M / dy)
+    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -435,31 +500,41 @@ def stop_at_world(  # pragma: no cover - compiled
         fired: `Beams`.
         worlds, scene, turn, shift: as of `WorldAround`.
         crop: hits within it are right, as of `cast`.
-        only_objects: rays that hit no object are left as they are.
+        only_objects: rays that hit no object are left as they are; of others that the world stops
+            the target alone changes.
         level: where no ground is known it is flat, as seen from the vehicle.
         hits: without ground.
     """
     origin, rotation = turn @ place + shift, turn @ turn_in_ego
     ranges, targets, reflected = hits
-    beams, steps = len(fired.elevations), fired.azimuths.shape[2]
-    if level and place[2] > 0.0:
-        for beam in range(beams):
-            ce, se = fired.elevations[beam, 1], fired.elevations[beam, 2]
-            cosines, sines = along(fired, beam)
-            for step in range(steps):
-                ray = beam * steps + step
-                if only_objects and targets[ray] < 0:
-                    continue
-                x, y = ce * cosines[step], ce * sines[step]
-                down = -(turn_in_ego[2, 0] * x + turn_in_ego[2, 1] * y + turn_in_ego[2, 2] * se)
-                if down * min(ranges[ray], fired.reach) <= place[2]:
-                    continue
+    steps, patch = fired.azimuths.shape[2], np.empty(6)
+    for beam in range(len(fired.elevations) if only_objects or (level and place[2] > 0.0) else 0):
+        ce, se = fired.elevations[beam, 1], fired.elevations[beam, 2]
+        cosines, sines = along(fired, beam)
+        for step in range(steps):
+            ray = beam * steps + step
+            if only_objects and targets[ray] < 0:
+                continue
+            x, y, most = ce * cosines[step], ce * sines[step], min(ranges[ray], fired.reach)
+            down = -(turn_in_ego[2, 0] * x + turn_in_ego[2, 1] * y + turn_in_ego[2, 2] * se)
+            flat = level and place[2] > 0.0 and down * most > place[2]
+            if not (only_objects or flat):
+                continue
+            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
+            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
+            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+            ox, oy, oz = origin[0], origin[1], origin[2]
+            if flat:
                 t = place[2] / down
-                px = origin[0] + t * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se)
-                py = origin[1] + t * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se)
-                tile = _tile_at(worlds, scene, px, py)
-                if tile < 0 or math.isnan(worlds.heights[tile, 0, 0]):
+                i, j = math.floor((ox + t * dx) / PATCH_M), math.floor((oy + t * dy) / PATCH_M)
+                tile = _tile_at(worlds, scene, i, j)
+                if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
                     ranges[ray], targets[ray], reflected[ray] = t, GROUND, down
+                    continue
+            if only_objects and stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):
+                targets[ray] = WORLD
+    if only_objects:
+        return
     # What the hull of crop and sensor is apart from cannot stand before a point in the crop.
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     corner = np.empty(3)
@@ -485,21 +560,18 @@ def stop_at_world(  # pragma: no cover - compiled
                     continue
                 tile = worlds.tile_of[start + (i - i0) * nj + j - j0]
                 if tile >= 0:
-                    _render_tile(
-                        tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
-                    )
+                    _render_tile(tile, i, j, origin, rotation, fired, worlds, low, high, hits)
 
 
 @inner
 def _render_tile(  # pragma: no cover - compiled
-    tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
+    tile, i, j, origin, rotation, fired, worlds, low, high, hits
 ):
     """Ground and cells of a tile, its near side first."""
     centre, half, patch = np.empty(3), np.empty(3), np.empty(6)
     x, y = i * TILE_M, j * TILE_M
     back_x, back_y = origin[0] > x + 0.5 * TILE_M, origin[1] > y + 0.5 * TILE_M
-    heights = worlds.heights[tile]
-    for a in range(0 if math.isnan(heights[0, 0]) else PATCHES):
+    for a in range(PATCHES):
         p = PATCHES - 1 - a if back_x else a
         patch[0] = x + p * PATCH_M
         if patch[0] > high[0] or patch[0] + PATCH_M < low[0]:
@@ -509,13 +581,13 @@ def _render_tile(  # pragma: no cover - compiled
             patch[1] = y + q * PATCH_M
             if patch[1] > high[1] or patch[1] + PATCH_M < low[1]:
                 continue
-            patch[2], patch[3] = heights[p, q], heights[p, q + 1]
-            patch[4], patch[5] = heights[p + 1, q], heights[p + 1, q + 1]
+            if not _fill_patch(worlds, tile, i * PATCHES + p, j * PATCHES + q, patch):
+                continue
             top, bottom = patch[2:].max(), patch[2:].min()
             centre[0], centre[1] = patch[0] + 0.5 * PATCH_M, patch[1] + 0.5 * PATCH_M
             centre[2], half[2] = 0.5 * (top + bottom), 0.5 * (top - bottom)
             half[0] = half[1] = 0.5 * PATCH_M
-            _render(centre, half, patch, -1, origin, rotation, fired, worlds, only_objects, hits)
+            _render(centre, half, patch, -1, origin, rotation, fired, worlds, hits)
     for a in range(TILE):
         p = TILE - 1 - a if back_x else a
         if x + p * _EDGE > high[0] or x + (p + 1) * _EDGE < low[0]:
@@ -531,6 +603,4 @@ def _render_tile(  # pragma: no cover - compiled
                 for axis in range(3):
                     centre[axis] = 0.5 * (box[axis + 3] + box[axis + 6])
                     half[axis] = 0.5 * (box[axis + 6] - box[axis + 3])
-                _render(
-                    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
-                )
+                _render(centre, half, patch, block, origin, rotation, fired, worlds, hits)

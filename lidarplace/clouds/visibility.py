@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Interval
-from lidarplace.clouds.raycast import cast, visible_share
-from lidarplace.clouds.shapes import Parts
-from lidarplace.clouds.static_world import WorldAround, cast_in_world
+from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
+from lidarplace.clouds.shapes import PANE, Parts
+from lidarplace.clouds.static_world import WorldAround, stopped, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, count_columns
-from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount
 
 VIEWPOINT = (0.0, 0.0, 2.4)
 """Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
@@ -23,8 +24,6 @@ VIEWPOINT = (0.0, 0.0, 2.4)
 GRID = (32, 24)
 """Rays over the azimuths and elevations of an object, of which about half meet it: shares come in
 steps below half a percent."""
-
-_DENSE = Lidar(tuple(np.radians(np.arange(-40.0, 20.0, 0.25))), azimuth_steps=1440)
 
 OCCLUDED = (0.8, 0.4)
 """Visible shares from which an object is fully visible (KITTI's `occluded` 0) or partly occluded
@@ -36,9 +35,8 @@ def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
     """Share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
 
     Of the rays that meet the object when it is alone, the share that still meets it first among
-    all objects and buildings of its frame; times the share of those of a dense LiDAR that the
-    static world of the log does not stop before. Neither flat ground nor own body hides anything,
-    so the share does not depend on a placement. 0 means hidden.
+    all objects and buildings of its frame and the static world of the log. Neither flat ground nor
+    own body hides anything, so the share does not depend on a placement. 0 means hidden.
 
     Args:
         log: objects, frames and buildings.
@@ -57,21 +55,128 @@ def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
     for frame in log.boxes["frame"].unique().tolist():
         rows = surroundings.rows(frame)
         parts = surroundings.parts(frame, reach=farthest[rows].max())
-        share[rows] = visible_share(VIEWPOINT, parts, len(rows), GRID)
-        if (world := surroundings.world(frame)) is not None:
-            share[rows] *= _open_share(parts, world, len(rows))
+        world = surroundings.world(frame)
+        share[rows] = visible_share(VIEWPOINT, parts, len(rows), GRID, world)
     return share
 
 
-def _open_share(parts: Parts, world: WorldAround, objects: int) -> NDArray[np.float64]:
-    """Of the rays of a dense LiDAR that meet an object, the share that the world lets through."""
-    mount = Mount(*VIEWPOINT)
-    alone = cast(mount, _DENSE, parts, level=False)
-    past = cast_in_world(mount, _DENSE, parts, world, only_objects=True)
-    before, after = (
-        np.bincount(hits.target[hits.target >= 0], minlength=objects) for hits in (alone, past)
-    )
-    return np.divide(after, before, out=np.ones(objects), where=before > 0)
+def visible_share(
+    viewpoint: tuple[float, float, float],
+    parts: Parts,
+    objects: int,
+    grid: tuple[int, int],
+    world: WorldAround | None = None,
+) -> NDArray[np.float64]:
+    """Share of each object that an ideal sensor at `viewpoint` sees past the others.
+
+    A grid of (azimuths, elevations) rays spans the angles of each object. Of the rays that enter
+    one of its parts when it is alone, the share that meets no other object, no building and nothing
+    of the static world before.
+    0 if no ray enters it: it is thinner than the grid, or all of it holds the viewpoint.
+
+    Args:
+        viewpoint: x, y, z in the ego frame, metres. Ground and own body hide nothing.
+        parts: of one frame.
+        objects: number of objects; the owners of parts are below it.
+        grid: rays along azimuth and along elevation.
+        world: around the vehicle.
+
+    Returns:
+        Shares, shape (objects,), float64.
+    """
+    around = world or WorldAround(worlds_of({}), -1, np.eye(3), np.zeros(3))
+    geometry = parts.geometry, parts.owner
+    return _visible_share(np.array(viewpoint), *geometry, objects, *grid, *around)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _visible_share(  # pragma: no cover - compiled
+    viewpoint, parts, owners, objects, width, height, worlds, scene, into, shift
+) -> NDArray[np.float64]:
+    number = len(parts)
+    upright = np.eye(3)
+    corners = np.empty((8, 3))
+    planes = np.empty((number, 6, 5))
+    facing = np.empty(number, np.int64)
+    windows = np.empty((number, 7))
+    for p in range(number):
+        fill_corners(parts[p], corners)
+        windows[p] = window(corners, viewpoint, upright)
+        facing[p] = fill_planes(parts[p], viewpoint, upright, planes[p])
+
+    eye, patch = into @ viewpoint + shift, np.empty(6)
+    share = np.zeros(objects)
+    own, other = np.empty((height, width)), np.empty(width)
+    cosines, sines = np.empty(width), np.empty(width)
+    elevations = np.empty((height, 2))
+    last = 0
+    for o in range(objects):
+        first = last
+        while first < number and owners[first] != o:
+            first += 1
+        last = first
+        middle = windows[first, 0] if first < number else 0.0
+        below = above = far = 0.0
+        lowest, highest = np.inf, -np.inf
+        while last < number and owners[last] == o:
+            turn = shorter_turn(middle, windows[last, 0])
+            below = max(below, windows[last, 1] - turn)
+            above = max(above, windows[last, 2] + turn)
+            lowest = min(lowest, windows[last, 3])
+            highest = max(highest, windows[last, 4])
+            far = max(far, windows[last, 6])
+            last += 1
+        below, above = min(below, math.pi), min(above, math.pi)
+        for i in range(width):
+            azimuth = middle - below + (below + above) * (i + 0.5) / width
+            cosines[i], sines[i] = math.cos(azimuth), math.sin(azimuth)
+        for j in range(height):
+            elevation = lowest + (highest - lowest) * (j + 0.5) / height
+            elevations[j] = math.cos(elevation), math.sin(elevation)
+        own[:] = 0.0
+        for p in range(first, last):
+            if facing[p] == 0:
+                continue
+            for j in range(height):
+                enter_along(
+                    cosines, sines, planes[p], facing[p], elevations[j, 0], elevations[j, 1], other
+                )
+                for i in range(width):
+                    own[j, i] = max(own[j, i], other[i])
+        alone = (own > 0.0).sum()
+        if alone == 0:
+            continue
+        for p in range(number):
+            turn = abs(shorter_turn(middle, windows[p, 0]))
+            widths = max(below, above) + max(windows[p, 1], windows[p, 2])
+            if (
+                owners[p] == o
+                or owners[p] == PANE - o
+                or facing[p] == 0
+                or windows[p, 5] > far
+                or turn > widths + 1e-9
+                or windows[p, 3] > highest
+                or windows[p, 4] < lowest
+            ):
+                continue
+            for j in range(height):
+                enter_along(
+                    cosines, sines, planes[p], facing[p], elevations[j, 0], elevations[j, 1], other
+                )
+                for i in range(width):
+                    own[j, i] = own[j, i] if own[j, i] >= other[i] else -1.0
+        for ray in range(height * width if scene >= 0 else 0):
+            j, i = ray // width, ray % width
+            if own[j, i] > 0.0:
+                x, y = elevations[j, 0] * cosines[i], elevations[j, 0] * sines[i]
+                dx = into[0, 0] * x + into[0, 1] * y + into[0, 2] * elevations[j, 1]
+                dy = into[1, 0] * x + into[1, 1] * y + into[1, 2] * elevations[j, 1]
+                dz = into[2, 0] * x + into[2, 1] * y + into[2, 2] * elevations[j, 1]
+                most = 1.0 / own[j, i]
+                if stopped(eye[0], eye[1], eye[2], dx, dy, dz, most, ray, worlds, scene, patch):
+                    own[j, i] = -1.0
+        share[o] = (own > 0.0).sum() / alone
+    return share
 
 
 def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:

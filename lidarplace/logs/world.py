@@ -42,7 +42,7 @@ class StaticWorld:
         tiles: i, j of tiles with ground, which start at (i, j) * `TILE_M` from the origin, shape
             (t, 2), int32.
         heights: of the ground at the corners of their patches, metres above the origin, [x, y],
-            shape (t, 9, 9), float32.
+            shape (t, 9, 9), float32; NaN where it is unknown: a patch needs its four.
     """
 
     origin: NDArray[np.float64]
@@ -130,7 +130,7 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
             and len(world.tiles) == len(world.heights)
             and bool((np.diff(world.keys) > 0).all())
             and np.isfinite(world.origin).all()
-            and np.isfinite(world.heights).all()
+            and not np.isinf(world.heights).any()
         ):
             raise ValueError(f"{path}: scene {scene}: its arrays do not fit together")
         worlds[scene] = world

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
@@ -55,9 +54,9 @@ MARGIN_M = 0.2
 """Labelled boxes are grown by so much to all sides: labels err."""
 
 _BEHIND_M = 0.5  # a ray passes a cell if it ends so far behind: it may end at the same surface
-_STEEPEST, _KERB_M = 0.3, 0.25  # of the ground, from column to column
-_CLIMB, _STEP_M = 0.15, 0.5  # of the ground, from where the vehicle was
-_AROUND = 6  # columns among which ground is compared
+_STEEPEST, _KERB_M = 0.08, 0.08  # of the ground, from column to column
+_AROUND = 3  # columns among which ground is compared, and over which gaps are filled
+_EDGE_M = BLOCK * CELL_M  # of a column
 _EVERY = 4  # of the rays one in so many is followed to what it passes; in turn
 _MANY = 60_000  # counts are halved at this number
 _HITS, _PASSES, _LIGHT, _FRAMES, _LAST, _X, _Y, _Z = range(8)
@@ -218,8 +217,7 @@ class WorldBuilder:
         keys, cells = keys[order], cells[order]
         first = np.ones(len(keys), bool)
         first[1:] = np.diff(keys) != 0
-        ground = {tile: _ground(tile, self._lows) for tile in self._lows}
-        ground = {tile: own for tile, own in ground.items() if np.isfinite(own).all()}
+        ground = self._ground(self._lows)
         first &= _above(keys, cells, ground)
         return StaticWorld(
             np.zeros(3) if self._origin is None else self._origin,
@@ -230,6 +228,26 @@ class WorldBuilder:
                 -1, PATCHES + 1, PATCHES + 1
             ),
         )
+
+    def _ground(
+        self, tiles: Iterable[tuple[int, int]]
+    ) -> dict[tuple[int, int], NDArray[np.float64]]:
+        """Height of the ground in the columns of tiles, shape (16, 16) each; NaN: unknown.
+
+        Tiles around them help to find it. Tiles without any ground are left out.
+        """
+        steps = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+        chosen = sorted({(i + a, j + b) for i, j in tiles for a, b in steps} & self._lows.keys())
+        if not chosen:
+            return {}
+        place = np.array(chosen)
+        heights = _grown(
+            (place[:, 0] + HALF_TILES) * 2 * HALF_TILES + place[:, 1] + HALF_TILES,
+            np.array([self._lows[at] for at in chosen]),
+            np.array(self._path),
+        )
+        known = dict(zip(chosen, heights, strict=True))
+        return {at: known[at] for at in tiles if at in known and np.isfinite(known[at]).any()}
 
     def _condense(self, centre: NDArray[np.float64], reach: float) -> None:
         """Keep what stands still in tiles farther than `reach`, and forget how it was counted."""
@@ -246,7 +264,6 @@ class WorldBuilder:
         columns = block_keys // (2 * HALF_LEVELS)
         own = np.unique(columns)
         lows = _lows(found[0], found[1], own)
-        lows[_far_off(own, lows, np.array(self._path))] = np.nan
         new: dict[tuple[int, int], NDArray[np.float64]] = {}
         for n, (ti, tj) in enumerate(zip(*_tiles(own * 2 * HALF_LEVELS * BLOCK**3), strict=True)):
             tile = new.setdefault((int(ti), int(tj)), np.full((TILE, TILE), np.nan))
@@ -254,7 +271,7 @@ class WorldBuilder:
         for at, tile in new.items():
             old = self._lows.get(at, tile)
             self._lows[at] = np.where(np.isnan(tile), old, tile)
-        kept = _above(found[0], found[1], {at: _ground(at, self._lows) for at in new})
+        kept = _above(found[0], found[1], self._ground(new))
         self._found.append((found[0][kept], found[1][kept], found[2][kept]))
         _forget(self._state, rows)
 
@@ -553,74 +570,71 @@ def _lows(
     return medians.reindex(columns).to_numpy(np.float64, copy=True)
 
 
-def _far_off(
-    columns: NDArray[np.int64], lows: NDArray[np.float64], path: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Whether columns start higher or lower than ground can be, seen from the vehicle's path."""
-    places = cells_of_keys(columns * 2 * HALF_LEVELS * BLOCK**3)[:, :2] * CELL_M
-    away, nearest = cKDTree(path[:, :2]).query(places + 0.5 * BLOCK * CELL_M)
-    return np.asarray(np.abs(lows - path[nearest, 2]) > _CLIMB * away + _STEP_M)
-
-
-def _around_tile(
-    tile: tuple[int, int], rasters: dict[tuple[int, int], NDArray[np.float64]], margin: int
-) -> NDArray[np.float64]:
-    """The raster of a tile and so many columns around it, NaN where there is no tile."""
-    i, j = tile
-    empty = np.full((TILE, TILE), np.nan)
-    near = [[rasters.get((i + a, j + b), empty) for b in (-1, 0, 1)] for a in (-1, 0, 1)]
-    return np.block(near)[TILE - margin : 2 * TILE + margin, TILE - margin : 2 * TILE + margin]
-
-
-def _ground(
-    tile: tuple[int, int], lows: dict[tuple[int, int], NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Height of the ground in the columns of a tile, shape (16, 16); NaN if nothing is known."""
-    return np.asarray(_levelled(_around_tile(tile, lows, TILE))[TILE:-TILE, TILE:-TILE])
+@inner
+def _column_at(keys, i, j):  # pragma: no cover - compiled
+    """Where a column is among those of tiles, whose `keys` ascend; -1 if in none of them."""
+    key = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
+    at = np.searchsorted(keys, key)
+    if at == len(keys) or keys[at] != key:
+        return -1
+    return at * TILE**2 + i % TILE * TILE + j % TILE
 
 
 @njit(cache=True, nogil=True)
-def _levelled(lows):  # pragma: no cover - compiled
-    """Heights without those that stand out of the ground or lie below it, and gaps filled."""
-    rows, columns = lows.shape
-    heights = np.full_like(lows, np.nan)
-    known = 0
-    for i in range(rows):
-        for j in range(columns):
-            if math.isnan(lows[i, j]):
-                continue
-            # The second of the others says how high ground can be: one may be an error.
-            most, second, lower, others = np.inf, np.inf, 0, 0
-            for a in range(max(i - _AROUND, 0), min(i + _AROUND + 1, rows)):
-                for b in range(max(j - _AROUND, 0), min(j + _AROUND + 1, columns)):
-                    if math.isnan(lows[a, b]) or (a == i and b == j):
-                        continue
-                    rise = _STEEPEST * BLOCK * CELL_M * math.hypot(a - i, b - j) + _KERB_M
-                    bound = lows[a, b] + rise
-                    if bound < most:
-                        most, second = bound, most
-                    elif bound < second:
-                        second = bound
-                    others += 1
-                    lower += lows[i, j] + rise < lows[a, b]
-            if lows[i, j] <= second and 2 * lower <= others:
-                heights[i, j] = lows[i, j]
-                known += 1
-    while 0 < known < rows * columns:
-        before = heights.copy()
-        for i in range(rows):
-            for j in range(columns):
-                if not math.isnan(before[i, j]):
+def _grown(keys, lows, path):  # pragma: no cover - compiled
+    """Ground grown from under the vehicle's path to columns that start about as high, gaps filled.
+
+    What a column starts with may be a roof, a branch or the upper part of a wall. `keys` are of
+    tiles, ascending, `lows` their columns, shape (tiles, 16, 16); so are the heights returned, NaN
+    where ground is unknown.
+    """
+    low, heights = lows.reshape(-1), np.full(lows.size, np.nan)
+    queue, tail = np.empty((lows.size, 2), np.int64), 0
+    for n in range(len(path)):
+        i, j = math.floor(path[n, 0] / _EDGE_M), math.floor(path[n, 1] / _EDGE_M)
+        at = _column_at(keys, i, j)
+        if at >= 0:
+            if math.isnan(heights[at]):
+                queue[tail, 0], queue[tail, 1] = i, j
+                tail += 1
+            heights[at] = path[n, 2]
+    head = 0
+    while head < tail:
+        i, j = queue[head]
+        head += 1
+        for p in range(i - _AROUND, i + _AROUND + 1):
+            for q in range(j - _AROUND, j + _AROUND + 1):
+                at = _column_at(keys, p, q)
+                if at < 0 or math.isnan(low[at]) or not math.isnan(heights[at]):
                     continue
-                total = count = 0.0
-                for a in range(max(i - 1, 0), min(i + 2, rows)):
-                    for b in range(max(j - 1, 0), min(j + 2, columns)):
-                        if not math.isnan(before[a, b]):
-                            total, count = total + before[a, b], count + 1.0
-                if count > 0.0:
-                    heights[i, j] = total / count
-                    known += 1
-    return heights
+                balance = 0
+                for a in range(-_AROUND, _AROUND + 1):
+                    for b in range(-_AROUND, _AROUND + 1):
+                        other = _column_at(keys, p + a, q + b)
+                        if other >= 0 and not math.isnan(heights[other]):
+                            rise = _STEEPEST * _EDGE_M * math.hypot(a, b) + _KERB_M
+                            balance += 1 if abs(low[at] - heights[other]) <= rise else -1
+                if balance > 0:
+                    heights[at] = low[at]
+                    queue[tail, 0], queue[tail, 1] = p, q
+                    tail += 1
+    for _ in range(_AROUND):
+        before = heights.copy()
+        for at in range(len(heights)):
+            if not math.isnan(before[at]):
+                continue
+            key, rest = keys[at // TILE**2], at % TILE**2
+            i = (key // (2 * HALF_TILES) - HALF_TILES) * TILE + rest // TILE
+            j = (key % (2 * HALF_TILES) - HALF_TILES) * TILE + rest % TILE
+            total = count = 0.0
+            for a in (-1, 0, 1):
+                for b in (-1, 0, 1):
+                    other = _column_at(keys, i + a, j + b)
+                    if other >= 0 and not math.isnan(before[other]):
+                        total, count = total + before[other], count + 1.0
+            if count > 0.0:
+                heights[at] = total / count
+    return heights.reshape(lows.shape)
 
 
 def _above(
@@ -645,7 +659,11 @@ def _corners(
     tile: tuple[int, int], ground: dict[tuple[int, int], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Heights at the corners of the patches of a tile: means of the columns there, (9, 9)."""
-    around = _around_tile(tile, ground, 1)
-    wide = TILE // PATCHES
+    i, j = tile
+    empty, wide = np.full((TILE, TILE), np.nan), TILE // PATCHES
+    near = [[ground.get((i + a, j + b), empty) for b in (-1, 0, 1)] for a in (-1, 0, 1)]
+    around = np.block(near)[TILE - 1 : 2 * TILE + 1, TILE - 1 : 2 * TILE + 1]
     four = [around[a::wide, b::wide][: PATCHES + 1, : PATCHES + 1] for a in (0, 1) for b in (0, 1)]
-    return np.asarray(np.nanmean(four, axis=0))
+    number = np.isfinite(four).sum(axis=0)
+    total = np.nansum(four, axis=0)
+    return np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.clouds.raycast import GROUND, NOTHING, Hits, visible_share
+from lidarplace.clouds.raycast import GROUND, NOTHING, Hits
 from lidarplace.clouds.shapes import BODY, Parts, bricks, own_body
+from lidarplace.clouds.visibility import visible_share
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import rotation

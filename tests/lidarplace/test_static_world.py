@@ -14,6 +14,7 @@ from lidarplace.clouds.raycast import GROUND, NOTHING, cast
 from lidarplace.clouds.shapes import BUILDING, WORLD, bricks
 from lidarplace.clouds.static_world import WorldAround, cast_in_world, stops, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.clouds.visibility import visible_share
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.logs.boxes import BUILDING_COLUMNS, GEOMETRY
 from lidarplace.logs.world import (
@@ -97,6 +98,46 @@ def test_rays_meet_what_testing_each_against_every_cell_finds(seed):
     assert (targets == WORLD).sum() > 50
     np.testing.assert_array_equal(hits.target, targets)
     np.testing.assert_allclose(hits.range, met, rtol=1e-9)
+    car = bricks(np.array([[9.0, 2, 1, 2, 2, 2, 0.3]]), 0)
+    few = cast_in_world(mount, lidar, car, around, only_objects=True)
+    np.testing.assert_array_equal(few.target >= 0, targets >= 0)
+    ours = targets >= 0
+    np.testing.assert_allclose(few.range[ours], met[ours], rtol=1e-9)
+
+
+def test_an_object_is_seen_where_neither_a_box_nor_the_world_hides_it():
+    """The share is that of a scene whose cells and ground are boxes, too; shares multiplied are
+    not: the same rays may be hidden twice."""
+    rng = np.random.default_rng(3)
+    cells = rng.integers((20, -40, -4), (60, 40, 12), (600, 3))
+    yaw, shift = 0.4, np.array([0.5, -0.7, 0.3])
+    before_box = rotation(0, 0, yaw) @ [7.0, 0.8, 0.4] + shift  # they hide the same
+    cells = np.concatenate(
+        [cells, (before_box / CELL_M).astype(int) + np.argwhere(np.ones((3,) * 3))]
+    )
+    flat = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], np.int32)
+    world = world_of(cells, rng, flat, lambda x, y: 0.0 * x - 0.8)
+    whole = world.cells.copy()
+    whole[:, 6] = 255
+    world = replace(world, cells=whole, origin=np.zeros(3))
+    objects = np.array([[14.0, 1, 0, 4, 2, 1.5, 0.3], [12.0, -6, 0, 4, 2, 1.5, 1.0],
+                        [9.0, 1, 0.2, 1, 1, 2, 0.0]])  # fmt: skip
+    boxes = world.boxes()
+    ground = np.array([[-60.0, -60, -2.3, 60, 60, -0.8]])
+    low, high = np.split(np.concatenate([boxes, ground]) - np.tile(shift, 2), 2, axis=1)
+    middle = (low + high) / 2 @ rotation(0, 0, yaw)
+    walls = bricks(np.c_[middle, high - low, np.full(len(low), -yaw)], BUILDING)
+    cars, eye = bricks(objects, np.arange(3)), (0.0, 0.0, 1.0)
+    around = WorldAround(worlds_of({"a": world}), 0, rotation(0, 0, yaw), shift)
+    seen = visible_share(eye, cars, 3, (40, 30), around)
+    np.testing.assert_allclose(seen, visible_share(eye, cars.and_(walls), 3, (40, 30)), atol=3e-3)
+    alone = visible_share(eye, cars, 3, (40, 30))
+    past_world = np.array([
+        visible_share(eye, bricks(objects[n : n + 1], 0), 1, (40, 30), around)[0] for n in range(3)
+    ])  # fmt: skip
+    assert 0.1 < alone[0] < 0.9
+    assert ((past_world > 0.1) & (past_world < 0.98)).all()
+    assert abs(seen[0] - alone[0] * past_world[0]) > 0.01
 
 
 def test_rays_come_down_to_uneven_ground():
