@@ -238,3 +238,46 @@ def test_the_body_of_the_vehicle_is_the_users(real, tmp_path):
     assert wrong.exit_code == 2
     assert wrong.output.startswith(f"{body}: boxes[0]")
     assert len(wrong.output.strip().splitlines()) == 1
+
+
+PERFECT = {"by": "all", "bias": 0.0, "spread": 0.0, "within_2": 1.0, "rho": 1.0, "real_5": 0.5,
+           "simulated_5": 0.5}  # fmt: skip
+
+
+def judged(found, shipped, corrected=None, **facts):
+    rows = [
+        {"model": "shipped"} | PERFECT | shipped,
+        {"model": "corrected"} | PERFECT | (corrected or {}),
+    ]
+    return verdict(replace(found, scores=pd.DataFrame(rows), **facts))
+
+
+@pytest.mark.parametrize(
+    ("column", "met", "failed", "says"),
+    [
+        ("bias", 0.1, 0.11, "median object has 1.08 times"),
+        ("bias", -0.1, -0.11, "median object has 0.93 times"),
+        ("spread", 0.5, 0.51, "off by more than a factor 1.42"),
+        ("within_2", 0.75, 0.74, "74% of objects"),
+        ("rho", 0.85, 0.84, "rank correlation over objects is 0.84"),
+        ("simulated_5", 0.549, 0.56, "at least 5 points is off by +6.0%"),
+        ("simulated_5", 0.451, 0.44, "at least 5 points is off by -6.0%"),
+    ],
+)
+def test_every_limit_of_the_verdict_decides(found, column, met, failed, says):
+    assert judged(found, {column: met}).answer == "yes"
+    mended = judged(found, {column: failed})
+    assert mended.answer == "with a correction"
+    assert says in mended.why[0]
+    worse = judged(found, {column: failed}, {column: failed})
+    assert worse.answer == "no"
+    assert says in worse.why[1]
+
+
+def test_too_little_data_is_no(found):
+    assert judged(found, {}, tracks=40).answer == "yes"
+    assert judged(found, {}, tracks=39).answer == "no"
+    one = judged(found, {"rho": 0.5}, routes=1)
+    assert one.answer == "no"
+    assert "one route" in one.why[1]
+    assert judged(found, {"rho": 0.5}, routes=1, given=True).answer == "with a correction"
