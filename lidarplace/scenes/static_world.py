@@ -421,13 +421,8 @@ def _count(cell, what):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_passes(points, lidar, eyes, turn, shift, frame, state):  # pragma: no cover - compiled
     """Count the rays that pass through the middle of what is in a cell."""
-    p, d, last = np.empty(3), np.empty(3), np.empty(3)
-    block, step, to, width = (
-        np.empty(3, np.int64),
-        np.empty(3, np.int64),
-        np.empty(3),
-        np.empty(3),
-    )
+    p, d, last, to, width = np.empty((5, 3))
+    block, step = np.empty((2, 3), np.int64)
     behind, reach = _BEHIND_M / CELL_M, REACH_M / CELL_M
     for n in range(frame % _EVERY, len(points), _EVERY):
         eye = eyes[lidar[n]]

@@ -26,20 +26,8 @@ FEWEST_OF_CLASS = 10
 """Tracks of a class with a factor of its own."""
 
 DISTANCES_M = (
-    math.inf,
-    400.0,
-    250.0,
-    180.0,
-    140.0,
-    115.0,
-    100.0,
-    85.0,
-    75.0,
-    65.0,
-    55.0,
-    45.0,
-    35.0,
-)
+    math.inf, 400.0, 250.0, 180.0, 140.0, 115.0, 100.0, 85.0, 75.0, 65.0, 55.0, 45.0, 35.0
+)  # fmt: skip
 """Among which the fit chooses."""
 
 MOST_FACTOR = 2.0

@@ -17,8 +17,9 @@ from plotly.offline import get_plotlyjs
 
 from lidarplace.files.atomic import write_text
 from lidarplace.validation.cloud_frames import FATES
-from lidarplace.validation.comparison import BELOW_M
+from lidarplace.validation.comparison import BELOW_M, LEAST
 from lidarplace.validation.simulation import SECTORS
+from lidarplace.validation.subsets import WHAT
 from lidarplace.validation.validation import Validation
 from lidarplace.validation.verdict import Verdict
 from lidarplace.viewing.style import COLOURS, OUTLINE, theme
@@ -93,7 +94,7 @@ _SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
 
 
 def _shares(row: pd.Series) -> list[str]:
-    return [f"{row[f'real_{n}']:.0%} / {row[f'simulated_{n}']:.0%}" for n in (5, 20)]
+    return [f"{row[f'real_{n}']:.0%} / {row[f'simulated_{n}']:.0%}" for n in LEAST]
 
 
 def _score_table(found: Validation, by: str, caption: str) -> Table:
@@ -105,16 +106,10 @@ def _score_table(found: Validation, by: str, caption: str) -> Table:
         for model, name in _MODELS.items():
             row = rows[(rows["group"] == group) & (rows["model"] == model)].iloc[0]
             label = name if by == "all" else f"{group}, {name}"
-            shown.append(
-                [label, *(_cell(row[k], show) for k, (_, show) in _SCORES.items()), *_shares(row)]
-            )
-    head = [
-        "",
-        *(words for words, _ in _SCORES.values()),
-        "≥ 5 points, real / sim.",
-        "≥ 20 points, real / sim.",
-    ]
-    return Table(caption, head, shown)
+            cells = [_cell(row[k], show) for k, (_, show) in _SCORES.items()]
+            shown.append([label, *cells, *_shares(row)])
+    head = ["", *(words for words, _ in _SCORES.values())]
+    return Table(caption, [*head, *(f"≥ {n} points, real / sim." for n in LEAST)], shown)
 
 
 def _cell(value: float, show: Callable[[float], str]) -> str:
@@ -124,10 +119,8 @@ def _cell(value: float, show: Callable[[float], str]) -> str:
 def _overview(found: Validation) -> Section:
     table = _score_table(found, "all", "All objects")
     floor = pd.Series(found.floor)
-    row = [
-        "one frame against the next",
-        *(_cell(floor[k], show) for k, (_, show) in _SCORES.items()),
-    ]
+    row = ["one frame against the next"]
+    row += [_cell(floor[k], show) for k, (_, show) in _SCORES.items()]
     judged = "Corrected: fitted to all routes but one, judged on that one, each route in turn."
     if found.given:
         judged = "The correction was given; it is judged on this log."
@@ -144,28 +137,17 @@ def _overview(found: Validation) -> Section:
 
 def _by_distance(found: Validation) -> Section:
     rows = found.scores[found.scores["by"] == "distance"]
-    ratio, share = (
-        _figure("Simulated / real points, median"),
-        _figure("Share of objects with at least 5 points"),
-    )
+    ratio = _figure("Simulated / real points, median")
+    share = _figure("Share of objects with at least 5 points")
     rows = rows.assign(group=rows["group"].str.replace(" to ", "–").str.removesuffix(" m"))
     for number, (model, name) in enumerate(_MODELS.items()):
         own = rows[rows["model"] == model]
-        line = {"color": COLOURS[number]}
-        ratio.add_scatter(
-            x=own["group"], y=2 ** own["bias"], name=name, mode="lines+markers", line=line
-        )
-        share.add_scatter(
-            x=own["group"], y=own["simulated_5"], name=name, mode="lines+markers", line=line
-        )
+        line = {"name": name, "mode": "lines+markers", "line": {"color": COLOURS[number]}}
+        ratio.add_scatter(x=own["group"], y=2 ** own["bias"], **line)
+        share.add_scatter(x=own["group"], y=own["simulated_5"], **line)
     real = rows[rows["model"] == "shipped"]
-    share.add_scatter(
-        x=real["group"],
-        y=real["real_5"],
-        name="real",
-        mode="lines+markers",
-        line={"color": OUTLINE, "dash": "dot"},
-    )
+    line = {"name": "real", "mode": "lines+markers", "line": {"color": OUTLINE, "dash": "dot"}}
+    share.add_scatter(x=real["group"], y=real["real_5"], **line)
     ratio.add_hline(y=1.0, line={"color": OUTLINE, "dash": "dot"})
     share.update_yaxes(tickformat=".0%")
     for figure in (ratio, share):
@@ -191,22 +173,12 @@ def _correction(found: Validation) -> Section:
     tables = [Table("The correction", ("", "value", "95 % interval over objects"), rows)]
     if len(found.fits):
         names = [str(name) for name in found.fits if name not in ("route", "boxes")]
-        tables.append(
-            Table(
-                "Fitted without one route",
-                ("route left out", *names),
-                [
-                    [
-                        f"{row['route']:g}",
-                        *(
-                            _metres(row[n]) if n == "distance" else _cell(row[n], "{:.3f}".format)
-                            for n in names
-                        ),
-                    ]
-                    for _, row in found.fits.iterrows()
-                ],
-            )
-        )
+        shows = dict.fromkeys(names, "{:.3f}".format) | {"distance": _metres}
+        fitted = [
+            [f"{row['route']:g}", *(_cell(row[name], shows[name]) for name in names)]
+            for _, row in found.fits.iterrows()
+        ]
+        tables.append(Table("Fitted without one route", ("route left out", *names), fitted))
     use = {"lidar": {"name": "…", "correction": "correction.yaml"}}
     if file.lidars:
         use["lidar"]["unit"] = next(iter(file.lidars))
@@ -240,11 +212,7 @@ def _subsets(found: Validation) -> Section:
         digits = 3 if measure == "expected_recall" else 1
         ranked = part.sort_values("real", ascending=False)
         rows = [
-            [
-                row["subset"],
-                *(f"{row[what]:.{digits}f}" for what in ("real", "shipped", "corrected")),
-            ]
-            for _, row in ranked.iterrows()
+            [row["subset"], *(f"{row[w]:.{digits}f}" for w in WHAT)] for _, row in ranked.iterrows()
         ]
         label = f"{measure.replace('_', ' ')}, {name}: {ranked['objects'].iloc[0]:,} objects"
         tables.append(Table(label, ("", "real", "as shipped", "corrected"), rows))
@@ -265,29 +233,18 @@ def _subsets(found: Validation) -> Section:
 
 def _shadow(found: Validation) -> Section:
     assert found.shadows is not None  # asked by the caller
-    figures, middle = [], (np.arange(SECTORS) + 0.5) * 360 / SECTORS - 180
+    figures, closed, middle = [], [], (np.arange(SECTORS) + 0.5) * 360 / SECTORS - 180
+    polar = {
+        "angularaxis": {"rotation": 90, "direction": "counterclockwise"},
+        "radialaxis": {"range": [0, 1], "tickvals": [0.5, 1]},
+        "bgcolor": "rgba(0,0,0,0)",
+    }
     for number, (name, row) in enumerate(zip(found.names, found.shadows, strict=True)):
-        figure = _figure(f"{name}: share of returns")
-        figure.add_barpolar(
-            theta=middle,
-            r=row,
-            width=360 / SECTORS,
-            marker_color=COLOURS[number % len(COLOURS)],
-            showlegend=False,
-        )
-        figure.update_layout(
-            margin={"t": 75},
-            polar={
-                "angularaxis": {"rotation": 90, "direction": "counterclockwise"},
-                "radialaxis": {"range": [0, 1], "tickvals": [0.5, 1]},
-                "bgcolor": "rgba(0,0,0,0)",
-            },
-        )
-        figures.append(_json(figure))
-    closed = [
-        f"{name} {(row < 1).mean():.0%}"
-        for name, row in zip(found.names, found.shadows, strict=True)
-    ]
+        figure, colour = _figure(f"{name}: share of returns"), COLOURS[number % len(COLOURS)]
+        bars = {"width": 360 / SECTORS, "marker_color": colour, "showlegend": False}
+        figure.add_barpolar(theta=middle, r=row, **bars)
+        figures.append(_json(figure.update_layout(margin={"t": 75}, polar=polar)))
+        closed.append(f"{name} {(row < 1).mean():.0%}")
     notes = [
         "What each sector of azimuth returns of what open sectors do, in the frame of the LiDAR "
         f"(0° is its x axis). In shadow: {', '.join(closed)} of the turn."

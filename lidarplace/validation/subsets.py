@@ -41,9 +41,8 @@ def points_by_subset(objects: pd.DataFrame, names: Sequence[str]) -> pd.DataFram
     for own in subsets(len(names)) if len(known) else ():
         means = {w: known[[columns[w][n] for n in own]].sum(axis=1).mean() for w in WHAT}
         label = " + ".join(names[n] for n in own)
-        rows.append(
-            {"subset": label, "measure": "points", "class": "all", "objects": len(known), **means}
-        )
+        label_of = {"subset": label, "measure": "points", "class": "all"}
+        rows.append(label_of | {"objects": len(known), **means})
     return pd.DataFrame(rows, columns=["subset", "measure", "class", "objects", *WHAT])
 
 
@@ -87,15 +86,8 @@ def cells_by_subset(
             found = {what: curves.of(name, IOU).probability(own) for what, own in cells.items()}
             for measure, values in (("cells", cells), ("expected_recall", found)):
                 means = {what: float(value.mean()) for what, value in values.items()}
-                rows.append(
-                    {
-                        "subset": label,
-                        "measure": measure,
-                        "class": name,
-                        "objects": int(which.sum()),
-                        **means,
-                    }
-                )
+                label_of = {"subset": label, "measure": measure, "class": name}
+                rows.append(label_of | {"objects": int(which.sum()), **means})
     return pd.DataFrame(rows, columns=["subset", "measure", "class", "objects", *WHAT])
 
 

@@ -129,9 +129,9 @@ def validate(
         except ValueError:  # the only route, or no points on the others
             fitted = lossless
         models[route] = fitted, mask
-        near = part[(part["distance"] < BELOW_M) & part["real"].notna()]
+        boxes = int(((part["distance"] < BELOW_M) & part["real"].notna()).sum())
         distance = fitted.distance or math.inf
-        rows.append({"route": route, "boxes": len(near), **fitted.factor, "distance": distance})
+        rows.append({"route": route, "boxes": boxes, **fitted.factor, "distance": distance})
     size = len(log.boxes)
     plain = np.ones(len(returns.box))
     _simulated(objects, "shipped", returns, lossless.points(returns, classes, plain), names, size)
@@ -156,12 +156,10 @@ def validate(
         factor = np.array([fitted.factor.get(n, fitted.factor.get(OTHER, 1.0)) for n in classes])
         loss = 1.0 / (fitted.distance or math.inf)
         seen.append(seen_in(cloud, recording, own_mask, factor, loss, curves.cell))
-    counts = np.zeros(size, np.bool_)
-    counts[objects.index[(objects["distance"] < BELOW_M) & objects["real"].notna()]] = True
-    by_points = points_by_subset(objects, names)
-    by_cells = cells_by_subset(seen, classes, counts, names, curves)
+    near = (objects["distance"] < BELOW_M) & objects["real"].notna()
+    counted, by_points = objects[near], points_by_subset(objects, names)
+    by_cells = cells_by_subset(seen, classes, near.to_numpy(), names, curves)
     subsets = pd.concat([by_points, by_cells], ignore_index=True)
-    counted = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     done = Validation(
         names=names,
         correction=CorrectionFile(),
@@ -260,26 +258,11 @@ def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
 
     Those in frames with clouds where there are any: for them the reason is known.
     """
-    table = objects[
-        [
-            "scene",
-            "frame",
-            "object_id",
-            "class",
-            "distance",
-            "real",
-            "points/shipped",
-            "points/corrected",
-        ]
-    ].copy()
-    table = table.rename(columns={"points/shipped": "shipped", "points/corrected": "corrected"})
+    table = objects[["scene", "frame", "object_id", "class", "distance", "real"]].copy()
+    table["shipped"], table["corrected"] = objects["points/shipped"], objects["points/corrected"]
     for number, fate in enumerate(FATES):
-        known = {
-            row: n
-            for own in seen
-            for row, n in zip(own.rows.tolist(), own.fates[:, number].tolist(), strict=True)
-        }
-        table[fate] = pd.Series(known, dtype=np.float64)
+        known = [pd.Series(own.fates[:, number], own.rows, dtype=np.float64) for own in seen]
+        table[fate] = pd.concat(known) if known else np.nan
     if seen:
         table = table[table[list(FATES)].notna().all(axis=1)]
     # A few points do not matter.
