@@ -2,8 +2,8 @@
 
 Cells are tested block by block, from near to far: a block costs only the beams and azimuths that
 can meet it, and of those only the rays that nothing nearer has stopped. The result is that of
-testing every ray against every cell, and against every patch of ground, which is bilinear. Where
-few rays matter, each goes from patch to patch by itself.
+testing every ray against every cell, and against every patch of ground, which is bilinear. A
+single ray goes from patch to patch.
 
 A cell that stops a share of the rays stops a ray by chance: a hash of cell and ray, so that it is
 the same whenever the ray is cast.
@@ -51,6 +51,7 @@ from lidarplace.rigs.placement import Mount, blocks
 
 _EDGE = BLOCK * CELL_M
 _COLUMNS = TILE * TILE
+_ANY = -(2**31)  # of targets, panes among them
 _IN_BLOCK = BLOCK**3
 _LEVELS = 2 * HALF_LEVELS
 _SUNK_M = 1e-6
@@ -384,7 +385,7 @@ def _seen_under(centre, half, origin, rotation):  # pragma: no cover - compiled
 
 @inner
 def _render(  # pragma: no cover - compiled
-    centre, half, patch, block, origin, rotation, fired, worlds, hits
+    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
 ):
     """Stop the rays at a patch of ground, or, if `block` is none of -1, at the cells of a block."""
     azimuth, width, lowest, highest, near = _seen_under(centre, half, origin, rotation)
@@ -392,6 +393,7 @@ def _render(  # pragma: no cover - compiled
         return
     elevations = fired.elevations
     ranges, targets, reflected = hits
+    least = 0 if only_objects else _ANY
     steps = fired.azimuths.shape[2]
     first_beam, last_beam = beams_in(fired, azimuth, width, width)
     spans = runs(fired, first_beam, azimuth, width, width)
@@ -406,13 +408,13 @@ def _render(  # pragma: no cover - compiled
             # Counted without branches, as vector code: mostly something nearer has stopped them.
             left = 0
             for ray in range(beam * steps + first, beam * steps + last):
-                left += ranges[ray] >= near
+                left += (ranges[ray] >= near) & (targets[ray] >= least)
             if left == 0:
                 continue
             for step in range(first, last):
                 ray = beam * steps + step
                 most = ranges[ray]
-                if most < near:
+                if most < near or targets[ray] < least:
                     continue
                 most = min(most, fired.reach)
                 x, y = ce * cosines[step], ce * sines[step]
@@ -500,41 +502,31 @@ def stop_at_world(  # pragma: no cover - compiled
         fired: `Beams`.
         worlds, scene, turn, shift: as of `WorldAround`.
         crop: hits within it are right, as of `cast`.
-        only_objects: rays that hit no object are left as they are; of others that the world stops
-            the target alone changes.
+        only_objects: rays that hit no object are left as they are.
         level: where no ground is known it is flat, as seen from the vehicle.
         hits: without ground.
     """
     origin, rotation = turn @ place + shift, turn @ turn_in_ego
     ranges, targets, reflected = hits
     steps, patch = fired.azimuths.shape[2], np.empty(6)
-    for beam in range(len(fired.elevations) if only_objects or (level and place[2] > 0.0) else 0):
+    for beam in range(len(fired.elevations) if level and place[2] > 0.0 else 0):
         ce, se = fired.elevations[beam, 1], fired.elevations[beam, 2]
         cosines, sines = along(fired, beam)
         for step in range(steps):
             ray = beam * steps + step
             if only_objects and targets[ray] < 0:
                 continue
-            x, y, most = ce * cosines[step], ce * sines[step], min(ranges[ray], fired.reach)
+            x, y = ce * cosines[step], ce * sines[step]
             down = -(turn_in_ego[2, 0] * x + turn_in_ego[2, 1] * y + turn_in_ego[2, 2] * se)
-            flat = level and place[2] > 0.0 and down * most > place[2]
-            if not (only_objects or flat):
+            if down * min(ranges[ray], fired.reach) <= place[2]:
                 continue
-            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
-            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
-            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
-            ox, oy, oz = origin[0], origin[1], origin[2]
-            if flat:
-                t = place[2] / down
-                i, j = math.floor((ox + t * dx) / PATCH_M), math.floor((oy + t * dy) / PATCH_M)
-                tile = _tile_at(worlds, scene, i, j)
-                if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
-                    ranges[ray], targets[ray], reflected[ray] = t, GROUND, down
-                    continue
-            if only_objects and stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):
-                targets[ray] = WORLD
-    if only_objects:
-        return
+            t = place[2] / down
+            px = origin[0] + t * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se)
+            py = origin[1] + t * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se)
+            i, j = math.floor(px / PATCH_M), math.floor(py / PATCH_M)
+            tile = _tile_at(worlds, scene, i, j)
+            if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
+                ranges[ray], targets[ray], reflected[ray] = t, GROUND, down
     # What the hull of crop and sensor is apart from cannot stand before a point in the crop.
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     corner = np.empty(3)
@@ -560,12 +552,14 @@ def stop_at_world(  # pragma: no cover - compiled
                     continue
                 tile = worlds.tile_of[start + (i - i0) * nj + j - j0]
                 if tile >= 0:
-                    _render_tile(tile, i, j, origin, rotation, fired, worlds, low, high, hits)
+                    _render_tile(
+                        tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
+                    )
 
 
 @inner
 def _render_tile(  # pragma: no cover - compiled
-    tile, i, j, origin, rotation, fired, worlds, low, high, hits
+    tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
 ):
     """Ground and cells of a tile, its near side first."""
     centre, half, patch = np.empty(3), np.empty(3), np.empty(6)
@@ -587,7 +581,7 @@ def _render_tile(  # pragma: no cover - compiled
             centre[0], centre[1] = patch[0] + 0.5 * PATCH_M, patch[1] + 0.5 * PATCH_M
             centre[2], half[2] = 0.5 * (top + bottom), 0.5 * (top - bottom)
             half[0] = half[1] = 0.5 * PATCH_M
-            _render(centre, half, patch, -1, origin, rotation, fired, worlds, hits)
+            _render(centre, half, patch, -1, origin, rotation, fired, worlds, only_objects, hits)
     for a in range(TILE):
         p = TILE - 1 - a if back_x else a
         if x + p * _EDGE > high[0] or x + (p + 1) * _EDGE < low[0]:
@@ -603,4 +597,6 @@ def _render_tile(  # pragma: no cover - compiled
                 for axis in range(3):
                     centre[axis] = 0.5 * (box[axis + 3] + box[axis + 6])
                     half[axis] = 0.5 * (box[axis + 6] - box[axis + 3])
-                _render(centre, half, patch, block, origin, rotation, fired, worlds, hits)
+                _render(
+                    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
+                )

@@ -657,8 +657,8 @@ def _corners(
     i, j = tile
     empty, wide = np.full((TILE, TILE), np.nan), TILE // PATCHES
     near = [[ground.get((i + a, j + b), empty) for b in (-1, 0, 1)] for a in (-1, 0, 1)]
-    around = np.block(near)[TILE - 1 : 2 * TILE + 1, TILE - 1 : 2 * TILE + 1]
+    around: NDArray[np.float64] = np.block(near)[TILE - 1 :, TILE - 1 :][: TILE + 2, : TILE + 2]
     four = [around[a::wide, b::wide][: PATCHES + 1, : PATCHES + 1] for a in (0, 1) for b in (0, 1)]
     number = np.isfinite(four).sum(axis=0)
     total = np.nansum(four, axis=0)
-    return np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)
+    return np.asarray(np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lidarplace.clouds.own_body import sedan
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
-from lidarplace.validation.simulation import SECTORS
+from lidarplace.validation.simulation import SECTORS, sectors_of
 
 SHADOW = 0.6
 """A sector with a smaller share of the returns of open sectors is in shadow; others have none."""
@@ -37,12 +37,7 @@ def sectors(
     points: NDArray[np.floating], position: NDArray[np.float64], rotation: NDArray[np.float64]
 ) -> NDArray[np.int64]:
     """Sector of each of points (n, 3) in the ego frame, in the frame of a LiDAR; shape (n,)."""
-    return _sectors((points.astype(np.float64) - position) @ rotation)
-
-
-def _sectors(seen: NDArray[np.float64]) -> NDArray[np.int64]:
-    turns = (np.arctan2(seen[:, 1], seen[:, 0]) + math.pi) / (2 * math.pi)
-    return np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1)
+    return sectors_of((points.astype(np.float64) - position) @ rotation)
 
 
 def returned(
@@ -72,7 +67,7 @@ def returned(
         others = seen[(lidar != number) & (far > _FAR_M)]
         back, fired = seen[world & (lidar == number)], model.directions() @ mount.rotation.T
         counts = [
-            np.bincount(_sectors(own[_meets(own, others)] @ mount.rotation), minlength=SECTORS)
+            np.bincount(sectors_of(own[_meets(own, others)] @ mount.rotation), minlength=SECTORS)
             for own in (back, fired)
         ]
         with np.errstate(invalid="ignore", divide="ignore"):

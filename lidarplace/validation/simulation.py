@@ -114,12 +114,14 @@ def simulate(recording: Recording, frames: Sequence[int]) -> Returns:
         ValueError: as `Recording` does.
     """
     surroundings, lidars = recording.surroundings, recording.placement.lidars
-    sectors = {lidar: _sectors(lidar) for lidar in lidars if lidar.pattern is None}
+    fixed = {own: sectors_of(own.directions()) for own in lidars if own.pattern is None}
 
     def of_frame(frame: int) -> list[NDArray[np.float64]]:
         rows, found = surroundings.rows(frame), []
         for number, (lidar, met) in enumerate(zip(lidars, recording.met(frame), strict=True)):
-            sector = sectors[lidar] if lidar in sectors else _sectors(lidar.in_frame(frame))
+            sector = fixed.get(lidar)
+            if sector is None:
+                sector = sectors_of(lidar.in_frame(frame).directions())
             cell = met.target * SECTORS + sector[met.ray]
             points = np.bincount(cell, minlength=len(rows) * SECTORS)
             (hit,) = np.nonzero(points)
@@ -152,8 +154,7 @@ def rays_on_objects(
     return Met(ray[seen], hits.target[ray[seen]].astype(np.int64), away[seen])
 
 
-def _sectors(lidar: Lidar) -> NDArray[np.int64]:
-    """Of every ray, in the order of `Lidar.directions`."""
-    x, y, _ = lidar.directions().T
-    turn = (np.arctan2(y, x) + math.pi) / (2 * math.pi)
-    return np.asarray(np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1))
+def sectors_of(directions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Sector of directions in the frame of a LiDAR, shape (n, 3) to (n,)."""
+    turns = (np.arctan2(directions[:, 1], directions[:, 0]) + math.pi) / (2 * math.pi)
+    return np.asarray(np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1))
