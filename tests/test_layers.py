@@ -35,7 +35,7 @@ FLOORS = {
         "clouds",
         "command_line recall viewing",
         "__init__ requirements scenes",
-        "rig_files validation",
+        "detections rig_files validation",
         "commands studio",
     ),
     "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds"),

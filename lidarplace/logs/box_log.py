@@ -36,6 +36,7 @@ from lidarplace.logs.boxes import (
     GEOMETRY,
     POSE_COLUMNS,
     SIZE,
+    SOURCE,
     SPLITS,
     check_boxes,
     check_classes,
@@ -63,7 +64,8 @@ class BoxLog:
         boxes: one row a box, columns `BOX_COLUMNS`, ego frame. A source that counts the real
             points in a box adds `POINTS`, and `points/NAME` for each LiDAR.
         frames: one row a frame, columns `FRAME_COLUMNS`; frames without boxes too. A source that
-            knows where the vehicle was adds `POSE_COLUMNS`, and maybe `FULL_POSE_COLUMNS`.
+            knows where the vehicle was adds `POSE_COLUMNS`, and maybe `FULL_POSE_COLUMNS`; one
+            that names its frames adds `SOURCE`.
         buildings: what stands still and is no object: columns `BUILDING_COLUMNS`, in the world
             frame of its scene, in which `POSE_COLUMNS` place the vehicle. Mostly empty.
         rigs: the rig that recorded each scene, by the scene's name, where known; plain data of
@@ -137,14 +139,15 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
     They are renamed into place when all of them are written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    poses = [name for name in (*POSE_COLUMNS, *FULL_POSE_COLUMNS) if name in log.frames.columns]
+    further = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
+    known = [name for name in further if name in log.frames.columns]
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
     if not log.world:
         (folder / WORLD_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
         for name, table, columns in (
-            ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
+            ("frames", log.frames, (*FRAME_COLUMNS, *known)),
             ("buildings", log.buildings, BUILDING_COLUMNS),
             ("boxes", log.boxes, (*BOX_COLUMNS, *count_columns(log.boxes))),
         ):
@@ -276,7 +279,8 @@ def _frames(path: Path) -> pd.DataFrame:
     poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
     for name in ("timestamp_s", *poses):
         frames[name] = numbers_if_known(frames, name, source)
-    return _with_texts(frames, ("scene",), source)
+    named = [SOURCE] if SOURCE in frames else []
+    return _with_texts(frames, ("scene", *named), source)
 
 
 def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:

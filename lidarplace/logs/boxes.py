@@ -34,6 +34,8 @@ FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 CLOUD = "cloud"
 """Column of frames that a reader adds: the file of the frame's real cloud, relative to the folder
 of a data set's clouds. No log on disk has it."""
+SOURCE = "source"
+"""Column of frames that a reader may add: how the source calls the frame."""
 BUILDING_COLUMNS = ("scene", *GEOMETRY)
 """A building: a box in the world frame of its scene."""
 POINTS = "points"

@@ -33,6 +33,7 @@ def test_boxes_and_poses_by_hand(tmp_path):
     )
     assert ignored == {"TYPE_SIGN": 1}
     assert log.frames["timestamp_s"].tolist() == [0.0, 0.1, 0.2], "in order, an empty one too"
+    assert log.frames["source"].tolist() == [f"s1/{START + n * 100_000}" for n in range(3)]
     np.testing.assert_allclose(
         log.frames[list(POSE_COLUMNS)],
         [[AHEAD, 0, 0], [10.0, 20.0 + AHEAD, math.pi / 2], [AHEAD, 0, 0]],

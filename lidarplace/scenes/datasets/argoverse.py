@@ -15,7 +15,7 @@ from lidarplace.files.columns import counts_if_known, integers, numbers, sizes, 
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_feather
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS, count_columns
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS, SOURCE, count_columns
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, ClassMap, classify, merged
@@ -131,17 +131,9 @@ def _log(
         (COUNT,),
     )
 
-    def row(index: int) -> str:
-        return f"{source}: row {index}"
-
     time_ns = integers(table, "timestamp_ns", str(source))
     frame_ns = np.union1d(time_ns, _sweeps(path / "sensors" / "lidar"))
     frame = pd.Index(frame_ns).get_indexer(pd.Index(time_ns))
-    size = sizes(table, SIZE, str(source))
-    position, quaternion = (
-        numbers(table, names, str(source)) for names in (TRANSLATION, QUATERNION)
-    )
-    pose = poses(position, quaternion, row)
     seconds = (frame_ns - frame_ns[:1]) / 1e9
     boxes = pd.DataFrame(
         {
@@ -149,10 +141,10 @@ def _log(
             "frame": first_frame + frame,
             "timestamp_s": seconds[frame],
             "object_id": texts(table, "track_uuid", str(source)),
-            "class": classify(table["category"], class_map, row, ignored),
-            **dict(zip("xyz", (pose.position - ORIGIN).T, strict=True)),
-            **dict(zip(("length", "width", "height"), size.T, strict=True)),
-            "yaw": pose.yaw,
+            "class": classify(
+                table["category"], class_map, lambda row: f"{source}: row {row}", ignored
+            ),
+            **in_ego(table, str(source)),
         }
     )
     if COUNT in table:
@@ -167,9 +159,25 @@ def _log(
             CLOUD: [
                 f"{path.parent.name}/{path.name}/sensors/lidar/{ns}.feather" for ns in frame_ns
             ],
+            SOURCE: [f"{path.name}/{ns}" for ns in frame_ns],
         }
     )
     return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable"), frames
+
+
+def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
+    """Columns of `GEOMETRY` from `SIZE`, `QUATERNION` and `TRANSLATION` of a table of Argoverse.
+
+    Raises ValueError that names file, row and value.
+    """
+    size = sizes(table, SIZE, source)
+    position, quaternion = (numbers(table, names, source) for names in (TRANSLATION, QUATERNION))
+    pose = poses(position, quaternion, lambda row: f"{source}: row {row}")
+    return {
+        **dict(zip("xyz", (pose.position - ORIGIN).T, strict=True)),
+        **dict(zip(("length", "width", "height"), size.T, strict=True)),
+        "yaw": pose.yaw,
+    }
 
 
 def _sweeps(folder: Path) -> NDArray[np.int64]:

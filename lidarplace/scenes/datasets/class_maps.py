@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.class_names import IGNORE, fault_of_name
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import found
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
@@ -194,19 +195,19 @@ def classify(
     values = categories.astype(object)
     missing = values.isna().to_numpy(bool)
     if missing.any():
-        raise ValueError(f"{row(int(np.argmax(missing)))}: the category is missing")
+        raise InputError("the category is missing", place=row(int(np.argmax(missing))))
     hashable = values.map(lambda value: isinstance(value, Hashable)).to_numpy(bool)
     if not hashable.all():
         index = int(np.argmin(hashable))
-        raise ValueError(
-            f"{row(index)}: the category must be text, found {reprlib.repr(values.iloc[index])}"
-        )
+        found = reprlib.repr(values.iloc[index])
+        raise InputError(f"the category must be text, found {found}", place=row(index))
     codes, names = pd.factorize(values)
     for code, name in enumerate(names):
         if name not in class_map:
-            raise ValueError(
-                f"{row(int(np.argmax(codes == code)))}: unknown category {reprlib.repr(name)}; "
-                f"name its class in a class map, or {IGNORE}"
+            raise InputError(
+                f"unknown category {reprlib.repr(name)}",
+                place=row(int(np.argmax(codes == code))),
+                fix=f"name its class in a class map, or {IGNORE}",
             )
     classes = np.array([class_map[name] for name in names], dtype=object)
     counts = np.bincount(codes, minlength=len(names)).tolist()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS, SOURCE
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classify, merged
 from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
@@ -76,12 +76,6 @@ def read_nuscenes(
     if not len(box):
         raise ValueError(f"{box.path}: has no boxes; those of the public test set are secret")
     frame = frame_of[box.rows_in(sample, "sample_token")]
-    size = box.numbers("size", 3)
-    if (size < 0).any():
-        row = int(np.argmax((size < 0).any(axis=1)))
-        raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
-    pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row)
-    pose = pose.seen_from(ego[frame])
     boxes = pd.DataFrame(
         {
             "scene": frames["scene"].to_numpy()[frame],
@@ -89,9 +83,7 @@ def read_nuscenes(
             "timestamp_s": frames["timestamp_s"].to_numpy()[frame],
             "object_id": box.columns["instance_token"],
             "class": _classes(folder, box, class_map, Counter() if ignored is None else ignored),
-            **dict(zip("xyz", pose.position.T, strict=True)),
-            **dict(zip(("width", "length", "height"), size.T, strict=True)),
-            "yaw": pose.yaw,
+            **in_ego(box, ego[frame]),
             POINTS: box.numbers("num_lidar_pts"),
         }
     )
@@ -108,6 +100,27 @@ def read_nuscenes(
     }
     boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
     return BoxLog(boxes[[*BOX_COLUMNS, POINTS]], frames, rigs=rigs)
+
+
+def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
+    """Columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world.
+
+    Args:
+        ego: our ego frame of every row.
+
+    Raises:
+        ValueError: a value is wrong; names file and row.
+    """
+    size = box.numbers("size", 3)
+    if (size < 0).any():
+        row = int(np.argmax((size < 0).any(axis=1)))
+        raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
+    pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
+    return {
+        **dict(zip("xyz", pose.position.T, strict=True)),
+        **dict(zip(("width", "length", "height"), size.T, strict=True)),
+        "yaw": pose.yaw,
+    }
 
 
 def _tables(folder: Path, version: str | None) -> Path:
@@ -155,6 +168,7 @@ def _frames(
             "split": np.where(test, "test", "train")[route],
             **ego.ego_columns(),
             CLOUD: files[in_order],
+            SOURCE: np.array(sample.columns["token"], dtype=object)[in_order],
         }
     )
     return frames, frame_of, ego

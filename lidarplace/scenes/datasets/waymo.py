@@ -18,7 +18,7 @@ from lidarplace.files.columns import check_columns, counts_if_known, integers, n
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, POINTS, count_columns
+from lidarplace.logs.boxes import BOX_COLUMNS, POINTS, SOURCE, count_columns
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
@@ -180,6 +180,7 @@ def _frames(path: Path, first: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
             "frame": first + np.arange(len(unique)),
             "timestamp_s": (unique - unique[:1]) / 1e6,
             **ego.ego_columns(),
+            SOURCE: frame_names(table, source)[rows],
         }
     )
     return frames, unique
@@ -218,16 +219,13 @@ def _boxes(
     if (index < 0).any():
         row = int(np.argmax(index < 0))
         raise ValueError(f"{source}: row {row}: no vehicle_pose of frame {of_box[row]}")
-    number = integers(table, TYPE, source)
-    names = pd.Series([_type(value) for value in number.tolist()], dtype=object)
+    names = types(table, source)
     boxes = pd.DataFrame(
         {
             **{name: frames[name].to_numpy()[index] for name in ("scene", "frame", "timestamp_s")},
             "object_id": texts(table, OBJECT, source),
             "class": classify(names, class_map, lambda row: f"{source}: row {row}", ignored),
-            **dict(zip("xyz", (numbers(table, CENTRE, source) - ORIGIN).T, strict=True)),
-            **dict(zip(("length", "width", "height"), sizes(table, SIZE, source).T, strict=True)),
-            "yaw": numbers(table, [HEADING], source)[:, 0],
+            **in_ego(table, source),
         }
     )
     for name, own in COUNTS.items():
@@ -236,10 +234,30 @@ def _boxes(
     return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable")
 
 
-def _type(number: int) -> str:
-    """The name of a type; a number beyond those that are known is a category of its own."""
+def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
+    """Columns of `GEOMETRY` from those of a table of Waymo: `CENTRE`, `SIZE` and `HEADING`.
+
+    Raises ValueError that names file, row and value.
+    """
+    return {
+        **dict(zip("xyz", (numbers(table, CENTRE, source) - ORIGIN).T, strict=True)),
+        **dict(zip(("length", "width", "height"), sizes(table, SIZE, source).T, strict=True)),
+        "yaw": numbers(table, [HEADING], source)[:, 0],
+    }
+
+
+def frame_names(table: pd.DataFrame, source: str) -> NDArray[np.object_]:
+    """The frame of every row, `SEGMENT/TIME`; (rows,), text."""
+    time = integers(table, TIME, source).astype(str).astype(object)
+    return np.asarray(texts(table, SEGMENT, source) + "/" + time, object)
+
+
+def types(table: pd.DataFrame, source: str) -> pd.Series:
+    """Names of the types; a number beyond those that are known is a category of its own."""
     names = list(WAYMO)
-    return names[number] if 0 <= number < len(names) else str(number)
+    numbered = integers(table, TYPE, source).tolist()
+    named = (names[n] if 0 <= n < len(names) else str(n) for n in numbered)
+    return pd.Series([*named], dtype=object)
 
 
 def _table(path: Path, names: Sequence[str]) -> pd.DataFrame:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
+
 
 def frame_name(frame: int) -> str:
     """The name of the files of a frame, without suffix."""
@@ -15,7 +17,7 @@ def part(folder: Path, name: str) -> Path:
 
 
 def fault(message: str, skipped: list[str] | None) -> None:
-    """Add to what is skipped, if that is asked for; otherwise the first fault is a ValueError."""
+    """Add to what is skipped, if that is asked for; otherwise the first fault is an InputError."""
     if skipped is None:
-        raise ValueError(message)
+        raise InputError(message)
     skipped.append(message)

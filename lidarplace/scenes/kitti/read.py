@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -16,7 +16,7 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.files.regular import is_there, regular
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS, SOURCE
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
@@ -107,8 +107,8 @@ def read_kitti(
             continue
         placed.append(True)
         path = part(folder, "label_2") / f"{frame_name(frame)}.txt"
-        for line, name, values in _lines(path, types, ignored, skipped):
-            numbers.append(values)
+        for line, name, values in read_labels(path, types, ignored, skipped):
+            numbers.append(values[:_NUMBERS])
             names.append((frame, f"{frame_name(frame)}-{line}", types[name]))
             to_ego.append(pose)
     frames = frames[placed].reset_index(drop=True)
@@ -117,15 +117,18 @@ def read_kitti(
     frames.insert(0, "scene", folder.resolve().name)
     boxes = pd.DataFrame(names, columns=["frame", "object_id", "class"])
     boxes = boxes.astype({"frame": np.int64, "object_id": str, "class": str})
-    geometry = _to_ego(
+    geometry = in_ego(
         np.array(numbers).reshape(-1, _NUMBERS)[:, -7:], np.array(to_ego).reshape(-1, 3, 4)
     )
     boxes = boxes.assign(scene=folder.resolve().name, timestamp_s=np.nan, **geometry)
     frames[CLOUD] = [f"velodyne/{frame_name(frame)}.bin" for frame in frames["frame"]]
+    frames[SOURCE] = frames["frame"].map(frame_name)
     mount = Mount(z=lidar_height)
     rig = RecordedRig(("velodyne",), Placement("kitti", [mount], lidar or kitti_lidar()))
     return BoxLog(
-        boxes[list(BOX_COLUMNS)], frames[[*FRAME_COLUMNS, CLOUD]], rigs={folder.resolve().name: rig}
+        boxes[list(BOX_COLUMNS)],
+        frames[[*FRAME_COLUMNS, CLOUD, SOURCE]],
+        rigs={folder.resolve().name: rig},
     )
 
 
@@ -194,18 +197,26 @@ def _pose(path: Path, lidar_height: float) -> NDArray[np.float64]:
         ) from None
 
 
-def _lines(
-    path: Path, types: Mapping[str, str], ignored: Counter[str], skipped: list[str] | None
+def read_labels(
+    path: Path,
+    types: Mapping[str, str],
+    ignored: Counter[str],
+    skipped: list[str] | None = None,
+    fields_of_line: Sequence[int] = (_NUMBERS + 1, _NUMBERS + 2),
 ) -> list[tuple[int, str, list[float]]]:
-    """Line, type and 14 numbers of the boxes of a label file; those ignored are counted."""
+    """Line, type and numbers, 14 and maybe a score, of the boxes of a file; counts those ignored.
+
+    Raises ValueError that names file and line, unless `skipped` gets it.
+    """
+    wanted = " or ".join(map(str, fields_of_line))
     found = []
     for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
         fields = line.split()
         if not fields:
             continue
         where = f"{path}: line {number}"
-        if len(fields) not in (_NUMBERS + 1, _NUMBERS + 2):
-            fault(f"{where}: expected 15 or 16 fields, found {len(fields)}", skipped)
+        if len(fields) not in fields_of_line:
+            fault(f"{where}: expected {wanted} fields, found {len(fields)}", skipped)
             continue
         name = fields[0]
         if name not in types:
@@ -219,7 +230,7 @@ def _lines(
             ignored[name] += 1
             continue
         try:
-            values = [float(text) for text in fields[1 : _NUMBERS + 1]]
+            values = [float(text) for text in fields[1:]]
         except ValueError:
             values = [math.nan]
         if not all(map(math.isfinite, values)):
@@ -233,7 +244,7 @@ def _lines(
     return found
 
 
-def _to_ego(
+def in_ego(
     labels: NDArray[np.float64], to_ego: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """Columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).

@@ -1,0 +1,328 @@
+"""Detections of other programs: every layout, and what is wrong in one."""
+
+import json
+import pickle
+import subprocess
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lidarplace.base.errors import InputError
+from lidarplace.detections.read import COLUMNS, LAYOUTS, read_detections
+from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
+from lidarplace.logs.boxes import GEOMETRY, SIZE, SOURCE, full_poses
+from lidarplace.scenes.datasets import argoverse, waymo
+from lidarplace.scenes.datasets.argoverse import read_argoverse
+from lidarplace.scenes.datasets.nuscenes import read_nuscenes
+from lidarplace.scenes.datasets.waymo import read_waymo
+from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
+from lidarplace.scenes.kitti.labels import label_lines, to_labels
+from tests.lidarplace import argoverse_layout, nuscenes_layout, waymo_layout
+from training.kitti_ap import evaluate_boxes
+
+CLASSES = ("Car", "Cyclist", "Pedestrian")
+NAMES = {
+    "kitti": dict(zip(CLASSES, CLASSES, strict=True)),
+    "nuscenes": {"Car": "car", "Cyclist": "bicycle", "Pedestrian": "pedestrian"},
+    "argoverse": {"Car": "REGULAR_VEHICLE", "Cyclist": "BICYCLIST", "Pedestrian": "PEDESTRIAN"},
+    "waymo": {"Car": 1, "Cyclist": 4, "Pedestrian": 2},
+    "parquet": dict(zip(CLASSES, CLASSES, strict=True)),
+}
+SOURCES = {
+    "kitti": "{:06d}",
+    "nuscenes": "{:032x}",
+    "argoverse": "log/{}",
+    "waymo": "segment/{}",
+    "parquet": "drive {}",
+}
+
+
+def log_of(layout: str, frames: int = 30) -> BoxLog:
+    """Boxes of three classes around a vehicle that drives a bend uphill; numbers of two digits."""
+    random = np.random.default_rng(7)
+    times = np.arange(frames)
+    table = pd.DataFrame(
+        {
+            "scene": "s",
+            "frame": times,
+            "timestamp_s": 0.1 * times,
+            "route": times // 10,
+            "split": "test",
+            "ego_x": 1000.0 + 2 * times,
+            "ego_y": 500.0 - times,
+            "ego_yaw": 0.02 * times,
+            "ego_z": 0.1 * times,
+            "ego_roll": 0.01 * np.sin(times),
+            "ego_pitch": -0.02 * np.cos(times),
+            SOURCE: [SOURCES[layout].format(1000 + t if layout == "waymo" else t) for t in times],
+        }
+    )
+    rows = []
+    for time in times.tolist():
+        for number, name in enumerate(CLASSES * 2):
+            place = [6.0 + 5 * number, random.uniform(-9, 9), 0.9]
+            size = np.round(random.uniform([3.0, 1.0, 1.4], [5.0, 2.0, 1.9]), 2)
+            yaw = random.uniform(-3, 3)
+            rows.append(("s", time, 0.1 * time, f"{number}", name, *place, *size, yaw))
+    boxes = pd.DataFrame(
+        rows, columns=["scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY]
+    )
+    boxes[[*"xyz", *SIZE, "yaw"]] = boxes[[*"xyz", *SIZE, "yaw"]].round(2)
+    return BoxLog(boxes, table)
+
+
+def in_world(log: BoxLog, boxes: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Centres, and rotations as w, x, y, z, of boxes in the world."""
+    poses = full_poses(log.frames)
+    turns = Rotation.from_matrix([poses[frame][0] for frame in boxes["frame"]])
+    at = np.array([poses[frame][1] for frame in boxes["frame"]])
+    centre = turns.apply(boxes[[*"xyz"]].to_numpy()) + at
+    turned = turns * Rotation.from_euler("z", boxes[["yaw"]].to_numpy())
+    return centre, turned.as_quat()[:, [3, 0, 1, 2]]
+
+
+def write(layout, path, log, boxes):
+    """Write boxes with scores as detections; returns the path."""
+    source = boxes["frame"].map(log.frames.set_index("frame")[SOURCE])
+    names = boxes["class"].map(NAMES[layout])
+    if layout == "kitti":
+        path.mkdir()
+        labels = to_labels(boxes.assign(occluded=0))
+        lines = np.array(label_lines(labels), object) + [f" {s!r}" for s in boxes["score"].tolist()]
+        for frame, own in pd.Series(lines).groupby(source.to_numpy()):
+            (path / f"{frame}.txt").write_text("".join(f"{line}\n" for line in own))
+        return path
+    if layout == "nuscenes":
+        centre, turned = in_world(log, boxes)
+        results = {token: [] for token in log.frames[SOURCE]}
+        for n, token in enumerate(source):
+            results[token].append(
+                {
+                    "sample_token": token,
+                    "translation": centre[n].tolist(),
+                    "size": boxes[["width", "length", "height"]].to_numpy()[n].tolist(),
+                    "rotation": turned[n].tolist(),
+                    "detection_name": names.iloc[n],
+                    "detection_score": float(boxes["score"].iloc[n]),
+                    "attribute_name": "",
+                }
+            )
+        path = path.with_suffix(".json")
+        path.write_text(json.dumps({"meta": {"use_lidar": True}, "results": results}))
+        return path
+    if layout == "argoverse":
+        turned = Rotation.from_euler("z", boxes[["yaw"]].to_numpy()).as_quat()[:, [3, 0, 1, 2]]
+        columns = dict(zip(argoverse.QUATERNION, turned.T, strict=True))
+        centre = boxes[[*"xyz"]].to_numpy() + argoverse.ORIGIN
+        columns |= dict(zip(argoverse.TRANSLATION, centre.T, strict=True))
+        columns |= dict(zip(argoverse.SIZE, boxes[list(SIZE)].to_numpy().T, strict=True))
+        log_id, time = source.str.split("/", expand=True).T.to_numpy()
+        columns |= {"log_id": log_id, "timestamp_ns": time.astype(np.int64), "category": names}
+        path = path.with_suffix(".feather")
+        pd.DataFrame(columns | {"score": boxes["score"]}).to_feather(path)
+        return path
+    path = path.with_suffix(".parquet")
+    if layout == "waymo":
+        centre = boxes[[*"xyz"]].to_numpy() + waymo.ORIGIN
+        columns = dict(zip(waymo.CENTRE, centre.T, strict=True))
+        columns |= dict(zip(waymo.SIZE, boxes[list(SIZE)].to_numpy().T, strict=True))
+        segment, time = source.str.split("/", expand=True).T.to_numpy()
+        columns |= {waymo.SEGMENT: segment, waymo.TIME: time.astype(np.int64), waymo.TYPE: names}
+        columns |= {waymo.HEADING: boxes["yaw"], "score": boxes["score"]}
+        pd.DataFrame(columns).to_parquet(path)
+        return path
+    boxes[list(COLUMNS)].to_parquet(path)
+    return path
+
+
+def scored(boxes: pd.DataFrame) -> pd.DataFrame:
+    return boxes.assign(score=np.random.default_rng(1).uniform(0.1, 1, len(boxes)))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_labels_fed_back_are_perfect(layout, tmp_path):
+    log = log_of(layout)
+    path = write(layout, tmp_path / "found", log, scored(log.boxes))
+    found = read_detections([path], log, CLASSES)
+    table = evaluate_boxes(log.boxes, found, log.frames["frame"].tolist(), CLASSES)
+    assert len(found) == len(log.boxes)
+    assert tuple(found.columns) == COLUMNS
+    assert (table.loc[table["metric"] != "mean_overlap", "value"] == 100).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_jittered_ones_give_what_kitti_ap_gives(layout, tmp_path):
+    log = log_of(layout)
+    random = np.random.default_rng(3)
+    moved = scored(log.boxes[random.uniform(size=len(log.boxes)) < 0.8])
+    moved[[*"xy"]] += random.normal(0, 0.15, (len(moved), 2)).round(2)
+    found = read_detections([write(layout, tmp_path / "found", log, moved)], log, CLASSES)
+    # As KITTI's files hold it, numbers have two decimals and boxes stand upright.
+    assert found[list(GEOMETRY)].to_numpy() == pytest.approx(
+        moved[list(GEOMETRY)].to_numpy(), abs=0.011 if layout == "kitti" else 1e-3
+    )
+    frames = log.frames["frame"].tolist()
+    direct, read = (evaluate_boxes(log.boxes, own, frames, CLASSES) for own in (moved, found))
+    assert 20 < direct.query("metric == 'AP_R40_3D'")["value"].mean() < 80
+    of_one_iou = direct["metric"] != "mean_overlap"
+    if layout != "kitti":
+        assert read[of_one_iou].equals(direct[of_one_iou])
+
+
+def test_a_table_in_the_world(tmp_path):
+    log = log_of("parquet")
+    boxes = scored(log.boxes)
+    level = replace(log, frames=log.frames.drop(columns=["ego_z", "ego_roll", "ego_pitch"]))
+    centre, _ = in_world(level, boxes)
+    turned = boxes["yaw"] + boxes["frame"].map(level.frames.set_index("frame")["ego_yaw"])
+    own = boxes.assign(**dict(zip("xyz", centre.T, strict=True)), yaw=turned)
+    source = own.pop("frame").map(log.frames.set_index("frame")[SOURCE])
+    own.assign(source=source).to_parquet(tmp_path / "found.parquet")
+    found = read_detections([tmp_path / "found.parquet"], level, CLASSES, world=True)
+    assert found[list("xyz")].to_numpy() == pytest.approx(boxes[list("xyz")].to_numpy())
+    turn = (found["yaw"] - boxes["yaw"].to_numpy()).to_numpy()
+    assert np.exp(1j * turn) == pytest.approx(1)
+    without = replace(level, frames=level.frames.drop(columns=["ego_x"]))
+    with pytest.raises(InputError, match="need the pose of the vehicle; expected ego_x"):
+        read_detections([tmp_path / "found.parquet"], without, CLASSES, world=True)
+
+
+def test_calib_files_place_the_camera(tmp_path):
+    log = log_of("kitti", 2)
+    path = write("kitti", tmp_path / "found", log, scored(log.boxes))
+    (tmp_path / "calib").mkdir()
+    ahead = {**STANDARD, "Tr_velo_to_cam": STANDARD["Tr_velo_to_cam"] - [0, 0, 0, 1.0]}
+    for stem in log.frames[SOURCE]:
+        (tmp_path / "calib" / f"{stem}.txt").write_text(calibration_text(ahead))
+    usual, moved = (
+        read_detections([path], log, CLASSES, calibration=own) for own in (None, tmp_path / "calib")
+    )
+    assert (moved[[*"xyz"]] - usual[[*"xyz"]]).mean().tolist() == pytest.approx([1, -1, -1])
+    (tmp_path / "calib" / "000001.txt").unlink()
+    with pytest.raises(InputError, match=r"calib/000001\.txt"):
+        read_detections([path], log, CLASSES, calibration=tmp_path / "calib")
+
+
+def test_known_names_without_class_are_counted(tmp_path):
+    log, path = log_of("kitti", 1), tmp_path / "000000.txt"
+    numbers = "-1 -1 -10 0 0 10 10 1.5 1.6 4 1 1.7 20 0.1 0.9"
+    names = ("Car", "Van", "Tram", "DontCare", "Pedestrian")
+    path.write_text("".join(f"{name} {numbers}\n" for name in names))
+    ignored = Counter()
+    found = read_detections([path], log, ["Car"], ignored=ignored)
+    assert found["class"].tolist() == ["Car", "Car"]
+    assert ignored == {"Tram": 1, "DontCare": 1, "Pedestrian": 1}
+    own = read_detections([path], log, ["Car", "Van", "Lorry"], class_map={"Tram": "Lorry"})
+    assert own["class"].tolist() == ["Car", "Van", "Lorry"]
+
+
+GOOD = {"frame": [3, 4], "class": "Car", **dict.fromkeys(GEOMETRY, 1.0), "score": [0.5, 0.6]}
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ({"frame": [3, 99]}, "row 1: unknown frame; expected a frame of the log, such as 0, found"),
+        ({"class": ["Car", "Lorry"]}, "row 1: unknown category 'Lorry'; name its class"),
+        ({"x": [1.0, np.nan]}, "row 1: x: invalid value; expected a finite number, found nan"),
+        (
+            {"score": ["high", "0.5"]},
+            "row 0: score: invalid value; expected a finite number, found",
+        ),
+        ({"width": [0.0, 1.0]}, "row 0: width: invalid value; expected more than 0 m, found 0"),
+        ({"yaw": [0.0, 90.0]}, "row 1: yaw: invalid value; expected radians, at most two turns"),
+        ({"source": ["drive 3", "drive 99"]}, "row 1: unknown frame"),
+    ],
+)
+def test_wrong_rows_of_a_table(columns, told, tmp_path):
+    path = tmp_path / "found.parquet"
+    pd.DataFrame(GOOD | columns).to_parquet(path)
+    with pytest.raises(InputError) as caught:
+        read_detections([path], log_of("parquet"), CLASSES)
+    assert str(caught.value).startswith(f"{path}: {told}")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("000000.txt", "Car 1 2 3\n", "line 1: expected 16 fields, found 4"),
+        ("000000.txt", f"Car {'1 ' * 14}nan\n", "line 1: expected finite numbers"),
+        ("000000.txt", f"Lorry {'1 ' * 15}\n", "line 1: unknown type 'Lorry'"),
+        ("000077.txt", "", "unknown frame; expected a frame of the log, such as"),
+        ("found.json", "[]", 'no detections; expected {"results": {SAMPLE: [BOX]}}'),
+        ("found.json", '{"results": {"1": []}}', "sample 1: unknown frame"),
+        ("found.json", '{"results": {"000000": [1]}}', "token 000000: box 0: translation, size"),
+        ("found.parquet", "no table", "is no Parquet file"),
+        ("found.feather", "no table", "no Feather file"),
+        ("found.csv", "", "unknown layout; expected .txt, .json, .feather, .parquet"),
+        ("found.pkl", "", "a pickle can run code, so none is read; one of OpenPCDet becomes"),
+    ],
+)
+def test_wrong_files(name, text, told, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_detections([tmp_path / name], log_of("kitti"), CLASSES)
+    assert str(caught.value).startswith(f"{tmp_path / name}: {told}")
+
+
+def test_the_line_that_converts_a_pickle_works(tmp_path):
+    path = tmp_path / "result.pkl"
+    boxes = np.array([[10.0, 1.0, -0.9, 4.0, 1.7, 1.5, 0.1]])
+    found = {"frame_id": "000003", "name": np.array(["Car"]), "score": np.array([0.7])}
+    none = {"frame_id": "000004", "name": np.array([]), "score": np.array([])}
+    path.write_bytes(
+        pickle.dumps([found | {"boxes_lidar": boxes}, none | {"boxes_lidar": np.zeros((0, 7))}])
+    )
+    with pytest.raises(InputError) as caught:
+        read_detections([path], log_of("kitti"), CLASSES)
+    subprocess.run(caught.value.fix.partition(": ")[2], shell=True, check=True)
+    own = read_detections([tmp_path / "result.parquet"], log_of("kitti"), CLASSES)
+    assert own.to_numpy().tolist() == [[3, "Car", 10.0, 1.0, 0.83, 4.0, 1.7, 1.5, 0.1, 0.7]]
+
+
+def test_frames_keep_their_names_on_disk(tmp_path):
+    log = log_of("argoverse", 3)
+    write_box_log(tmp_path, log)
+    assert read_box_log(tmp_path).frames[SOURCE].tolist() == ["log/0", "log/1", "log/2"]
+    twice = replace(log, frames=log.frames.assign(source="a"))
+    with pytest.raises(InputError, match="log: source: duplicate name of a frame; found a"):
+        read_detections([write("parquet", tmp_path / "f", log, scored(log.boxes))], twice, CLASSES)
+
+
+def test_annotations_of_nuscenes_are_its_detections(tmp_path):
+    north = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+    box = nuscenes_layout.Box("vehicle.car", (99.0, 210.0, 0.9), (1.9, 4.6, 1.7), north)
+    sample = nuscenes_layout.Sample(1_000_000, [box], (100.0, 200.0, 0.5), north)
+    scene = nuscenes_layout.Scene("scene-0061", [sample])
+    folder = nuscenes_layout.write_nuscenes(tmp_path / "v1.0-mini", [scene], ["vehicle.car"])
+    log = read_nuscenes(folder)
+    (row,) = json.loads((folder / "sample_annotation.json").read_text())
+    row |= {"detection_name": "car", "detection_score": 0.5}
+    (tmp_path / "found.json").write_text(json.dumps({"results": {row["sample_token"]: [row]}}))
+    found = read_detections([tmp_path / "found.json"], log, CLASSES)
+    assert found[list(GEOMETRY)].to_numpy() == pytest.approx(log.boxes[list(GEOMETRY)].to_numpy())
+
+
+def test_annotations_of_argoverse_are_its_detections(tmp_path):
+    box = argoverse_layout.Box(5, "BICYCLIST", (10.0, 1.0, 0.5), rotation=(0.9, 0.0, 0.0, 0.1))
+    poses = {5: (argoverse_layout.LEVEL, (1.0, 2.0, 3.0))}
+    drive = argoverse_layout.Log("val", "01bb", [box], poses)
+    log = read_argoverse(argoverse_layout.write_argoverse(tmp_path, [drive]))
+    own = pd.read_feather(tmp_path / "val" / "01bb" / "annotations.feather")
+    own.assign(log_id="01bb", score=0.5).to_feather(tmp_path / "found.feather")
+    found = read_detections([tmp_path / "found.feather"], log, CLASSES)
+    assert found[["frame", "class", *GEOMETRY]].equals(log.boxes[["frame", "class", *GEOMETRY]])
+
+
+def test_boxes_of_waymo_are_its_detections(tmp_path):
+    box = waymo_layout.Box(100_000, 4, (12.0, -2.0, 0.9), (1.8, 0.7, 1.7), 0.3, "rider")
+    segment = waymo_layout.Segment("training", "s1", {100_000: np.eye(4)}, [box])
+    log = read_waymo(waymo_layout.write_waymo(tmp_path, [segment]))
+    (path,) = (tmp_path / "training" / "lidar_box").iterdir()
+    pd.read_parquet(path).assign(score=0.5).to_parquet(tmp_path / "found.parquet")
+    found = read_detections([tmp_path / "found.parquet"], log, CLASSES)
+    assert found[["frame", "class", *GEOMETRY]].equals(log.boxes[["frame", "class", *GEOMETRY]])
