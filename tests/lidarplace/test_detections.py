@@ -32,6 +32,7 @@ NAMES = {
     "waymo": {"Car": 1, "Cyclist": 4, "Pedestrian": 2},
     "parquet": dict(zip(CLASSES, CLASSES, strict=True)),
 }
+SAME = ["frame", "class", *GEOMETRY]
 SOURCES = {
     "kitti": "{:06d}",
     "nuscenes": "{:032x}",
@@ -315,7 +316,7 @@ def test_annotations_of_argoverse_are_its_detections(tmp_path):
     own = pd.read_feather(tmp_path / "val" / "01bb" / "annotations.feather")
     own.assign(log_id="01bb", score=0.5).to_feather(tmp_path / "found.feather")
     found = read_detections([tmp_path / "found.feather"], log, CLASSES)
-    assert found[["frame", "class", *GEOMETRY]].equals(log.boxes[["frame", "class", *GEOMETRY]])
+    pd.testing.assert_frame_equal(found[SAME], log.boxes[SAME], check_dtype=False)
 
 
 def test_boxes_of_waymo_are_its_detections(tmp_path):
@@ -325,4 +326,4 @@ def test_boxes_of_waymo_are_its_detections(tmp_path):
     (path,) = (tmp_path / "training" / "lidar_box").iterdir()
     pd.read_parquet(path).assign(score=0.5).to_parquet(tmp_path / "found.parquet")
     found = read_detections([tmp_path / "found.parquet"], log, CLASSES)
-    assert found[["frame", "class", *GEOMETRY]].equals(log.boxes[["frame", "class", *GEOMETRY]])
+    pd.testing.assert_frame_equal(found[SAME], log.boxes[SAME], check_dtype=False)
