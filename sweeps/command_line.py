@@ -61,6 +61,9 @@ VERBS = {
     "pretrain": Verb(
         "sweeps.commands.pretrain", "Train a detector on all placements together.", "sweeps"
     ),
+    "evaluate": Verb(
+        "sweeps.commands.evaluate", "Print AP and recall of detections from elsewhere."
+    ),
     "calibrate": Verb(
         "sweeps.commands.calibrate", "Fit detection curves to the detections of a sweep."
     ),

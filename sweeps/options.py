@@ -58,3 +58,55 @@ SetOption = Annotated[
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="print the plan and stop")]
 
 SchemaOption = Annotated[bool, typer.Option("--schema", help="print the JSON schema of the file")]
+
+RigsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rig",
+        metavar="NAME=PATH",
+        help="detections of a rig, a file or a folder; repeatable, and with the same name for "
+        "another training of its detector",
+    ),
+]
+GeometryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--geometry",
+        metavar="NAME=WHAT",
+        help="where the LiDARs of a rig are: recorded, for the rig that recorded the log; "
+        "LIDAR+LIDAR, for some of it; or FILE.yaml; repeatable",
+    ),
+]
+LayoutOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="kitti|nuscenes|argoverse|waymo|parquet", help="by the names of files if not given"
+    ),
+]
+WorldFrameOption = Annotated[
+    bool, typer.Option("--world", help="boxes of plain Parquet are in the world, not the ego frame")
+]
+CalibOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--calib", help="folder of KITTI's calib files; the camera of `export` if not given"
+    ),
+]
+DetectionClassMapOption = Annotated[
+    str,
+    typer.Option("--class-map", metavar="paper|own|FILE", help="as `convert` made the log with it"),
+]
+ClassesOption = Annotated[
+    list[str] | None,
+    typer.Option("--class", metavar="NAME", help="repeatable; all classes of the log by default"),
+]
+SplitOption = Annotated[str, typer.Option(metavar="train|test", help="frames that are judged")]
+CountedOption = Annotated[
+    str,
+    typer.Option(
+        metavar="visible|points",
+        help="objects of the ROI that count: visible to an ideal sensor on the roof, as in a "
+        "sweep; or with a real point, where the log knows them",
+    ),
+]
+"""Of commands that read detections from elsewhere."""

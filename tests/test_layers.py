@@ -81,7 +81,7 @@ FLOORS = {
         "options plan store",
         "execution",
         "calibration results",
-        "mlflow",
+        "evaluation mlflow",
         "run_sweep",
         "search",
         "benchmark sweep_or_search",

@@ -16,7 +16,7 @@ from lidarplace.clouds.static_world import WorldAround, stopped, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import GEOMETRY, count_columns
+from lidarplace.logs.boxes import GEOMETRY, POINTS, count_columns
 
 VIEWPOINT = (0.0, 0.0, 2.4)
 """Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
@@ -185,13 +185,16 @@ def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.select([share >= full, share >= partly, share > 0], [0, 1, 2], 3)
 
 
-def ground_truth(log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int = 0) -> pd.DataFrame:
+def ground_truth(
+    log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int = 0, by_points: bool = False
+) -> pd.DataFrame:
     """The objects that count: centre in the ROI x, y, z, faces included, and visible.
 
     Rows of `log.boxes` without counts of real points and with three columns more: `visibility`, the
     share seen; `occluded`, KITTI's level of it; `truncated`, the share of the footprint outside the
     ROI, where KITTI's is that outside the image. Hidden objects and those outside still hide
-    others. The same for every placement.
+    others. The same for every placement. `by_points`: those with a real point of the recorded rig
+    count, in place of the visible ones.
     """
     inside = np.ones(len(log.boxes), bool)
     for axis, (low, high) in zip("xyz", (x, y, z), strict=True):
@@ -203,4 +206,5 @@ def ground_truth(log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int =
         occluded=occluded(share),
         truncated=truncation(log.boxes[list(GEOMETRY)].to_numpy(np.float64), x, y),
     )
-    return table[inside & (share > 0)]
+    counts = log.boxes[POINTS].to_numpy(np.float64) > 0 if by_points else share > 0
+    return table[inside & counts]

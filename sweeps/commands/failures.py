@@ -134,6 +134,11 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     from sweeps.results.trial_results import identity
     from sweeps.store.open import store_of
 
+    if run.sweep.detections:
+        kept = run.failures
+        if kept is None or not kept.are_of(found.rigs, found.objects["object"]):
+            return None, "`lidarplace evaluate` keeps those of the recommended rigs alone"
+        return kept, ""
     config = run.path / "config.yaml"
     sweep, plan = read_plan(config, [])
     store = store_of(sweep)

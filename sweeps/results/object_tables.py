@@ -13,7 +13,7 @@ from sweeps.store.open import AnyStore
 from tracking.run_folders.sweep_tables import OBJECTS
 from training.found_objects import found_objects
 
-_ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility", "occluded")
+ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility", "occluded")
 
 
 def object_tables(
@@ -51,7 +51,7 @@ def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     frames = pd.concat([truth.frames for truth in truths])
     test = frames.loc[frames["split"] == "test", ["frame", "route"]]
     objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
-    return pd.DataFrame(objects.merge(test, on="frame")[list(_ABOUT)])
+    return pd.DataFrame(objects.merge(test, on="frame")[list(ABOUT)])
 
 
 def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:

@@ -34,6 +34,7 @@ from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
 from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
 from lidarplace.pog.surrogates.table import SURROGATES, to_ask_for
+from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -323,10 +324,7 @@ def evaluate(
     params: NetworkParams, weights: Trained, *inputs: Collected | GroundTruth
 ) -> Evaluated:
     """Detect on the test clouds and compare with the ground truth."""
-    from training.by_distance import evaluate_by_distance
-    from training.by_sector import recall_by_sector
     from training.detect import detect
-    from training.kitti_ap import evaluation
 
     clouds, objects = _clouds_and_objects(inputs)
     found = detect(
@@ -338,21 +336,15 @@ def evaluate(
         point_range=params.point_range,
         typical=params.typical,
     )
-    frames = clouds.frames.tolist()
-    classes, ious = params.classes, dict(params.ious)
     routes = pd.concat([truth.frames for truth in _of(GroundTruth, inputs)])
-    routes = routes[routes["frame"].isin(frames)]
-    whole = evaluation(
-        objects, found.boxes, frames, classes, found.refined, routes, ious, params.metrics
-    )
-    assert whole.left_out is not None  # routes are given
-    return Evaluated(
-        metrics=whole.metrics,
-        pr_curves=whole.curves,
-        left_out=whole.left_out,
-        by_distance=evaluate_by_distance(objects, found.boxes, frames, classes, ious),
-        by_sector=recall_by_sector(whole.objects, ious),
-        detections=found.boxes,
+    return evaluated(
+        objects,
+        found.boxes,
+        routes[routes["frame"].isin(clouds.frames)],
+        params.classes,
+        dict(params.ious),
+        found.refined,
+        params.metrics,
     )
 
 

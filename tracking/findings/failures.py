@@ -43,7 +43,7 @@ class Failures:
         trials: of the lowest seed, by the rigs.
         objects: columns of `objects.parquet`, one setting of the axes, in their order.
         found: of every object under each rig with each seed, shape (2, objects, seeds), bool.
-        points: on every object under each rig, shape (2, objects).
+        points: on every object under each rig, shape (2, objects); NaN where unknown.
         generalist: whether a seed is one detector for both rigs.
     """
 
@@ -53,7 +53,7 @@ class Failures:
     trials: tuple[str, str]
     objects: pd.DataFrame
     found: NDArray[np.bool_]
-    points: NDArray[np.int64]
+    points: NDArray[np.int64] | NDArray[np.float64]
     generalist: bool
 
     @cached_property
@@ -224,7 +224,7 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
         trials=tuple(trials.iloc[0]),
         objects=objects,
         found=np.stack([wide[trials[rig]].to_numpy(np.bool_) for rig in rigs]),
-        points=np.stack([points[trials[rig].iloc[0]].to_numpy(np.int64) for rig in rigs]),
+        points=np.stack([points[trials[rig].iloc[0]].to_numpy() for rig in rigs]),
         generalist=group.judge == GENERALIST,
     )
 
@@ -237,7 +237,7 @@ def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
     ):
         file = run.path / contract.file
         for column in contract.columns:
-            if column.dtype is not None and table[column.name].isna().any():
+            if column.needed and column.dtype is not None and table[column.name].isna().any():
                 raise ValueError(f"{file}: column {column.name}: a value is missing")
         twice = table.duplicated(keys)
         if twice.any():

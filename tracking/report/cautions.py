@@ -90,7 +90,7 @@ def _few(n: int) -> list[str]:
 def _few_frames(run: RunFolder) -> list[str]:
     train, test = run.sweep.frames.train, run.sweep.frames.test
     said = []
-    if train < FEW_FRAMES:
+    if train < FEW_FRAMES and not run.sweep.detections:
         said.append(
             f"Only {train} training frame{'s' * (train != 1)}: a detector learns little from so "
             "few, and the surrogates are of the same frames."

@@ -112,11 +112,16 @@ def _fate(found: Failures, row: int) -> str:
     """How many seeds found an object under each rig, and the points on it."""
     seeds = len(found.seeds)
     return "; ".join(
-        f"{rig}: {round(share * seeds)} of {seeds}, {digits(count, ',')} points"
+        f"{rig}: {round(share * seeds)} of {seeds}{_points(count)}"
         for rig, share, count in zip(
             found.rigs, found.shares[:, row], found.points[:, row], strict=True
         )
     )
+
+
+def _points(count: float) -> str:
+    """How many are on an object; "" where that is unknown."""
+    return f", {digits(count, ',.0f')} points" if np.isfinite(count) else ""
 
 
 def frame_in_space(
@@ -151,7 +156,7 @@ def frame_in_space(
         mode="markers",
         marker={"size": 4, "color": [[*FOUND.values()][i] for i in fate]},
         hovertext=[
-            f"{text(own['class'])}<br>found by {share:.0%} of the seeds<br>{own['points']:,} points"
+            f"{text(own['class'])}<br>found by {share:.0%} of the seeds{_points(own['points'])}"
             for own, share in zip(objects.to_dict("records"), shares, strict=True)
         ],
         hoverinfo="text",

@@ -138,7 +138,9 @@ def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
         some(same) or ", ".join(f"{said.best} ({said.group})" for said in first),
         tuple(leads),
         " ".join(filter(None, [agree, grade(weak) or ("" if several else first[0].sure)])),
-        remedy(run.sweep.command, [w for own in every for said in own for w in said.weaknesses]),
+        ""
+        if run.sweep.detections  # whose detectors no command of ours trains
+        else remedy(run.sweep.command, [w for own in every for s in own for w in s.weaknesses]),
         tuple(every[0][1:]),
         not weak,
     )

@@ -96,6 +96,9 @@ class SweepResult(ResultFile):
     """What each rung ranked by, kept and set."""
     judge: str = "specialist"
     """Whose detections tell of a placement, where `judge` is no axis."""
+    detections: dict[str, tuple[str, ...]] = Field({})
+    """Files of detections from elsewhere by placement, which `lidarplace evaluate` read; none of a
+    sweep."""
     tracking_uri: str | None = None
     """Where MLflow has the runs, without passwords."""
     cores: CountFromOne | None = None

@@ -210,7 +210,7 @@ FOUND = Table(
     (
         _TRIAL,
         Column("object", "int64", "its number in `objects.parquet`"),
-        Column("points", "int64", "of the clouds on it"),
+        Column("points", "int64", "of the clouds on it, where they are known", False, math.nan),
         Column("found", "bool", "whether `class_recall_3D` counts it at KITTI's strict IoU"),
     ),
 )

@@ -52,7 +52,8 @@ def write_decision(
     short = failures and Section(failures.title, failures.notes[:2], links=failures.links)
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
     required = rigs_requirements_section(run, first.shown, first.group.setting)
-    parts = (recall, rigs_section(run, first), required, blind, short)
+    seats = rigs_section(run, first) if all(run.placements[name] for name in first.shown) else None
+    parts = (recall, seats, required, blind, short)
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
@@ -63,7 +64,7 @@ def write_decision(
         required=first.required(run),
         warnings=warnings,
         tables=sorted(f.name for f in (run.path / FOLDER).glob("*.csv") if _SHOWN.match(f.name)),
-        dashboard=command("dashboard", str(run.path)),
+        dashboard=None if run.sweep.detections else command("dashboard", str(run.path)),
         studio=command("studio", str(rigs)) if rigs.exists() else None,
     )
 

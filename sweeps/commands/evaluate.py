@@ -1,0 +1,154 @@
+"""AP and recall of detections from elsewhere: `lidarplace evaluate LOG DETECTIONS`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidarplace.command_line.options import LogArgument
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import (
+    FRONT_ROI,
+    JsonOption,
+    RoiOption,
+    checked_input,
+    new_app,
+    print_json,
+    verb,
+)
+from sweeps.options import (
+    CalibOption,
+    ClassesOption,
+    CountedOption,
+    DetectionClassMapOption,
+    GeometryOption,
+    LayoutOption,
+    RigsOption,
+    SplitOption,
+    WorldFrameOption,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    import pandas as pd
+    from rich.table import Table
+
+app = new_app()
+
+SHOWN = ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall")
+"""What the terminal shows, at the strict IoU of a class."""
+
+
+@verb(
+    app,
+    "logs/kitti results/data",
+    "logs/av2 --rig roof=roof.feather --rig corners=corners.feather --out runs/roof",
+)
+def evaluate(
+    log: LogArgument,
+    detections: Annotated[
+        list[Path] | None, typer.Argument(help="files, or folders of them, of one rig")
+    ] = None,
+    rig: RigsOption = None,
+    geometry: GeometryOption = None,
+    layout: LayoutOption = None,
+    world: WorldFrameOption = False,
+    calib: CalibOption = None,
+    class_map: DetectionClassMapOption = "paper",
+    roi: RoiOption = FRONT_ROI,
+    class_: ClassesOption = None,
+    split: SplitOption = "test",
+    counted: CountedOption = "visible",
+    generalist: Annotated[
+        bool,
+        typer.Option(
+            "--generalist",
+            help="one network made the detections of all rigs: intervals of rigs are of the test "
+            "objects alone",
+        ),
+    ] = False,
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="of the pages of two rigs or more")
+    ] = Path("runs/evaluation"),
+    as_json: JsonOption = False,
+) -> None:
+    """Print AP and recall of detections from elsewhere, with intervals over the test objects.
+
+    Reads KITTI's result files, nuScenes' JSON, Argoverse 2's feather, Waymo's and plain Parquet.
+    Two rigs or more become a run folder with a decision page, a failure page and a report.
+    """
+    from sweeps.evaluation.asked import asked_for
+    from sweeps.evaluation.rigs import geometries
+    from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
+    from tracking.findings.groups import GENERALIST
+    from tracking.findings.summary import seed_means
+    from tracking.report.build import build_report
+    from tracking.report.recommendation import headline
+    from tracking.run_folders.sweep import RunFolder
+
+    with checked_input():
+        found = asked_for(
+            log, detections or [], rig or [], layout, world, calib, class_map, roi, class_ or [],
+            split, counted,
+        )  # fmt: skip
+        places = geometries(geometry or [], found.whole, list(found.paths))
+        several = len(found.rigs) > 1
+        if several:
+            check_free(out)
+        worth = evaluate_rigs(found.rigs, found.test)
+        results, left_out = results_of(worth)
+        means = seed_means(results, (), left_out, GENERALIST)
+        if several:
+            judge = GENERALIST if generalist else "specialist"
+            write_evaluation(
+                out, worth, found.test, places, judge, found.paths, found.settings, found.notes
+            )
+            page = build_report(out)
+    if as_json:
+        print_json(_plain(means))
+        return
+    say("\n".join(found.notes))
+    output().print(_shown(means, several))
+    say(
+        "in brackets 95 % over the routes or individuals of these frames, whichever scatter more; "
+        "what another training would find is not in it"
+        if max(map(len, worth.values())) == 1
+        else "in brackets 95 % over trainings and over the routes or individuals of these frames"
+    )
+    if several:
+        with checked_input():
+            say("\n".join(headline(RunFolder.read(out))))
+        say(page)
+        say(page.with_name("decision.html"))
+
+
+def _plain(means: pd.DataFrame) -> list[dict[Hashable, object]]:
+    """Rows for a script; None for what is not known."""
+    names = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
+    rows = means[names].astype(object)
+    return rows.where(rows.notna(), None).to_dict("records")
+
+
+def _shown(means: pd.DataFrame, several: bool) -> Table:
+    """A row for every rig and class; percent at the strict IoU, with intervals."""
+    from lidarplace.base.metrics import METRICS
+    from tracking.kitti_iou import headline_iou, judged
+    from tracking.numbers import digits
+
+    rows = []
+    for (rig, name), own in means.groupby(["placement", "class"], sort=False):
+        cells = []
+        for metric in SHOWN:
+            cells.append("")
+            for row in judged(own, means, str(name), metric).to_dict("records"):
+                sure = f" ({row['low']:.1f} to {row['high']:.1f})" if row["low"] < row["high"] else ""
+                cells[-1] = f"{digits(row['mean'], '.1f')}{sure}"
+        iou = f"{headline_iou(means, str(name)):g}"
+        objects = f"{own['ground_truths'].max():,}"
+        rows.append([*([rig] if several else []), name, iou, objects, *cells])
+    labels = [METRICS[name].label for name in SHOWN]
+    head = (*(["rig"] if several else []), "class", "IoU", "objects", *labels)
+    return table(None, head, rows, {"class"})

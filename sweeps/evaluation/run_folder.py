@@ -1,0 +1,159 @@
+"""The run folder of detections from elsewhere, which reports read as that of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.metrics import kitti_iou
+from lidarplace.base.roi import Roi
+from lidarplace.command_line.invocation import called
+from lidarplace.files.atomic import write_text
+from lidarplace.files.regular import is_there
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.placement import Placement
+from sweeps.configuration.file import public_yaml
+from sweeps.evaluation.rigs import FoundBy
+from sweeps.evaluation.test_frames import TestFrames
+from sweeps.results.object_tables import ABOUT
+from sweeps.results.trial_results import Cell, with_columns
+from sweeps.tasks.evaluated import evaluated
+from sweeps.tasks.results import Evaluated
+from tracking.findings.failures import Failures
+from tracking.report.recommendation import failures_to_show
+from tracking.run_folders import sweep_tables as contract
+from tracking.run_folders.sweep_arrays import FailureFrames
+from tracking.run_folders.sweep_json import Frames, SweepResult
+from training.found_objects import found_objects
+
+DETECTOR = "own"
+"""What tables call the detector that made them."""
+
+Worth = Mapping[str, Sequence[Evaluated]]
+"""What the detections of a rig are worth, by its name and by training."""
+
+
+def evaluate_rigs(rigs: Sequence[FoundBy], test: TestFrames) -> Worth:
+    """Compare the detections of every rig with the objects that count."""
+    return {
+        rig.name: [
+            evaluated(test.objects, seed, test.routes, test.classes, {}) for seed in rig.seeds
+        ]
+        for rig in rigs
+    }
+
+
+def results_of(found: Worth) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tables `results` and `left_out` of a run folder."""
+    return _stack(found, lambda own: own.metrics), _stack(found, lambda own: own.left_out)
+
+
+def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
+    """Columns that tell the trials from each other, and what each of them is worth."""
+    return [
+        ({"trial": f"{name}/{seed}", "placement": name, "detector": DETECTOR, "seed": seed}, own)
+        for name, seeds in found.items()
+        for seed, own in enumerate(seeds)
+    ]
+
+
+def _stack(found: Worth, table: Callable[[Evaluated], pd.DataFrame]) -> pd.DataFrame:
+    tables = [with_columns(table(own), place) for place, own in _trials(found)]
+    return pd.concat(tables, ignore_index=True)
+
+
+def check_free(folder: Path) -> None:
+    """Raise InputError if the folder is that of a sweep, whose results would be lost."""
+    if is_there(folder / "sweep.json") and not SweepResult.read(folder).detections:
+        fix = "name another one with --out"
+        raise InputError("is the run folder of a sweep", place=str(folder), fix=fix)
+
+
+def write_evaluation(
+    folder: Path,
+    found: Worth,
+    test: TestFrames,
+    geometry: Mapping[str, Placement],
+    judge: str,
+    paths: Mapping[str, Sequence[str]],
+    asked: Mapping[str, object],
+    cautions: Sequence[str],
+) -> None:
+    """Write all that reports read; pages are made of it by `tracking.report.build`.
+
+    Args:
+        geometry: of the rigs whose LiDARs are known.
+        judge: "generalist" if one network made the detections of all rigs.
+        paths: of the detections, by rig.
+        asked: plain data of what else the command was asked for.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    trials = _trials(found)
+    objects = test.objects.merge(test.routes[["frame", "route"]], on="frame")[list(ABOUT)]
+    objects.insert(0, "object", np.arange(len(objects)))
+    keys = ["split", "scene", "route", "class", "object_id"]
+    individuals = objects.merge(test.routes[["frame", "split"]], on="frame").value_counts(keys)
+    write_text(folder / "config.yaml", public_yaml({"rigs": dict(paths), **asked}))
+    results, left_out = results_of(found)
+    for table, rows in (
+        (contract.RESULTS, results),
+        (contract.LEFT_OUT, left_out),
+        (contract.PR_CURVES, _stack(found, lambda own: own.pr_curves)),
+        (contract.DISTANCE, _stack(found, lambda own: own.by_distance)),
+        (contract.SECTOR, _stack(found, lambda own: own.by_sector)),
+        (contract.FOUND, pd.concat([_found(objects, own, place) for place, own in trials])),
+    ):
+        table.write(rows, folder)
+    contract.SURROGATES.write(pd.DataFrame(), folder)
+    contract.OBJECTS.write(objects, folder)
+    contract.INDIVIDUALS.write(individuals.sort_index().reset_index(name="boxes"), folder)
+    finished = {"seconds": np.nan, "status": "finished", "error": ""}
+    contract.TRIALS.write(pd.DataFrame([place | finished for place, _ in trials]), folder)
+    x0, y0, z0, x1, y1, z1 = test.roi
+    mounts = {name: geometry[name].mounts if name in geometry else () for name in found}
+    SweepResult(
+        name=folder.name,
+        command=called(),
+        axes=(),
+        placements={name: tuple(map(astuple, own)) for name, own in mounts.items()},
+        classes=test.classes,
+        roi=Roi((x0, x1), (y0, y1), (z0, z1), 0.1),
+        frames=Frames(train=0, test=len(test.log.frames)),
+        cautions=(test.said, *cautions),
+        judge=judge,
+        detections={name: tuple(own) for name, own in paths.items()},
+    ).write(folder)
+    (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
+    compared = failures_to_show(folder)
+    if compared is not None:
+        _frames(compared, {str(place["trial"]): own for place, own in trials}).write(folder)
+
+
+def _found(objects: pd.DataFrame, own: Evaluated, place: Mapping[str, Cell]) -> pd.DataFrame:
+    """Whether each object was found; how many points were on it is not known."""
+    hit = np.zeros(len(objects), np.bool_)
+    for name in objects["class"].unique():
+        here, boxes = (objects["class"] == name).to_numpy(), own.detections
+        boxes = boxes[boxes["class"] == name]
+        hit[here] = found_objects(objects[here], boxes, kitti_iou(str(name)).strict)
+    return pd.DataFrame({"trial": place["trial"], "object": objects["object"], "found": hit})
+
+
+def _frames(compared: Failures, trials: Mapping[str, Evaluated]) -> FailureFrames:
+    """The frames that tell most, with detections and without clouds."""
+    shown = compared.objects.iloc[compared.telling()]
+    found = FailureFrames(
+        np.array(compared.rigs, np.str_), shown["object"].to_numpy(np.int64), {}, {}
+    )
+    for rig, key in enumerate(compared.trials):
+        boxes = trials[key].detections
+        for place, frame in enumerate(shown["frame"].tolist()):
+            own = boxes.loc[boxes["frame"] == frame, [*GEOMETRY, "score"]]
+            found.points[f"{place}/{rig}"] = np.zeros((0, 3), np.float32)
+            found.detections[f"{place}/{rig}"] = own.to_numpy(np.float64)
+    return found

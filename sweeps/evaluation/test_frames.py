@@ -1,0 +1,129 @@
+"""The frames of a log that detections are judged in, and the objects that count there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.base.class_names import listed
+from lidarplace.base.errors import InputError
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.visibility import ground_truth
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import POINTS
+from lidarplace.scenes.datasets.class_maps import OTHER
+from training.kitti_ap import overlaps_of, pairs_of, rows_of
+from training.leave_out import overlapped_most
+
+Counted = Literal["visible", "points"]
+_FRAMES = 200
+"""So many at a time: pairs of boxes and detections of all would fill the memory."""
+
+
+@dataclass(frozen=True)
+class TestFrames:
+    """What detections are compared with.
+
+    Attributes:
+        log: the frames of one split, with all boxes.
+        objects: those that count, as of `ground_truth`.
+        classes: of the objects.
+        roi: region in which objects count, as of `--roi`: x0, y0, z0, x1, y1, z1.
+        said: which objects count, a sentence.
+    """
+
+    __test__ = False  # of pytest, which takes the name for one of its own
+
+    log: BoxLog
+    objects: pd.DataFrame
+    classes: tuple[str, ...]
+    roi: Crop
+    said: str
+
+    @classmethod
+    def of(
+        cls, whole: BoxLog, split: str, roi: Crop, classes: Sequence[str], counted: Counted
+    ) -> TestFrames:
+        """The frames of a split and what counts in them, by the rules of a sweep.
+
+        Args:
+            classes: none: all that the log has in these frames.
+            counted: "visible": to an ideal sensor on the roof, as in a sweep; "points": with a real
+                point of the rig that recorded the log.
+
+        Raises:
+            InputError: there is no such frame or object, or the log knows no real points.
+        """
+        frames = whole.frames[whole.frames["split"] == split].reset_index(drop=True)
+        if frames.empty:
+            found = ", ".join(sorted(set(whole.frames["split"]))) or "no frame"
+            raise InputError("no frame of the split", place="--split", expected=split, found=found)
+        if counted == "points" and POINTS not in whole.boxes:
+            fix = "`lidarplace convert --clouds` counts them"
+            raise InputError("the log knows no real points", place="--counted points", fix=fix)
+        boxes = whole.boxes[whole.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
+        log = replace(whole, boxes=boxes, frames=frames)
+        there = [str(name) for name in boxes["class"].unique() if name != OTHER]
+        for name in classes:
+            if name not in there:
+                known = ", ".join(there) or "none"
+                raise InputError("unknown class", place="--class", expected=known, found=name)
+        x0, y0, z0, x1, y1, z1 = roi
+        truths = ground_truth(log, (x0, x1), (y0, y1), (z0, z1), by_points=counted == "points")
+        names = tuple(classes or sorted(there))
+        truths = truths[truths["class"].isin(names)]
+        if truths.empty:
+            raise InputError("no object counts in these frames", place="--roi")
+        individuals = len(truths[["scene", "object_id"]].drop_duplicates())
+        routes = len(frames[["scene", "route"]].drop_duplicates())
+        how = {
+            "visible": "visible to an ideal sensor on the roof, as in a sweep",
+            "points": "with a real point of the rig that recorded the log",
+        }[counted]
+        said = (
+            f"{len(truths):,} objects count ({individuals:,} individuals, {len(frames):,} {split} "
+            f"frames, {routes:,} routes): in the ROI and {how}."
+        )
+        return cls(log, truths, names, roi, said)
+
+    @property
+    def routes(self) -> pd.DataFrame:
+        """Scene, frame, route and split of every frame."""
+        return self.log.frames[["scene", "frame", "route", "split"]]
+
+    def relevant(self, found: pd.DataFrame) -> pd.DataFrame:
+        """The detections that are right or wrong about an object that counts.
+
+        What overlaps most an object that does not count, seen from above, is neither a hit nor a
+        false alarm; nor is what overlaps none with its centre outside the ROI.
+        """
+        low, high = np.array(self.roi[:3]), np.array(self.roi[3:])
+        parts = [found.iloc[:0]]
+        numbers = np.sort(self.log.frames["frame"].to_numpy(np.int64))
+        for frames in np.array_split(numbers, -(-len(numbers) // _FRAMES)):
+            boxes, own = rows_of(self.log.boxes, frames), rows_of(found, frames)
+            pairs = pairs_of(boxes, own, frames)
+            overlaps = overlaps_of(boxes, own, pairs, three_d=False)
+            nearest = overlapped_most(pairs, overlaps, len(own))
+            centre = own[["x", "y", "z"]].to_numpy(np.float64)
+            inside = ((centre >= low) & (centre <= high)).all(axis=1)
+            counts = np.append(boxes.index.isin(self.objects.index), False)
+            parts.append(own[np.where(nearest >= 0, counts[nearest], inside)])
+        return pd.concat(parts, ignore_index=True)
+
+
+def left_out(read: int, kept: int, frames: int, whole: int, ignored: Counter[str]) -> str:
+    """What became of the detections of a rig, a sentence.
+
+    Args:
+        read, kept: detections of the file, and those that are right or wrong.
+        frames, whole: frames with a detection, and all.
+        ignored: detections of categories without class.
+    """
+    text = f"{kept:,} of {read:,} detections count, in {frames:,} of {whole:,} frames"
+    return f"{text}; without class: {listed(dict(ignored.most_common()))}" if ignored else text

@@ -1,0 +1,42 @@
+"""What detections of test frames are worth, whoever made them."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from lidarplace.base.metrics import Overlaps
+from sweeps.tasks.results import Evaluated
+
+
+def evaluated(
+    objects: pd.DataFrame,
+    found: pd.DataFrame,
+    routes: pd.DataFrame,
+    classes: Sequence[str],
+    ious: Mapping[str, Overlaps],
+    refined: pd.DataFrame | None = None,
+    metrics: Sequence[str] = (),
+) -> Evaluated:
+    """Compare detections with the objects that count.
+
+    Args:
+        objects: ground truth of the frames.
+        found, refined: columns of `training.detect.Detections`.
+        routes: scene, frame and route of the frames.
+        metrics: further ones, of plug-ins.
+    """
+    from training.by_distance import evaluate_by_distance
+    from training.by_sector import recall_by_sector
+    from training.kitti_ap import evaluation
+
+    frames = routes["frame"].tolist()
+    whole = evaluation(objects, found, frames, classes, refined, routes, ious, metrics)
+    assert whole.left_out is not None  # routes are given
+    return Evaluated(
+        metrics=whole.metrics,
+        pr_curves=whole.curves,
+        left_out=whole.left_out,
+        by_distance=evaluate_by_distance(objects, found, frames, classes, ious),
+        by_sector=recall_by_sector(whole.objects, ious),
+        detections=found,
+    )
