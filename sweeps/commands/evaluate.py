@@ -104,7 +104,7 @@ def evaluate(
         if several:
             judge = GENERALIST if generalist else "specialist"
             write_evaluation(
-                out, worth, found.test, places, judge, found.paths, found.settings, found.notes
+                out, worth, found.test, places, judge, found.paths, found.settings, found.cautions
             )
             page = build_report(out)
     if as_json:
@@ -144,7 +144,9 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
         for metric in SHOWN:
             cells.append("")
             for row in judged(own, means, str(name), metric).to_dict("records"):
-                sure = f" ({row['low']:.1f} to {row['high']:.1f})" if row["low"] < row["high"] else ""
+                sure = (
+                    f" ({row['low']:.1f} to {row['high']:.1f})" if row["low"] < row["high"] else ""
+                )
                 cells[-1] = f"{digits(row['mean'], '.1f')}{sure}"
         iou = f"{headline_iou(means, str(name)):g}"
         objects = f"{own['ground_truths'].max():,}"

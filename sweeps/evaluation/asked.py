@@ -32,6 +32,7 @@ class Asked:
         paths: of the files, by rig.
         settings: plain data of everything else.
         notes: what counts, a sentence each.
+        cautions: what may be wrong with the detections, a sentence each.
     """
 
     whole: BoxLog
@@ -40,6 +41,7 @@ class Asked:
     paths: dict[str, list[str]]
     settings: dict[str, object]
     notes: list[str]
+    cautions: list[str]
 
 
 def asked_for(
@@ -95,5 +97,7 @@ def asked_for(
         "split": split,
         "counted": counted,
         "class_map": class_map,
+        "notes": notes,
     }
-    return Asked(whole, test, read, paths, settings, notes)
+    cautions = [said for rig in read for said in rig.cautions]
+    return Asked(whole, test, read, paths, settings, notes, cautions)

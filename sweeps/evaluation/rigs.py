@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.base.class_names import listed
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.profiles import PROFILES
 from lidarplace.configuration.placement import read_placement
@@ -17,7 +18,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import one_rig
 from lidarplace.scenes.datasets.class_maps import ClassMap
-from sweeps.evaluation.test_frames import TestFrames, left_out
+from sweeps.evaluation.test_frames import TestFrames
 
 RECORDED = "recorded"
 """Geometry of the rig that recorded the log."""
@@ -41,11 +42,13 @@ class FoundBy:
         name: of the rig.
         seeds: detections that count, by training of the detector.
         said: how many count, a sentence for each of `seeds`.
+        cautions: a sentence for each of `seeds` that has no detection in some of the frames.
     """
 
     name: str
     seeds: tuple[pd.DataFrame, ...]
     said: tuple[str, ...]
+    cautions: tuple[str, ...]
 
 
 def read_rigs(
@@ -62,7 +65,7 @@ def read_rigs(
     """
     rigs, frames = [], test.log.frames["frame"]
     for name, trainings in paths.items():
-        seeds, said = [], []
+        seeds, said, cautions = [], [], []
         for files in trainings:
             ignored = Counter[str]()
             read = read_detections(
@@ -81,9 +84,13 @@ def read_rigs(
                 raise InputError("no detection of a class in a frame of the split", place=place)
             kept = test.relevant(own)
             seeds.append(kept)
-            counts = (len(own), len(kept), own["frame"].nunique(), len(frames))
-            said.append(f"{name}: {left_out(*counts, ignored)}")
-        rigs.append(FoundBy(name, tuple(seeds), tuple(said)))
+            there = own["frame"].nunique()
+            text = f"{name}: {len(kept):,} of {len(own):,} detections count"
+            without = f"; without class: {listed(dict(ignored.most_common()))}" if ignored else ""
+            said.append(f"{text}, in {there:,} of {len(frames):,} frames{without}.")
+            if there < len(frames):
+                cautions.append(f"{name}: no detection in {len(frames) - there:,} test frames.")
+        rigs.append(FoundBy(name, tuple(seeds), tuple(said), tuple(cautions)))
     return rigs
 
 

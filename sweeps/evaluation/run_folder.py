@@ -124,7 +124,7 @@ def write_evaluation(
         classes=test.classes,
         roi=Roi((x0, x1), (y0, y1), (z0, z1), 0.1),
         frames=Frames(train=0, test=len(test.log.frames)),
-        cautions=(test.said, *cautions),
+        cautions=tuple(cautions),
         judge=judge,
         detections={name: tuple(own) for name, own in paths.items()},
     ).write(folder)

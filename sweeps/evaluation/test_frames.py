@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,7 +9,6 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.class_names import listed
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.visibility import ground_truth
@@ -115,15 +113,3 @@ class TestFrames:
             counts = np.append(boxes.index.isin(self.objects.index), False)
             parts.append(own[np.where(nearest >= 0, counts[nearest], inside)])
         return pd.concat(parts, ignore_index=True)
-
-
-def left_out(read: int, kept: int, frames: int, whole: int, ignored: Counter[str]) -> str:
-    """What became of the detections of a rig, a sentence.
-
-    Args:
-        read, kept: detections of the file, and those that are right or wrong.
-        frames, whole: frames with a detection, and all.
-        ignored: detections of categories without class.
-    """
-    text = f"{kept:,} of {read:,} detections count, in {frames:,} of {whole:,} frames"
-    return f"{text}; without class: {listed(dict(ignored.most_common()))}" if ignored else text

@@ -42,7 +42,10 @@ def rigs_section(found: Analysis) -> Section:
     """An interactive picture of the rigs, and where the objects are that they should see."""
     run = found.run
     section = Section("Rigs and traffic", columns=2)
-    shown = [name for name in found.order if name in run.placements][:MOST_MAPS]
+    shown = [name for name in found.order if run.placements.get(name)][:MOST_MAPS]
+    if not shown:
+        section.notes.append("Where the LiDARs are is not known: evaluate --geometry names it.")
+        return section
     section.notes.append(
         f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
         "placement. "

@@ -1,0 +1,160 @@
+"""`lidarplace evaluate`: what counts, what is printed, and the run folder of several rigs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from lidarplace.clouds.visibility import ground_truth
+from lidarplace.logs.box_log import write_box_log
+from sweeps.command_line import app
+from tests.lidarplace.test_detections import log_of, scored, write
+from tracking.run_folders.sweep import RunFolder
+from training.kitti_ap import evaluation
+
+ROI = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0)
+
+
+def log_with_individuals(frames=60):
+    log = log_of("parquet", frames)
+    own = log.boxes["object_id"] + "in" + (log.boxes["frame"] // 5).astype(str)
+    return replace(log, boxes=log.boxes.assign(object_id=own))
+
+
+def jittered(boxes, seed, share=0.8, sd=0.15):
+    random = np.random.default_rng(seed)
+    found = scored(boxes[random.uniform(size=len(boxes)) < share])
+    found[[*"xy"]] += random.normal(0, sd, (len(found), 2))
+    return found
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("world")
+    log = log_with_individuals()
+    write_box_log(folder / "log", log)
+    write("parquet", folder / "labels", log, scored(log.boxes))
+    for n, name in enumerate("ab"):
+        write("parquet", folder / name, log, jittered(log.boxes, n, 0.9 - 0.2 * n, 0.1))
+    return folder
+
+
+def run(world, *arguments, code=0):
+    found = CliRunner().invoke(app, ["evaluate", str(world / "log"), *map(str, arguments)])
+    assert found.exit_code == code, found.output
+    return found.output
+
+
+def test_labels_fed_back_are_perfect(world):
+    rows = json.loads(run(world, world / "labels.parquet", "--json"))
+    values = [row["mean"] for row in rows if row["metric"] != "mean_overlap"]
+    assert set(values) == {100.0}
+    assert len(values) > 20
+
+
+def test_jittered_ones_are_worth_what_kitti_ap_says(world):
+    log = log_with_individuals()
+    rows = json.loads(run(world, world / "a.parquet", "--json"))
+    objects = ground_truth(log, ROI[:2], ROI[2:4], ROI[4:])
+    frames = log.frames["frame"].tolist()
+    found = pd.read_parquet(world / "a.parquet")
+    direct = evaluation(objects, found, frames, sorted(log.boxes["class"].unique()))
+    keys = ["class", "metric", "iou"]
+    told = pd.DataFrame(rows).set_index(keys)["mean"]
+    pd.testing.assert_series_equal(
+        told.sort_index(), direct.metrics.set_index(keys)["value"].sort_index(), check_names=False
+    )
+
+
+def test_what_does_not_count_is_neither_hit_nor_alarm(world, tmp_path):
+    log = log_with_individuals()
+    near = log.boxes[log.boxes["x"] < 15]  # the others are in the log, outside the ROI
+    far = scored(log.boxes[log.boxes["x"] > 20])
+    nothing = far.assign(x=100.0)
+    write("parquet", tmp_path / "found", log, pd.concat([scored(near), far, nothing]))
+    output = run(world, tmp_path / "found.parquet", "--roi", 0, 15, -20, 20, 0, 4, "--json")
+    values = {row["metric"]: row["mean"] for row in json.loads(output) if row["class"] == "Car"}
+    assert values["AP_R40_3D"] == values["class_recall_3D"] == 100
+    text = run(world, tmp_path / "found.parquet", "--roi", 0, 15, -20, 20, 0, 4)
+    assert f"detections: {len(near):,} of {len(near) + 2 * len(far):,} detections count" in text
+
+
+def test_one_rig_is_a_table_with_intervals(world):
+    lines = run(world, world / "a.parquet").splitlines()
+    assert lines[0].endswith(
+        "in the ROI and visible to an ideal sensor on the roof, as in a sweep."
+    )
+    (car,) = (line.split("  ") for line in lines if line.startswith("Car"))
+    assert " to " in car[-1]
+    assert not (world / "runs").exists()
+
+
+def test_rigs_become_a_run_folder(world, tmp_path):
+    rigs = [f"--rig={name}={world / name}.parquet" for name in "ab"]
+    again = [f"--rig={name}={world}/labels.parquet" for name in "ab"]
+    out = tmp_path / "runs" / "two"
+    text = run(world, *rigs, *again, "--generalist", "--out", out)
+    for page in ("report.html", "decision.html", "failures.html"):
+        assert (out / page).exists()
+    assert str(out / "decision.html") in text.splitlines()
+    found = RunFolder.read(out)
+    assert found.sweep.detections == {
+        name: (f"{world / name}.parquet", f"{world}/labels.parquet") for name in "ab"
+    }
+    assert sorted(found.trials["trial"]) == ["a/0", "a/1", "b/0", "b/1"]
+    assert found.failures is not None
+    assert "MLflow" not in (out / "decision.html").read_text()
+    assert "--set" not in text  # no command of ours trains these detectors
+    for verb in (["report", out], ["failures", out, "--out", tmp_path / "failures"]):
+        again_read = CliRunner().invoke(app, [*map(str, verb)])
+        assert again_read.exit_code == 0, again_read.output
+    page = (tmp_path / "failures" / "failures.html").read_text()
+    assert "nan" not in page.lower().split("<script")[0]
+
+
+def test_geometry_is_drawn(world, tmp_path):
+    (tmp_path / "rig.yaml").write_text("mounts: [{x: 0.5, y: 0, z: 2}]\n")
+    rigs = [f"--rig={name}={world / name}.parquet" for name in "ab"]
+    places = [f"--geometry={name}={tmp_path / 'rig.yaml'}" for name in "ab"]
+    out = tmp_path / "two"
+    run(world, *rigs, *places, "--out", out)
+    assert "Where the LiDARs sit" in (out / "decision.html").read_text()
+    assert RunFolder.read(out).placements["a"][0].x == 0.5
+
+
+def test_a_sweep_is_not_overwritten(world, tmp_path):
+    rigs = [f"--rig={name}={world / name}.parquet" for name in "ab"]
+    out = tmp_path / "two"
+    run(world, *rigs, "--out", out)
+    about = json.loads((out / "sweep.json").read_text())
+    del about["detections"]
+    (out / "sweep.json").write_text(json.dumps(about))
+    text = run(world, *rigs, "--out", out, code=2)
+    assert text == f"{out}: is the run folder of a sweep; name another one with --out\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["gone.parquet"], "gone.parquet: no such file or folder"),
+        ([], "DETECTIONS, --rig: no detections; expected DETECTIONS of one rig, or --rig"),
+        (["x", "--rig", "a=x"], "DETECTIONS, --rig: both, or none; expected DETECTIONS of one"),
+        (["--rig", "a"], "--rig: no rig; expected NAME=VALUE, found a"),
+        (["{a}", "--layout", "lyft"], "--layout lyft: allowed are kitti, nuscenes"),
+        (["{a}", "--split", "train"], "--split: no frame of the split; expected train, found test"),
+        (["{a}", "--counted", "points"], "--counted points: the log knows no real points"),
+        (["{a}", "--class", "Tram"], "--class: unknown class; expected Car, Cyclist, Pedestrian"),
+        (["{a}", "--geometry", "b=recorded"], "--geometry b=recorded: no rig, or a second"),
+        (["{a}", "--geometry", "detections=recorded"], "no recorded rig; convert the log with"),
+        (["{a}", "--calib", "x"], "x: only KITTI's result files need a camera"),
+        (["{a}", "--class-map", "gone.yaml"], "gone.yaml: No such file or directory"),
+    ],
+)
+def test_mistakes_are_one_line(world, arguments, told):
+    own = [each.format(a=world / "a.parquet") for each in arguments]
+    text = run(world, *own, code=2)
+    assert text.startswith(told)
+    assert len(text.splitlines()) == 1
