@@ -1,27 +1,51 @@
-"""Does a detection curve tell rigs apart that it was not fitted to? Each is left out in turn."""
+"""Does a detection curve predict what it was not fitted to? Rigs, routes, objects are left out."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from lidarplace.recall.baselines import ENOUGH_POINTS
 from lidarplace.recall.detection_curve import DetectionCurve, fit
 
+UNITS = {"rig": ["rig"], "route": ["route"], "object": ["scene", "object_id"]}
+"""What is left out -> the columns that name it."""
+MOST_PARTS = 10
+"""More routes or objects are thrown together at random: every part takes a fit."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How well a curve predicts each part of the observations that was not in its fit.
+
+    Attributes:
+        parts: how many parts were left out in turn.
+        brier: mean squared difference of probability and what became of the object.
+        brier_of_mean: the same of the share found in the other parts, for every object alike.
+        error: mean distance of a part's predicted recall from the measured one.
+        spread: standard deviation of the measured recall over the parts.
+    """
+
+    parts: int
+    brier: float
+    brier_of_mean: float
+    error: float
+    spread: float
+
 
 @dataclass(frozen=True)
 class Check:
-    """How well a class at an overlap is predicted for rigs that are left out.
+    """How well a class at an overlap is predicted.
 
     Attributes:
-        curve: fitted to all rigs.
+        curve: fitted to all observations.
         rigs, objects, individuals: what it was fitted to; objects and individuals of one rig.
-        brier: mean squared difference of probability and what became of the object.
-        brier_of_mean: the same of the share found under the other rigs, for every object alike.
-        error: mean distance of a rig's predicted recall from the measured one.
-        spread: standard deviation of the measured recall over the rigs.
-        rho: Spearman's between the two. A rig that is left out pulls the curve away from itself,
-            so where the curve is flat this is negative, whatever is true.
+        left_out: by `UNITS`; none of which there are not two.
+        rho: Spearman's of the recall of rigs that are left out and the predicted one; NaN of one
+            rig. A rig that is left out pulls the curve away from itself, so where the curve is flat
+            this is negative, whatever is true.
         rho_fitted: the same with the curve that is fitted to all rigs.
         rho_log_points, rho_enough_points, rho_log_cells: of measures that are not fitted.
     """
@@ -30,10 +54,7 @@ class Check:
     rigs: int
     objects: int
     individuals: int
-    brier: float
-    brier_of_mean: float
-    error: float
-    spread: float
+    left_out: Mapping[str, LeftOut]
     rho: float
     rho_fitted: float
     rho_log_points: float
@@ -42,22 +63,25 @@ class Check:
 
 
 def check(seen: pd.DataFrame) -> Check:
-    """Fit a curve to observations of one class and overlap, and leave each rig out.
+    """Fit a curve to observations of one class and overlap, and leave parts of them out.
 
     Args:
-        seen: columns of `sweeps.calibration.observations`, two rigs or more.
+        seen: columns of `sweeps.calibration.observations`.
     """
     name, iou = str(seen["class"].iloc[0]), float(seen["iou"].iloc[0])
-    seen = seen.assign(expected=np.nan, mean=np.nan)
-    for rig in seen["rig"].unique():
-        left_out = seen["rig"] == rig
-        others = seen[~left_out]
-        curve = fit(name, iou, others["cells"], others["found"])
-        seen.loc[left_out, "expected"] = curve.probability(seen.loc[left_out, "cells"])
-        seen.loc[left_out, "mean"] = others["found"].mean()
     whole = fit(name, iou, seen["cells"], seen["found"])
+    left_out, expected = {}, seen["found"] * np.nan
+    for unit, keys in UNITS.items():
+        part = seen.groupby(keys, sort=True).ngroup().to_numpy()
+        parts = int(part.max()) + 1
+        if unit != "rig" and parts > MOST_PARTS:
+            part = (np.random.default_rng(0).permutation(parts) % MOST_PARTS)[part]
+        if parts > 1:
+            left_out[unit], predicted = _without_each(seen, part, name, iou)
+            expected = predicted if unit == "rig" else expected
     of_rig = (
         seen.assign(
+            expected=expected,
             fitted=whole.probability(seen["cells"]),
             log_points=np.log1p(seen["points"]),
             enough_points=seen["points"] >= ENOUGH_POINTS,
@@ -73,13 +97,32 @@ def check(seen: pd.DataFrame) -> Check:
         rigs=len(of_rig),
         objects=len(one),
         individuals=len(one[["scene", "object_id"]].drop_duplicates()),
-        brier=float(((seen["expected"] - seen["found"]) ** 2).mean()),
-        brier_of_mean=float(((seen["mean"] - seen["found"]) ** 2).mean()),
-        error=float((of_rig["expected"] - of_rig["found"]).abs().mean()),
-        spread=float(of_rig["found"].std()),
+        left_out=left_out,
         rho=float(rho["expected"]),
         rho_fitted=float(rho["fitted"]),
         rho_log_points=float(rho["log_points"]),
         rho_enough_points=float(rho["enough_points"]),
         rho_log_cells=float(rho["log_cells"]),
     )
+
+
+def _without_each(
+    seen: pd.DataFrame, part: NDArray[np.int64], name: str, iou: float
+) -> tuple[LeftOut, pd.Series]:
+    """Leave out every part; and the probability of each object by the curve of the others."""
+    expected, mean = (pd.Series(np.nan, seen.index) for _ in range(2))
+    for own in np.unique(part):
+        here, others = part == own, seen[part != own]
+        curve = fit(name, iou, others["cells"], others["found"])
+        expected[here] = curve.probability(seen.loc[here, "cells"])
+        mean[here] = others["found"].mean()
+    table = pd.DataFrame({"found": seen["found"], "expected": expected})
+    of_part = table.groupby(part).mean()
+    found = LeftOut(
+        parts=len(of_part),
+        brier=float(((expected - seen["found"]) ** 2).mean()),
+        brier_of_mean=float(((mean - seen["found"]) ** 2).mean()),
+        error=float((of_part["expected"] - of_part["found"]).abs().mean()),
+        spread=float(of_part["found"].std()),
+    )
+    return found, expected

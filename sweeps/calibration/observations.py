@@ -6,19 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.metrics import iou_of
+from lidarplace.base.metrics import Overlaps, iou_of
 from lidarplace.logs.box_log import join_logs
 from lidarplace.recall.baselines import per_object
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import CELL_M
 from lidarplace.recall.surface_cells import SurfaceCells
+from lidarplace.rigs.placement import Placement
 from sweeps.configuration.file import ConfigError
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
 from training.found_objects import found_objects
 
-COLUMNS = ("rig", "class", "iou", "scene", "object_id", "points", "cells", "found")
+COLUMNS = ("rig", "class", "iou", "scene", "route", "object_id", "points", "cells", "found")
 
 
 Judged = Mapping[str, Sequence[DetectorTrial]]
@@ -49,7 +50,7 @@ def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
     `found` is the share of the rig's detectors that found the object, points and cells are what the
     rig hits of it, with the azimuth steps of its clouds.
     """
-    counted: dict[tuple[object, ...], CountedObjects] = {}
+    counted: dict[tuple[object, ...], tuple[CountedObjects, pd.DataFrame]] = {}
     tables = []
     for label, trials in rigs.items():
         first, point = trials[0], trials[0].grid_point.point
@@ -57,16 +58,21 @@ def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
         key = (scenes, point.scene.seed, point.voxel_roi(), point.classes, point.vehicle)
         if key not in counted:
             counted[key] = _test_objects(first, store)
-        tables += _of_rig(label, trials, counted[key], store)
-    return pd.concat(tables, ignore_index=True)[list(COLUMNS)]
+        # The clouds of all parts of a scene are of one rig; it has their azimuth steps.
+        (placement,) = {task.params.placement for task in first.collect_test}
+        boxes = [store.read(trial.evaluate, lambda found: found.detections) for trial in trials]
+        own = of_rig(label, placement, boxes, *counted[key], point.classes, point.own_ious())
+        tables.append(own)
+    return pd.concat(tables, ignore_index=True)
 
 
-def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
+def _test_objects(trial: Trial, store: AnyStore) -> tuple[CountedObjects, pd.DataFrame]:
+    """The objects, and the frames that they are in."""
     log = join_logs([store.load(task) for task in trial.scenes])
     frames = log.frames[log.frames["split"] == "test"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     point = trial.grid_point.point
-    return CountedObjects.from_log(
+    objects = CountedObjects.from_log(
         replace(log, boxes=boxes, frames=frames),
         point.voxel_roi(),
         point.classes,
@@ -74,21 +80,34 @@ def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
         seed=point.scene.seed,
         vehicle=point.body(),
     )
+    return objects, frames
 
 
-def _of_rig(
-    label: str, trials: Sequence[DetectorTrial], objects: CountedObjects, store: AnyStore
-) -> list[pd.DataFrame]:
-    # The clouds of all parts of a scene are of one rig; it has their azimuth steps.
-    (placement,) = {task.params.placement for task in trials[0].collect_test}
+def of_rig(
+    label: str,
+    placement: Placement,
+    detections: Sequence[pd.DataFrame],
+    objects: CountedObjects,
+    frames: pd.DataFrame,
+    classes: Sequence[str],
+    ious: Mapping[str, Overlaps],
+) -> pd.DataFrame:
+    """Columns `COLUMNS` of one rig.
+
+    Args:
+        detections: of each of its detectors, columns frame, class, `GEOMETRY` and score.
+        frames: scene, frame and route of the frames of `objects`.
+        ious: overlaps of classes that have not KITTI's.
+    """
     seen: SurfaceCells = objects.seen_by([placement])[0]
-    table = per_object(objects, seen).assign(rig=label, scene=objects.table["scene"])
-    boxes = [store.read(trial.evaluate, lambda found: found.detections) for trial in trials]
-    point, tables = trials[0].grid_point.point, []
-    for name in point.classes:
+    routes = frames.set_index("frame")["route"]
+    scene = objects.table["scene"].astype(str)
+    route = scene + " " + objects.table["frame"].map(routes).astype(str)
+    table, tables = per_object(objects, seen).assign(rig=label, scene=scene, route=route), []
+    for name in classes:
         of_class = (table["class"] == name).to_numpy()
         own = objects.table[of_class]
-        for iou in iou_of(name, point.own_ious()):
-            found = [found_objects(own, box[box["class"] == name], iou) for box in boxes]
+        for iou in iou_of(name, ious):
+            found = [found_objects(own, box[box["class"] == name], iou) for box in detections]
             tables.append(table[of_class].assign(iou=iou, found=np.mean(found, axis=0)))
-    return tables
+    return pd.concat(tables, ignore_index=True)[list(COLUMNS)]

@@ -1,4 +1,4 @@
-"""Detection curves from the detections of a sweep: `lidarplace calibrate grid.yaml`."""
+"""Detection curves of one's own detector: `lidarplace calibrate grid.yaml`, or of detections."""
 
 from __future__ import annotations
 
@@ -8,103 +8,134 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lidarplace.command_line.invocation import called, command
-from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import FRONT_ROI, RoiOption, checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
-from sweeps.options import ConfigArgument, SetOption
+from sweeps.options import (
+    CalibOption,
+    ClassesOption,
+    DetectionClassMapOption,
+    GeometryOption,
+    LayoutOption,
+    RigsOption,
+    SetOption,
+    SplitOption,
+    WorldFrameOption,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    import pandas as pd
 
-    from rich.console import Console
-
-    from sweeps.calibration.left_out import Check
+    from sweeps.evaluation.asked import Asked
 
 app = new_app()
 
 
-@verb(app, "examples/grid.yaml --out curves.json")
+@verb(
+    app,
+    "examples/grid.yaml --out curves.json",
+    "--log logs/av2 --rig roof=roof.feather --geometry roof=recorded --out curves.json",
+)
 def calibrate(
-    config: ConfigArgument,
+    config: Annotated[Path | None, typer.Argument(help="YAML file of a sweep")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="file for the curves; without, they are printed alone"),
+        typer.Option(
+            metavar="FILE", help="file for the curves, and a page; without, they are printed alone"
+        ),
     ] = None,
     set_: SetOption = None,
+    log: Annotated[
+        Path | None, typer.Option(help="in place of a sweep: box log that detections are of")
+    ] = None,
+    rig: RigsOption = None,
+    geometry: GeometryOption = None,
+    layout: LayoutOption = None,
+    world: WorldFrameOption = False,
+    calib: CalibOption = None,
+    class_map: DetectionClassMapOption = "paper",
+    roi: RoiOption = FRONT_ROI,
+    class_: ClassesOption = None,
+    split: SplitOption = "test",
 ) -> None:
-    """Fit the curves of expected_recall to the detections that a sweep has in its store.
+    """Fit the curves of expected_recall to the detections of a sweep, or to those of --log.
 
-    Trains nothing: trials without detections yet are left out. Every rig is left out of a fit in
-    turn, and predicted.
+    Trains nothing: trials without detections yet are left out. Rigs, routes and objects are left
+    out of a fit in turn, and predicted.
     """
     from lidarplace.recall.detection_curve import write_curves
     from sweeps.calibration.left_out import check
-    from sweeps.calibration.observations import observations, rigs_of
-    from sweeps.plan.plan import read_plan
-    from sweeps.store.open import store_of
+    from sweeps.calibration.page import checks_section
+    from tracking.pages.page import SECTIONS_ALONE, write_page
 
-    overrides = set_ or []
+    if (config is None) == (log is None) or (log is None and (rig or geometry)):
+        wrong("name the file of a sweep, or --log with --rig and --geometry")
     with checked_input():
         if out is not None:
             check_replaceable(out)
-        sweep, plan = read_plan(config, overrides)
-        store = store_of(sweep)
-        rigs = rigs_of(plan.trials, store)
-        if len(rigs) < 2:
-            wrong(
-                f"{config}: the store has detections of {len(rigs)} rig(s), at least 2 are needed; "
-                f"{command('run')} {config} makes them"
-            )
-        seen = observations(rigs, store)
-    checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
-    if not checks:
-        classes = ", ".join(plan.trials[0].grid_point.point.classes)
-        wrong(f"{config}: no object of {classes} is in its test frames")
-    console = output()
-    trials = sum(map(len, rigs.values()))
-    console.print(f"{trials} of {len(plan.trials)} trials are evaluated")
-    print_checks(console, checks)
+        if config is not None:
+            seen = _of_sweep(config, set_ or [])
+        else:
+            from sweeps.evaluation.asked import asked_for
+
+            asked = asked_for(
+                Path(str(log)), [], rig or [], layout, world, calib, class_map, roi, class_ or [],
+                split, "visible",
+            )  # fmt: skip
+            say("\n".join(asked.notes))
+            seen = _of_detections(asked, geometry or [])
+        checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
+    section = checks_section(checks)
+    for own in section.tables:
+        output().print(table(own.caption, own.head, own.rows, {own.head[i] for i in own.words}))
+    say("\n".join(section.notes))
     if out is None:
         return
     with checked_input():
         write_curves(out, called(), [own.curve for own in checks])
-    console.print(f"{out}: {len(checks)} curves", soft_wrap=True)
+        page = write_page(out.with_suffix(".html"), SECTIONS_ALONE, [section], name=out.stem)
+    say(f"{out}: {len(checks)} curves; {page}")
 
 
-def print_checks(console: Console, checks: Sequence[Check]) -> None:
-    """Print the curves, and how well they predict rigs that they were not fitted to."""
-    from rich.table import Table
+def _of_sweep(config: Path, overrides: list[str]) -> pd.DataFrame:
+    """Observations of the trials that have detections. Says how many these are."""
+    from sweeps.calibration.observations import observations, rigs_of
+    from sweeps.plan.plan import read_plan
+    from sweeps.store.of_sweep import store_of
 
-    curves = Table("class", "IoU", "rigs", "objects", "individuals", "most", "rate a cell")
-    left_out = Table(
-        "class",
-        "IoU",
-        "Brier",
-        "of the mean",
-        "error",
-        "spread",
-        "ρ",
-        "ρ, fitted",
-        title="Rigs left out",
-    )
-    plain = Table("class", "IoU", "ln points", "5 points", "ln cells", title="ρ without a curve")
-    for own in checks:
-        name = (own.curve.object_class, f"{own.curve.iou:g}")
-        numbers = (own.rigs, own.objects, own.individuals, own.curve.most, own.curve.rate)
-        curves.add_row(*name, *map(str, numbers))
-        left_out.add_row(
-            *name,
-            f"{own.brier:.4f}",
-            f"{own.brier_of_mean:.4f}",
-            *(f"{100 * share:.1f} %" for share in (own.error, own.spread)),
-            *(f"{rho:+.2f}" for rho in (own.rho, own.rho_fitted)),
+    sweep, plan = read_plan(config, overrides)
+    store = store_of(sweep)
+    rigs = rigs_of(plan.trials, store)
+    if len(rigs) < 2:
+        wrong(
+            f"{config}: the store has detections of {len(rigs)} rig(s), at least 2 are needed; "
+            f"{command('run')} {config} makes them"
         )
-        rhos = (own.rho_log_points, own.rho_enough_points, own.rho_log_cells)
-        plain.add_row(*name, *(f"{rho:+.2f}" for rho in rhos))
-    for table in (curves, left_out, plain):
-        console.print(table)
-    console.print(
-        "error: mean distance of a rig's recall from the predicted one; spread: standard deviation "
-        "of recall over the rigs; ρ: Spearman's with recall over the rigs, fitted: of the curve "
-        "of all rigs"
-    )
+    seen = observations(rigs, store)
+    if seen.empty:
+        classes = ", ".join(plan.trials[0].grid_point.point.classes)
+        wrong(f"{config}: no object of {classes} is in its test frames")
+    say(f"{sum(map(len, rigs.values()))} of {len(plan.trials)} trials are evaluated")
+    return seen
+
+
+def _of_detections(asked: Asked, geometry: list[str]) -> pd.DataFrame:
+    """Observations of rigs whose geometry is named."""
+    import pandas as pd
+
+    from lidarplace.base.roi import Roi
+    from lidarplace.recall.counted_objects import CountedObjects
+    from lidarplace.recall.detection_curve import CELL_M
+    from sweeps.calibration.observations import of_rig
+    from sweeps.evaluation.rigs import geometries
+
+    test = asked.test
+    places = geometries(geometry, asked.whole, list(asked.paths))
+    for name in asked.paths:
+        if name not in places:
+            wrong(f"--geometry: missing for rig {name}; expected {name}=recorded, LiDARs or a file")
+    x0, y0, z0, x1, y1, z1 = test.roi
+    roi = Roi((x0, x1), (y0, y1), (z0, z1), 0.1)
+    objects = CountedObjects.from_log(test.log, roi, test.classes, CELL_M)
+    own = (objects, test.routes, test.classes, {})
+    return pd.concat([of_rig(r.name, places[r.name], r.seeds, *own) for r in asked.rigs])

@@ -113,13 +113,15 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     checked = check(own)
     assert checked.rigs == 3
     assert checked.objects == checked.individuals == len(center)
-    assert checked.brier < checked.brier_of_mean
-    assert checked.error < 0.05
+    assert list(checked.left_out) == ["rig", "object"]
+    for left_out in checked.left_out.values():
+        assert left_out.brier < left_out.brier_of_mean
+        assert left_out.error < 0.05
     means = own.groupby("rig")[["found", "cells"]].mean()
     p = own["cells"].map(lambda cells: float(checked.curve.probability(cells)))
     fitted = p.groupby(own["rig"]).mean()
     assert checked.rho_fitted == pytest.approx(fitted.corr(means["found"], method="spearman"))
-    assert checked.spread == pytest.approx(means["found"].std())
+    assert checked.left_out["rig"].spread == pytest.approx(means["found"].std())
 
 
 def test_trials_without_detections_are_left_out(config):
