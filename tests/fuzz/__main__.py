@@ -1,7 +1,7 @@
 """Counts of outcomes: `python -m tests.fuzz GROUP|NAME [COUNT [SEED [NUMBER]]]`.
 
-GROUP is data, maps, reports, settings or lines; NAME one of its targets, or a verb of `lines`.
-NUMBER runs this case alone and prints all of it.
+GROUP is data, detections, maps, reports, settings or lines; NAME one of its targets, or a verb of
+`lines`. NUMBER runs this case alone and prints all of it.
 """
 
 import sys
@@ -12,10 +12,16 @@ from pathlib import Path
 from tests.fuzz.cases import Result, run_case, run_cases
 from tests.fuzz.lines import LINES, run_line, run_lines
 from tests.fuzz.table import table
-from tests.fuzz.targets import DATA, MAPS, REPORTS, SETTINGS
+from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS, SETTINGS
 from tests.fuzz.world import write_world
 
-GROUPS = {"data": DATA, "maps": MAPS, "reports": REPORTS, "settings": SETTINGS}
+GROUPS = {
+    "data": DATA,
+    "detections": DETECTIONS,
+    "maps": MAPS,
+    "reports": REPORTS,
+    "settings": SETTINGS,
+}
 
 
 def results_of(

@@ -60,6 +60,14 @@ LINES = {
     "calibrate": Line(
         "calibrate sweep.yaml --out curves.json", stops_at="sweeps.calibration.observations.rigs_of"
     ),
+    "calibrate --log": Line(
+        "calibrate --log log --rig a=found.parquet --geometry a=rig.yaml --layout parquet",
+        stops_at="sweeps.evaluation.asked.read_rigs",
+    ),
+    "evaluate": Line(
+        "evaluate log found.parquet --layout parquet --class Car --split test --counted visible",
+        stops_at="sweeps.evaluation.asked.read_rigs",
+    ),
     "failures": Line(
         "failures run --rigs center,line --where seed=1 --out out",
         stops_at="sweeps.commands.failures._compared",

@@ -273,6 +273,22 @@ DATA: tuple[Target, ...] = (
 )
 """Data of all kinds."""
 
+DETECTIONS: tuple[Target, ...] = tuple(
+    Target(
+        f"evaluate {layout}",
+        f"detected/{layout}/found{files}",
+        f"evaluate detected/{layout}/log detected/{layout}/found{file}",
+    )
+    for layout, file, files in (
+        ("kitti", "", "/*.txt"),
+        ("nuscenes", ".json", ".json"),
+        ("argoverse", ".feather", ".feather"),
+        ("waymo", ".parquet", ".parquet"),
+        ("parquet", ".parquet", ".parquet"),
+    )
+)
+"""Files of detections from elsewhere."""
+
 MAPS: tuple[Target, ...] = tuple(
     Target(f"map {name}", f"maps/{name}", read=partial(_map, name))
     for name in ("block.net.xml", "street.xodr")

@@ -7,7 +7,7 @@ import pytest
 from tests.fuzz.cases import outcome_of, run_cases
 from tests.fuzz.judge import DONE
 from tests.fuzz.table import table
-from tests.fuzz.targets import DATA, MAPS, REPORTS
+from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS
 
 
 def names(targets):
@@ -22,7 +22,10 @@ def faults(targets, seed, count, world, folder):
     return [str(result) for result in results if result.outcome.fault]
 
 
-@pytest.mark.parametrize("target", [*DATA, *REPORTS], ids=names((*DATA, *REPORTS)))
+EVERY = (*DATA, *DETECTIONS, *REPORTS)
+
+
+@pytest.mark.parametrize("target", EVERY, ids=names(EVERY))
 def test_right_data_is_done(target, world, tmp_path):
     place = tmp_path / "world"
     shutil.copytree(world, place)
@@ -30,7 +33,7 @@ def test_right_data_is_done(target, world, tmp_path):
     assert outcome_of(target, path, place).kind == DONE
 
 
-@pytest.mark.parametrize("target", DATA, ids=names(DATA))
+@pytest.mark.parametrize("target", [*DATA, *DETECTIONS], ids=names((*DATA, *DETECTIONS)))
 def test_data(target, world, tmp_path):
     assert not faults([target], 0, 5, world, tmp_path)
 
@@ -49,7 +52,7 @@ def test_reports(target, world, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_much_data(seed, world, tmp_path):
-    assert not faults(DATA, seed, 100, world, tmp_path)
+    assert not faults((*DATA, *DETECTIONS), seed, 100, world, tmp_path)
 
 
 @pytest.mark.long

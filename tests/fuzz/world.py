@@ -125,6 +125,7 @@ def write_world(folder: Path) -> None:
     _kitti(folder / "kitti")
     _data_sets(folder)
     _clouds(folder)
+    _detections(folder / "detected")
     _recorded(folder / "recorded")
     made_up_run.write_run(folder / "run", names=("line", "center", "mine"), points=20)
     made_up_search.write_search(folder / "found", trials=12)
@@ -249,6 +250,18 @@ def _clouds(folder: Path) -> None:
     cloud_of(Lidar.even(6, (-15, 5), 120)).to_parquet(folder / "cloud.parquet", index=False)
     record = json.dumps(rig_record(PAPER_PLACEMENTS["line"]))
     (folder / "clouds/placement.json").write_text(record)
+
+
+def _detections(folder: Path) -> None:
+    """Labels of a log as the detections of every layout, with the log that names their frames."""
+    from lidarplace.detections.read import LAYOUTS
+    from lidarplace.logs.box_log import write_box_log
+    from tests.lidarplace.test_detections import log_of, scored, write
+
+    for layout in LAYOUTS:
+        log = log_of(layout, 3)
+        write_box_log(folder / layout / "log", log)
+        write(layout, folder / layout / "found", log, scored(log.boxes))
 
 
 def _recorded(folder: Path) -> None:

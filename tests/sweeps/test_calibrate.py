@@ -9,7 +9,8 @@ import yaml
 from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Roi
-from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.configuration.placement import read_placement
+from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import read_curves
@@ -137,3 +138,43 @@ def test_one_rig_is_too_few(config):
     assert result.exit_code == 2
     said = " ".join(result.output.split())
     assert "the store has detections of 1 rig(s), at least 2 are needed" in said
+
+
+def test_detections_from_elsewhere_have_curves_too(tmp_path):
+    write_log(tmp_path / "log")
+    log = read_box_log(tmp_path / "log")
+    test = BoxLog(log.boxes[log.boxes["frame"] > 0], log.frames, log.buildings)
+    objects = CountedObjects.from_log(test, ROI, ["Car"], 0.2)
+    options = []
+    for seed, (name, z) in enumerate({"low": 1.0, "high": 2.4}.items()):
+        (tmp_path / f"{name}.yaml").write_text(f"mounts: [{{x: 0, y: 0, z: {z}}}]\n")
+        lidar = Lidar.paper()
+        (seen,) = objects.seen_by([read_placement(tmp_path / f"{name}.yaml", lidar)])
+        rng = np.random.default_rng(seed)
+        boxes = objects.table[
+            rng.random(len(objects.table)) < MOST * (1 - np.exp(-RATE * seen.counts()))
+        ]
+        found = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
+        found.to_parquet(tmp_path / f"{name}.parquet")
+        options += ["--rig", f"{name}={tmp_path / name}.parquet"]
+        options += ["--geometry", f"{name}={tmp_path / name}.yaml"]
+    out = tmp_path / "curves.json"
+    told = CliRunner().invoke(
+        app, ["--log", str(tmp_path / "log"), *options, "--out", str(out)], catch_exceptions=False
+    )
+    assert told.exit_code == 0, told.output
+    curve = read_curves(out).of("Car", 0.7)
+    cells = np.array([10, 30, 60])
+    expected = MOST * (1 - np.exp(-RATE * cells))
+    assert curve.probability(cells) == pytest.approx(expected, abs=0.05)
+    lines = [line.split() for line in told.output.splitlines() if line.startswith("Car")]
+    assert [line[2] for line in lines if len(line) == 8] == ["rig", "object"] * 2
+    assert "Left out" in out.with_suffix(".html").read_text()
+
+    one = CliRunner().invoke(app, ["--log", str(tmp_path / "log"), *options[:4]])
+    assert "One rig: none can be left out" in one.output
+    bare = CliRunner().invoke(app, ["--log", str(tmp_path / "log"), *options[:2]])
+    assert bare.exit_code == 2
+    assert "--geometry: missing for rig low" in bare.output
+    none = CliRunner().invoke(app, [])
+    assert none.exit_code == 2
