@@ -1,33 +1,29 @@
-"""Detections in each layout: a table of frame, category, box in the ego frame and score."""
+"""Detections in each layout, as a table: frame, category, box in the ego frame, score."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError
-from lidarplace.detections.frames import LogFrames, Row
-from lidarplace.files.columns import check_columns, frame_numbers, integers, numbers, sizes, texts
+from lidarplace.files.columns import check_columns, frame_numbers, integers, numbers, texts
 from lidarplace.files.json_file import read_json
-from lidarplace.files.tables import read_feather
-from lidarplace.logs.boxes import GEOMETRY, SIZE, SOURCE
+from lidarplace.files.tables import read_feather, read_parquet
+from lidarplace.logs.boxes import GEOMETRY, SOURCE, full_poses
 from lidarplace.scenes.datasets import argoverse, nuscenes, waymo
-from lidarplace.scenes.datasets.class_maps import ClassMap
+from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap
 from lidarplace.scenes.datasets.nuscenes_tables import Table
 from lidarplace.scenes.datasets.se3 import Poses
-from lidarplace.scenes.kitti.calibration import (
-    LIDAR_HEIGHT_M,
-    STANDARD,
-    camera_to_ego,
-    read_calibration,
-)
-from lidarplace.scenes.kitti.read import in_ego, read_labels
+from lidarplace.scenes.kitti.calibration import STANDARD, camera_to_ego, read_calibration
+from lidarplace.scenes.kitti.folder import frame_name
+from lidarplace.scenes.kitti.read import KITTI, in_ego, read_labels
 
 CATEGORIES = {
     "barrier": "movable_object.barrier",
@@ -43,6 +39,9 @@ CATEGORIES = {
 }
 """The ten names of nuScenes' detection challenge -> a category of its boxes."""
 
+Row = Callable[[int], str]
+"""File and row of a detection, for messages."""
+
 _BOX = ("translation", "size", "rotation", "detection_name", "detection_score")
 
 
@@ -52,10 +51,51 @@ class Found(NamedTuple):
     Attributes:
         table: `frame`, `category`, columns of `GEOMETRY` in the ego frame, `score`.
         row: names a row of it.
+        known: class map of the layout.
     """
 
     table: pd.DataFrame
     row: Row
+    known: ClassMap
+
+
+class LogFrames:
+    """Finds frames of a log: by number, by their `SOURCE`, by their number as KITTI writes it."""
+
+    def __init__(self, frames: pd.DataFrame) -> None:
+        """Raises InputError if two frames have one name."""
+        self._frames, numbers = frames, frames["frame"].tolist()
+        self._numbers: dict[str | int, int] = {number: number for number in numbers}
+        self._numbers |= {frame_name(number): number for number in numbers}
+        if SOURCE in frames:
+            if len(twice := frames.loc[frames[SOURCE].duplicated(), SOURCE]):
+                found = twice.iloc[0]
+                raise InputError("duplicate name of a frame", place="log", key=SOURCE, found=found)
+            self._numbers |= dict(zip(frames[SOURCE].tolist(), numbers, strict=True))
+
+    def named(self, names: Iterable[str | int], row: Row) -> NDArray[np.int64]:
+        """Numbers of these frames; (rows,). Raises InputError for an unknown one."""
+        found = []
+        for at, name in enumerate(names):
+            if name not in self._numbers:
+                known = [key for key in self._numbers if isinstance(key, type(name))]
+                such = f"a frame of the log, such as {known[-1]}" if known else "a frame"
+                fix = None if SOURCE in self._frames else "`convert` keeps the names of the source"
+                problem = {"place": row(at), "expected": such, "found": str(name), "fix": fix}
+                raise InputError("unknown frame", **problem)
+            found.append(self._numbers[name])
+        return np.array(found, np.int64)
+
+    def ego(self, numbers: NDArray[np.int64], row: Row) -> Poses:
+        """Pose of the vehicle in the world in these frames; (rows,). Raises InputError."""
+        known = full_poses(self._frames)
+        for at, number in enumerate(numbers.tolist()):
+            if number not in known:
+                problem = f"the log has no pose of the vehicle in frame {number}"
+                raise InputError(problem, place=row(at))
+        rotations = np.array([known[number][0] for number in numbers.tolist()]).reshape(-1, 3, 3)
+        positions = np.array([known[number][1] for number in numbers.tolist()]).reshape(-1, 3)
+        return Poses(positions, Rotation.from_matrix(rotations))
 
 
 def of_kitti(
@@ -64,7 +104,7 @@ def of_kitti(
     types: ClassMap,
     ignored: Counter[str],
     calibration: Path | None,
-    lidar_height: float = LIDAR_HEIGHT_M,
+    lidar_height: float,
 ) -> Found:
     """Result files of KITTI, one a frame, lines of 16 fields, boxes in the camera's frame.
 
@@ -73,24 +113,21 @@ def of_kitti(
         calibration: folder of a file a frame; None: the camera of our own export.
         lidar_height: with `calibration`: of the LiDAR above the ground, metres.
     """
-    places, names, values, cameras, numbered = [], [], [], [], []
-    standard = camera_to_ego(STANDARD)
-    of_files = frames.named([path.stem for path in files], lambda at: str(files[at])).tolist()
-    for path, frame in zip(files, of_files, strict=True):
-        camera = standard
+    rows: list[tuple[int, Path, int, str]] = []
+    values, cameras, camera = [], [], camera_to_ego(STANDARD)
+    numbered = frames.named((path.stem for path in files), lambda at: str(files[at]))
+    for path, frame in zip(files, numbered.tolist(), strict=True):
         if calibration is not None:
             camera = camera_to_ego(read_calibration(calibration / path.name), lidar_height)
         for line, name, fields in read_labels(path, types, ignored, None, (16,)):
-            places.append((path, line))
-            names.append(name)
+            rows.append((frame, path, line, name))
             values.append(fields)
             cameras.append(camera)
-            numbered.append(frame)
     array = np.array(values, np.float64).reshape(-1, 15)
     boxes = in_ego(array[:, 7:14], np.array(cameras, np.float64).reshape(-1, 3, 4))
-    table = pd.DataFrame({"frame": np.array(numbered, np.int64), "category": names})
+    table = pd.DataFrame(rows, columns=["frame", "path", "line", "category"])
     table = table.assign(**boxes, score=array[:, 14])
-    return Found(table, lambda at: "{}: line {}".format(*places[at]))
+    return Found(table, lambda at: f"{rows[at][1]}: line {rows[at][2]}", KITTI)
 
 
 def of_nuscenes(path: Path, frames: LogFrames) -> Found:
@@ -99,35 +136,27 @@ def of_nuscenes(path: Path, frames: LogFrames) -> Found:
     results = content.get("results") if isinstance(content, dict) else None
     if not isinstance(results, dict):
         raise InputError("no detections", place=str(path), expected='{"results": {SAMPLE: [BOX]}}')
-    tokens = list(results)
-    of_sample = frames.named(tokens, lambda at: f"{path}: sample {tokens[at]}")
-    columns: dict[str, list[Any]] = {name: [] for name in ("token", *_BOX)}
-    frame = []
-    for token, number in zip(tokens, of_sample.tolist(), strict=True):
-        boxes = results[token]
+    of_sample = frames.named(results, lambda at: f"{path}: sample {[*results][at]}")
+    columns: dict[str, list[Any]] = {name: [] for name in ("frame", "token", *_BOX)}
+    for (token, boxes), number in zip(results.items(), of_sample.tolist(), strict=True):
         if not isinstance(boxes, list):
             raise InputError("no list of boxes", place=f"{path}: sample {token}")
         for at, box in enumerate(boxes):
             missing = [name for name in _BOX if not isinstance(box, dict) or name not in box]
-            if missing:
-                place = f"{path}: token {token}: box {at}"
-                raise InputError("missing key", place=place, key=", ".join(missing))
-            if box.get("sample_token", token) != token:
-                place, other = f"{path}: token {token}: box {at}", str(box["sample_token"])
-                raise InputError(
-                    "box of another sample", place=place, key="sample_token", found=other
-                )
-            frame.append(number)
-            columns["token"].append(f"{token}: box {at}")
-            for name in _BOX:
-                columns[name].append(box[name])
+            if missing or box.get("sample_token", token) != token:
+                problem = "missing key" if missing else "box of another sample"
+                key = ", ".join(missing) or "sample_token"
+                raise InputError(problem, place=f"{path}: token {token}: box {at}", key=key)
+            row = {**box, "frame": number, "token": f"{token}: box {at}"}
+            for name, values in columns.items():
+                values.append(row[name])
+    frame, names = np.array(columns.pop("frame"), np.int64), columns["detection_name"]
     table = Table(path, columns)
-    numbered = np.array(frame, np.int64)
-    named = columns["detection_name"]
-    boxes = nuscenes.in_ego(table, frames.ego(numbered, table.row, full=True))
-    category = [CATEGORIES.get(name, name) if isinstance(name, str) else name for name in named]
-    own = pd.DataFrame({"frame": numbered, "category": pd.Series(category, dtype=object)})
-    return Found(own.assign(**boxes, score=table.numbers("detection_score")), table.row)
+    boxes = nuscenes.in_ego(table, frames.ego(frame, table.row))
+    category = [CATEGORIES.get(name, name) if isinstance(name, str) else name for name in names]
+    own = pd.DataFrame({"frame": frame, "category": pd.Series(category, dtype=object)})
+    own = own.assign(**boxes, score=table.numbers("detection_score"))
+    return Found(own, table.row, nuscenes.NUSCENES)
 
 
 def of_argoverse(path: Path, frames: LogFrames) -> Found:
@@ -137,50 +166,56 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
     time = integers(table, "timestamp_ns", str(path)).astype(str).astype(object)
     names = texts(table, "log_id", str(path)) + "/" + time
     boxes = argoverse.in_ego(table, str(path))
-    return _of_table(table, path, frames.named(names, _row(path)), boxes, "category")
+    return _rows(path, frames, names, table["category"], boxes, table, argoverse.ARGOVERSE)
 
 
-def of_waymo(table: pd.DataFrame, path: Path, frames: LogFrames) -> Found:
-    """A table of Waymo's columns of `lidar_box` and `score`: boxes in its vehicle frame."""
-    geometry = (*waymo.CENTRE, *waymo.SIZE, waymo.HEADING)
-    names = (waymo.SEGMENT, waymo.TIME, waymo.TYPE, *geometry, "score")
-    check_columns(list(table.columns), names, str(path))
-    frame = frames.named(waymo.frame_names(table, str(path)), _row(path))
-    table = table.assign(category=waymo.types(table, str(path)))
-    return _of_table(table, path, frame, waymo.in_ego(table, str(path)), "category")
-
-
-def of_parquet(table: pd.DataFrame, path: Path, frames: LogFrames, world: bool) -> Found:
-    """A table of our columns: `frame` or `source`, `class`, `GEOMETRY`, `score`.
+def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
+    """A table of Waymo's columns of `lidar_box` and `score`, boxes in its vehicle frame; or of our
+    columns: `frame` or `source`, `class`, `GEOMETRY`, `score`.
 
     Args:
-        world: whether boxes are in the world, not in the ego frame.
+        as_waymo: None: as its columns say.
+        world: whether boxes of our columns are in the world, not in the ego frame.
     """
+    table, source = read_parquet(path).reset_index(drop=True), str(path)
+    if waymo.SEGMENT in table if as_waymo is None else as_waymo:
+        geometry = (*waymo.CENTRE, *waymo.SIZE, waymo.HEADING, "score")
+        keys = (waymo.SEGMENT, waymo.TIME, waymo.TYPE)
+        check_columns(list(table.columns), (*keys, *geometry), source)
+        names, kinds = waymo.frame_names(table, source), waymo.types(table, source)
+        boxes = waymo.in_ego(table, source)
+        return _rows(path, frames, names, kinds, boxes, table, waymo.WAYMO)
     by = SOURCE if SOURCE in table else "frame"
-    check_columns(list(table.columns), (by, "class", *GEOMETRY, "score"), str(path))
-    if by == SOURCE:
-        frame = frames.named(texts(table, SOURCE, str(path)), _row(path))
-    else:
-        frame = frames.numbered(frame_numbers(table, str(path)), _row(path))
-    values = numbers(table, GEOMETRY, str(path))
-    sizes(table, SIZE, str(path))
+    check_columns(list(table.columns), (by, "class", *GEOMETRY, "score"), source)
+    names = texts(table, by, source) if by == SOURCE else frame_numbers(table, source)
+    values = numbers(table, GEOMETRY, source)
     boxes = dict(zip(GEOMETRY, values.T, strict=True))
+    found = _rows(path, frames, names, table["class"], boxes, table, BOX_LOG)
     if world:
-        turned = np.zeros((len(values), 3))
-        turned[:, 2] = values[:, 6]
-        posed = Poses(values[:, :3], Rotation.from_rotvec(turned))
-        posed = posed.seen_from(frames.ego(frame, _row(path), full=False))
-        boxes |= dict(zip("xyz", posed.position.T, strict=True)) | {"yaw": posed.yaw}
-    return _of_table(table, path, frame, boxes, "class")
+        turned = Rotation.from_rotvec(values[:, 6:] * [0.0, 0.0, 1.0])
+        ego = frames.ego(found.table["frame"].to_numpy(np.int64), found.row)
+        posed = Poses(values[:, :3], turned).seen_from(ego)
+        boxes = dict(zip("xyz", posed.position.T, strict=True)) | {"yaw": posed.yaw}
+        return found._replace(table=found.table.assign(**boxes))
+    return found
 
 
-def _of_table(
-    table: pd.DataFrame, path: Path, frame: Any, boxes: dict[str, Any], category: str
+def _rows(
+    path: Path,
+    frames: LogFrames,
+    names: NDArray[Any],
+    categories: pd.Series,
+    boxes: dict[str, NDArray[np.float64]],
+    table: pd.DataFrame,
+    known: ClassMap,
 ) -> Found:
-    score = numbers(table, ["score"], str(path))[:, 0]
-    own = {"frame": frame, "category": table[category].to_numpy(object), **boxes, "score": score}
-    return Found(pd.DataFrame(own), _row(path))
+    def row(at: int) -> str:
+        return f"{path}: row {at}"
 
-
-def _row(path: Path) -> Row:
-    return lambda at: f"{path}: row {at}"
+    own = {
+        "frame": frames.named(names.tolist(), row),
+        "category": categories.to_numpy(object),
+        **boxes,
+    }
+    own["score"] = numbers(table, ["score"], str(path))[:, 0]
+    return Found(pd.DataFrame(own), row, known)

@@ -9,36 +9,21 @@ from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-from pyarrow import parquet as pq
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
-from lidarplace.detections.frames import LogFrames
 from lidarplace.detections.layouts import (
     Found,
+    LogFrames,
     of_argoverse,
     of_kitti,
     of_nuscenes,
     of_parquet,
-    of_waymo,
 )
-from lidarplace.files.atomic import first_line, reading
-from lidarplace.files.regular import regular
-from lidarplace.files.tables import read_parquet
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.logs.plausible import MOST_YAW
-from lidarplace.scenes.datasets.class_maps import (
-    ARGOVERSE,
-    BOX_LOG,
-    NUSCENES,
-    WAYMO,
-    ClassMap,
-    classify,
-    merged,
-)
-from lidarplace.scenes.datasets.waymo import SEGMENT
+from lidarplace.scenes.datasets.class_maps import ClassMap, classify, merged
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import KITTI
 
@@ -53,18 +38,9 @@ _SUFFIXES: dict[str, Layout] = {
     ".feather": "argoverse",
     ".parquet": "parquet",
 }
-_MAPS: dict[Layout, ClassMap] = {
-    "kitti": KITTI,
-    "nuscenes": NUSCENES,
-    "argoverse": ARGOVERSE,
-    "waymo": WAYMO,
-    "parquet": BOX_LOG,
-}
 _PICKLES = {
-    ".pkl": "pickle.load(open('{}', 'rb'))",
-    ".pickle": "pickle.load(open('{}', 'rb'))",
-    ".pt": "torch.load('{}', weights_only=False)",
-    ".pth": "torch.load('{}', weights_only=False)",
+    **dict.fromkeys((".pkl", ".pickle"), "pickle.load(open('{}', 'rb'))"),
+    **dict.fromkeys((".pt", ".pth"), "torch.load('{}', weights_only=False)"),
 }
 _CONVERT = (
     'python -c "import pandas as pd, {module}; '
@@ -107,74 +83,63 @@ def read_detections(
         InputError: a file is no such file; or a frame or category is unknown, a number is missing
             or not finite, a size is not above 0: names file and row.
     """
-    files = [(file, _layout(file, layout)) for path in paths for file in _files(path)]
+    files = [(file, layout or _layout(file)) for path in paths for file in _files(path)]
     counter = Counter[str]() if ignored is None else ignored
     every = {name for _, name in files}
     if world and every != {"parquet"}:
         raise InputError("only plain Parquet can have boxes in the world", place="world")
     if calibration is not None and every != {"kitti"}:
         raise InputError("only KITTI's result files need a camera", place=str(calibration))
-    frames = LogFrames(log.frames)
-    maps: dict[str, ClassMap] = {}
-    for name in every:
-        known = merged(_MAPS[name], class_map)
-        maps[name] = ChainMap({own: own for own in classes}, known)  # type: ignore[arg-type]
-    tables = []
     try:
+        frames, found = LogFrames(log.frames), []
         if results := [file for file, name in files if name == "kitti"]:
-            found = of_kitti(results, frames, maps["kitti"], counter, calibration, _height(log))
-            tables.append(_checked(found, maps["kitti"], classes, counter))
+            types = _with(classes, KITTI, class_map)
+            found.append(of_kitti(results, frames, types, counter, calibration, _height(log)))
         for file, name in files:
-            if name != "kitti":
-                found = _read(file, name, frames, world)
-                tables.append(_checked(found, maps[name], classes, counter))
+            if name == "nuscenes":
+                found.append(of_nuscenes(file, frames))
+            elif name == "argoverse":
+                found.append(of_argoverse(file, frames))
+            elif name != "kitti":
+                as_waymo = None if layout is None else layout == "waymo"
+                found.append(of_parquet(file, frames, as_waymo, world))
+        tables = [_checked(own, classes, class_map, counter) for own in found]
     except (ValueError, OSError) as error:  # of readers of files, which name file and row
         raise error if isinstance(error, InputError) else InputError(str(error)) from None
     return pd.concat(tables).sort_values("frame", kind="stable", ignore_index=True)
+
+
+def _with(classes: Sequence[str], known: ClassMap, class_map: ClassMap | None) -> ClassMap:
+    """A class map in which the classes of a log are categories, too."""
+    own = {name: name for name in classes}
+    return ChainMap(own, merged(known, class_map))  # type: ignore[arg-type]
 
 
 def _files(path: Path) -> list[Path]:
     """The file, or those of a folder that can be detections."""
     if not path.exists():
         raise InputError("no such file or folder", place=str(path))
-    if not path.is_dir():
-        return [path]
-    own = sorted(file for file in path.iterdir() if file.suffix in (*_SUFFIXES, *_PICKLES))
+    known = (*_SUFFIXES, *_PICKLES)
+    own = (
+        sorted(file for file in path.iterdir() if file.suffix in known) if path.is_dir() else [path]
+    )
     if not own:
         raise InputError("no detections", place=str(path), expected=f"files {', '.join(_SUFFIXES)}")
+    for file in own:
+        if (load := _PICKLES.get(file.suffix)) is not None:
+            names = {"module": load.partition(".")[0], "load": load.format(file)}
+            line = _CONVERT.format(**names, height=LIDAR_HEIGHT_M, out=file.with_suffix(".parquet"))
+            fix = f"one of OpenPCDet becomes Parquet by: {line}"
+            raise InputError("a pickle can run code, so none is read", place=str(file), fix=fix)
     return own
 
 
-def _layout(path: Path, layout: Layout | None) -> Layout:
-    """What to read a file as. Raises InputError for a pickle: it can run any code."""
-    if (load := _PICKLES.get(path.suffix)) is not None:
-        line = _CONVERT.format(
-            module=load.partition(".")[0],
-            load=load.format(path),
-            height=LIDAR_HEIGHT_M,
-            out=path.with_suffix(".parquet"),
-        )
-        raise InputError(
-            "a pickle can run code, so none is read",
-            place=str(path),
-            fix=f"one of OpenPCDet becomes Parquet by: {line}",
-        )
-    if layout is not None:
-        return layout
+def _layout(path: Path) -> Layout:
+    """By the suffix. Raises InputError for an unknown one."""
     if path.suffix not in _SUFFIXES:
-        wanted = f"{', '.join(_SUFFIXES)}, or a layout by name"
+        wanted = ", ".join(_SUFFIXES)
         raise InputError("unknown layout", place=str(path), expected=wanted, found=path.suffix)
-    found = _SUFFIXES[path.suffix]
-    return "waymo" if found == "parquet" and SEGMENT in _columns(path) else found
-
-
-def _columns(path: Path) -> list[str]:
-    with reading(path), regular(path).open("rb") as file:
-        try:
-            return list(pq.read_schema(file).names)
-        except pa.ArrowException as error:
-            problem = f"is no Parquet file: {first_line(error)}"
-            raise InputError(problem, place=str(path)) from None
+    return _SUFFIXES[path.suffix]
 
 
 def _height(log: BoxLog) -> float:
@@ -184,21 +149,8 @@ def _height(log: BoxLog) -> float:
     return heights.pop() if len(heights) == 1 else LIDAR_HEIGHT_M
 
 
-def _read(file: Path, layout: Layout, frames: LogFrames, world: bool) -> Found:
-    if layout == "nuscenes":
-        return of_nuscenes(file, frames)
-    if layout == "argoverse":
-        return of_argoverse(file, frames)
-    table = read_parquet(file).reset_index(drop=True)
-    return (
-        of_waymo(table, file, frames)
-        if layout == "waymo"
-        else of_parquet(table, file, frames, world)
-    )
-
-
 def _checked(
-    found: Found, class_map: ClassMap, classes: Sequence[str], ignored: Counter[str]
+    found: Found, classes: Sequence[str], class_map: ClassMap | None, ignored: Counter[str]
 ) -> pd.DataFrame:
     """`COLUMNS` of the detections of `classes`. Raises InputError for what no box can be."""
     table = found.table
@@ -217,7 +169,8 @@ def _checked(
             raise InputError(
                 "invalid value", place=found.row(at), key=name, expected=expected, found=value
             )
-    of_class = classify(table["category"], class_map, found.row, ignored)
+    types = _with(classes, found.known, class_map)
+    of_class = classify(table["category"], types, found.row, ignored)
     kept = np.isin(of_class, list(classes))
     lost = table["category"][~kept & (of_class != IGNORE)]
     ignored.update(lost.tolist())

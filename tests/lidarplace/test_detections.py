@@ -188,7 +188,7 @@ def test_a_table_in_the_world(tmp_path):
     turn = (found["yaw"] - boxes["yaw"].to_numpy()).to_numpy()
     assert np.exp(1j * turn) == pytest.approx(1)
     without = replace(level, frames=level.frames.drop(columns=["ego_x"]))
-    with pytest.raises(InputError, match="need the pose of the vehicle; expected ego_x"):
+    with pytest.raises(InputError, match="row 0: the log has no pose of the vehicle in frame 0"):
         read_detections([tmp_path / "found.parquet"], without, CLASSES, world=True)
 
 
@@ -227,7 +227,10 @@ GOOD = {"frame": [3, 4], "class": "Car", **dict.fromkeys(GEOMETRY, 1.0), "score"
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        ({"frame": [3, 99]}, "row 1: unknown frame; expected a frame of the log, such as 0, found"),
+        (
+            {"frame": [3, 99]},
+            "row 1: unknown frame; expected a frame of the log, such as 29, found 99",
+        ),
         ({"class": ["Car", "Lorry"]}, "row 1: unknown category 'Lorry'; name its class"),
         ({"x": [1.0, np.nan]}, "row 1: x: invalid value; expected a finite number, found nan"),
         (
