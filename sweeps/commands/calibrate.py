@@ -79,11 +79,11 @@ def calibrate(
             from sweeps.evaluation.asked import asked_for
 
             asked = asked_for(
-                Path(str(log)), [], rig or [], layout, world, calib, class_map, roi, class_ or [],
-                split, "visible",
+                Path(str(log)), [], rig or [], geometry or [], layout, world, calib, class_map, roi,
+                class_ or [], split, "visible",
             )  # fmt: skip
             say("\n".join(asked.notes))
-            seen = _of_detections(asked, geometry or [])
+            seen = _of_detections(asked)
         checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
     section = checks_section(checks)
     for own in section.tables:
@@ -119,23 +119,18 @@ def _of_sweep(config: Path, overrides: list[str]) -> pd.DataFrame:
     return seen
 
 
-def _of_detections(asked: Asked, geometry: list[str]) -> pd.DataFrame:
-    """Observations of rigs whose geometry is named."""
+def _of_detections(asked: Asked) -> pd.DataFrame:
+    """Observations of rigs, whose geometry must be known."""
     import pandas as pd
 
-    from lidarplace.base.roi import Roi
     from lidarplace.recall.counted_objects import CountedObjects
     from lidarplace.recall.detection_curve import CELL_M
     from sweeps.calibration.observations import of_rig
-    from sweeps.evaluation.rigs import geometries
 
-    test = asked.test
-    places = geometries(geometry, asked.whole, list(asked.paths))
-    for name in asked.paths:
+    test, places = asked.test, asked.geometry
+    for name in asked.rigs:
         if name not in places:
             wrong(f"--geometry: missing for rig {name}; expected {name}=recorded, LiDARs or a file")
-    x0, y0, z0, x1, y1, z1 = test.roi
-    roi = Roi((x0, x1), (y0, y1), (z0, z1), 0.1)
-    objects = CountedObjects.from_log(test.log, roi, test.classes, CELL_M)
+    objects = CountedObjects.from_log(test.log, test.roi, test.classes, CELL_M)
     own = (objects, test.routes, test.classes, {})
-    return pd.concat([of_rig(r.name, places[r.name], r.seeds, *own) for r in asked.rigs])
+    return pd.concat([of_rig(n, places[n], seeds, *own) for n, seeds in asked.rigs.items()])

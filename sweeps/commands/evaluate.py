@@ -81,7 +81,6 @@ def evaluate(
     Two rigs or more become a run folder with a decision page, a failure page and a report.
     """
     from sweeps.evaluation.asked import asked_for
-    from sweeps.evaluation.rigs import geometries
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
     from tracking.findings.groups import GENERALIST
     from tracking.findings.summary import seed_means
@@ -91,21 +90,17 @@ def evaluate(
 
     with checked_input():
         found = asked_for(
-            log, detections or [], rig or [], layout, world, calib, class_map, roi, class_ or [],
-            split, counted,
+            log, detections or [], rig or [], geometry or [], layout, world, calib, class_map, roi,
+            class_ or [], split, counted,
         )  # fmt: skip
-        places = geometries(geometry or [], found.whole, list(found.paths))
         several = len(found.rigs) > 1
         if several:
             check_free(out)
-        worth = evaluate_rigs(found.rigs, found.test)
+        worth = evaluate_rigs(found)
         results, left_out = results_of(worth)
         means = seed_means(results, (), left_out, GENERALIST)
         if several:
-            judge = GENERALIST if generalist else "specialist"
-            write_evaluation(
-                out, worth, found.test, places, judge, found.paths, found.settings, found.cautions
-            )
+            write_evaluation(out, worth, found, GENERALIST if generalist else "specialist")
             page = build_report(out)
     if as_json:
         print_json(_plain(means))

@@ -1,20 +1,26 @@
-"""What options of a command ask for: a log, its test frames, and what rigs found in them."""
+"""What options of a command ask for: test frames of a log, and what rigs found in them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
+import pandas as pd
+
+from lidarplace.base.class_names import listed
 from lidarplace.base.errors import InputError
-from lidarplace.base.roi import Roi
+from lidarplace.clouds.profiles import PROFILES
 from lidarplace.command_line.verbs import crop_of, known
-from lidarplace.detections.read import LAYOUTS
-from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.configuration.placement import read_placement
+from lidarplace.detections.read import LAYOUTS, read_detections
+from lidarplace.logs.box_log import read_box_log
 from lidarplace.logs.boxes import SPLITS
+from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.recorded import one_rig
 from lidarplace.scenes.datasets.class_maps import named_class_map
-from sweeps.evaluation.rigs import FoundBy, How, by_rig, read_rigs
 from sweeps.evaluation.test_frames import Counted, TestFrames
 
 ALONE = "detections"
@@ -26,28 +32,27 @@ class Asked:
     """What was read.
 
     Attributes:
-        whole: the log.
-        test: its frames that are judged.
-        rigs: what was found in them.
+        test: the frames that are judged, and the objects that count.
+        rigs: detections that are right or wrong about these, by rig and by training.
         paths: of the files, by rig.
-        settings: plain data of everything else.
+        geometry: where the LiDARs are, of rigs of which that is known.
         notes: what counts, a sentence each.
         cautions: what may be wrong with the detections, a sentence each.
     """
 
-    whole: BoxLog
     test: TestFrames
-    rigs: list[FoundBy]
-    paths: dict[str, list[str]]
-    settings: dict[str, object]
-    notes: list[str]
-    cautions: list[str]
+    rigs: Mapping[str, Sequence[pd.DataFrame]]
+    paths: Mapping[str, Sequence[str]]
+    geometry: Mapping[str, Placement]
+    notes: Sequence[str]
+    cautions: Sequence[str]
 
 
 def asked_for(
     log: Path,
     detections: Sequence[Path],
     rigs: Sequence[str],
+    geometry: Sequence[str],
     layout: str | None,
     world: bool,
     calib: Path | None,
@@ -67,37 +72,63 @@ def asked_for(
         problem = "both, or none" if detections else "no detections"
         expected = "DETECTIONS of one rig, or --rig NAME=PATH for each of several"
         raise InputError(problem, place="DETECTIONS, --rig", expected=expected)
-    paths = by_rig(rigs) or {ALONE: [str(path) for path in detections]}
+    paths = _by_rig("--rig", rigs) or {ALONE: [str(path) for path in detections]}
     files = {name: [[Path(own)] for own in each] for name, each in paths.items()}
     if detections:
         files = {ALONE: [[*detections]]}
-    crop = crop_of(roi)
-    Roi(tuple(roi[:2]), tuple(roi[2:4]), tuple(roi[4:]), 0.1)  # type: ignore[arg-type]
-    how = How(
-        None if layout is None else known("layout", layout, {name: name for name in LAYOUTS}),
-        world,
-        calib,
-        named_class_map(class_map),
-    )
+    crop, own_map = crop_of(roi), named_class_map(class_map)
+    form = None if layout is None else known("layout", layout, {own: own for own in LAYOUTS})
     rule = known("counted", counted, {str(name): name for name in get_args(Counted)})
+    part = known("split", split, {own: own for own in SPLITS})
     whole = read_box_log(log)
-    test = TestFrames.of(
-        whole, known("split", split, dict(zip(SPLITS, SPLITS, strict=True))), crop, classes, rule
-    )
-    read = read_rigs(files, whole, test, how)
-    notes = [test.said, *(said for rig in read for said in rig.said)]
-    if how.calibration is None and any(
-        rig.placement.name == "kitti" for rig in whole.rigs.values()
-    ):
-        notes.append("KITTI's result files are read with the camera of `lidarplace export`.")
-    settings: dict[str, object] = {
-        "log": str(log),
-        "classes": list(test.classes),
-        "roi": list(map(float, roi)),
-        "split": split,
-        "counted": counted,
-        "class_map": class_map,
-        "notes": notes,
-    }
-    cautions = [said for rig in read for said in rig.cautions]
-    return Asked(whole, test, read, paths, settings, notes, cautions)
+    test = TestFrames.of(whole, part, crop, classes, rule)
+    found: dict[str, list[pd.DataFrame]] = {}
+    notes, cautions = [test.said], []
+    for name, trainings in files.items():
+        for of_training in trainings:
+            ignored = Counter[str]()
+            read = read_detections(
+                of_training,
+                whole,
+                test.classes,
+                layout=form,
+                world=world,
+                calibration=calib,
+                class_map=own_map,
+                ignored=ignored,
+            )
+            own = read[read["frame"].isin(test.log.frames["frame"])]
+            if own.empty:
+                place = ", ".join(map(str, of_training))
+                raise InputError("no detection of a class in a frame of the split", place=place)
+            found.setdefault(name, []).append(kept := test.relevant(own))
+            there, every = own["frame"].nunique(), len(test.log.frames)
+            text = f"{name}: {len(kept):,} of {len(own):,} detections count"
+            without = f"; without class: {listed(dict(ignored.most_common()))}" if ignored else ""
+            notes.append(f"{text}, in {there:,} of {every:,} frames{without}.")
+            if there < every:
+                cautions.append(f"{name}: no detection in {every - there:,} test frames.")
+    places = {}
+    for name, (where, *second) in _by_rig("--geometry", geometry).items():
+        if name not in found or second:
+            expected = f"one for each of {', '.join(found)}"
+            place = f"--geometry {name}={where}"
+            raise InputError("no rig, or a second geometry", place=place, expected=expected)
+        if where.endswith((".yaml", ".yml")):
+            places[name] = read_placement(Path(where), PROFILES["paper"].lidar)
+        else:
+            rig = one_rig(whole.rigs)
+            own_rig = rig if where == "recorded" else rig.subset(where.split("+"))
+            places[name] = own_rig.placement
+    return Asked(test, found, paths, places, notes, cautions)
+
+
+def _by_rig(option: str, pairs: Sequence[str]) -> dict[str, list[str]]:
+    """Values by name of options NAME=VALUE. Raises InputError."""
+    found: dict[str, list[str]] = {}
+    for pair in pairs:
+        name, _, value = pair.partition("=")
+        if not (name and value):
+            raise InputError("no rig", place=option, expected="NAME=VALUE", found=pair)
+        found.setdefault(name, []).append(value)
+    return found

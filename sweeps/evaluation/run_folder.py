@@ -11,15 +11,12 @@ import pandas as pd
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import kitti_iou
-from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import called
 from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import is_there
 from lidarplace.logs.boxes import GEOMETRY
-from lidarplace.rigs.placement import Placement
 from sweeps.configuration.file import public_yaml
-from sweeps.evaluation.rigs import FoundBy
-from sweeps.evaluation.test_frames import TestFrames
+from sweeps.evaluation.asked import Asked
 from sweeps.results.object_tables import ABOUT
 from sweeps.results.trial_results import Cell, with_columns
 from sweeps.tasks.evaluated import evaluated
@@ -38,13 +35,12 @@ Worth = Mapping[str, Sequence[Evaluated]]
 """What the detections of a rig are worth, by its name and by training."""
 
 
-def evaluate_rigs(rigs: Sequence[FoundBy], test: TestFrames) -> Worth:
+def evaluate_rigs(asked: Asked) -> Worth:
     """Compare the detections of every rig with the objects that count."""
+    test = asked.test
     return {
-        rig.name: [
-            evaluated(test.objects, seed, test.routes, test.classes, {}) for seed in rig.seeds
-        ]
-        for rig in rigs
+        name: [evaluated(test.objects, own, test.routes, test.classes, {}) for own in seeds]
+        for name, seeds in asked.rigs.items()
     }
 
 
@@ -74,31 +70,20 @@ def check_free(folder: Path) -> None:
         raise InputError("is the run folder of a sweep", place=str(folder), fix=fix)
 
 
-def write_evaluation(
-    folder: Path,
-    found: Worth,
-    test: TestFrames,
-    geometry: Mapping[str, Placement],
-    judge: str,
-    paths: Mapping[str, Sequence[str]],
-    asked: Mapping[str, object],
-    cautions: Sequence[str],
-) -> None:
+def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> None:
     """Write all that reports read; pages are made of it by `tracking.report.build`.
 
     Args:
-        geometry: of the rigs whose LiDARs are known.
         judge: "generalist" if one network made the detections of all rigs.
-        paths: of the detections, by rig.
-        asked: plain data of what else the command was asked for.
     """
+    test = asked.test
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(found)
     objects = test.objects.merge(test.routes[["frame", "route"]], on="frame")[list(ABOUT)]
     objects.insert(0, "object", np.arange(len(objects)))
     keys = ["split", "scene", "route", "class", "object_id"]
     individuals = objects.merge(test.routes[["frame", "split"]], on="frame").value_counts(keys)
-    write_text(folder / "config.yaml", public_yaml({"rigs": dict(paths), **asked}))
+    write_text(folder / "config.yaml", public_yaml({"command": called(), "notes": [*asked.notes]}))
     results, left_out = results_of(found)
     for table, rows in (
         (contract.RESULTS, results),
@@ -114,19 +99,18 @@ def write_evaluation(
     contract.INDIVIDUALS.write(individuals.sort_index().reset_index(name="boxes"), folder)
     finished = {"seconds": np.nan, "status": "finished", "error": ""}
     contract.TRIALS.write(pd.DataFrame([place | finished for place, _ in trials]), folder)
-    x0, y0, z0, x1, y1, z1 = test.roi
-    mounts = {name: geometry[name].mounts if name in geometry else () for name in found}
+    mounts = {name: asked.geometry[name].mounts if name in asked.geometry else () for name in found}
     SweepResult(
         name=folder.name,
         command=called(),
         axes=(),
         placements={name: tuple(map(astuple, own)) for name, own in mounts.items()},
         classes=test.classes,
-        roi=Roi((x0, x1), (y0, y1), (z0, z1), 0.1),
+        roi=test.roi,
         frames=Frames(train=0, test=len(test.log.frames)),
-        cautions=tuple(cautions),
+        cautions=tuple(asked.cautions),
         judge=judge,
-        detections={name: tuple(own) for name, own in paths.items()},
+        detections={name: tuple(own) for name, own in asked.paths.items()},
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = failures_to_show(folder)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.roi import Roi
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.visibility import ground_truth
 from lidarplace.logs.box_log import BoxLog
@@ -31,7 +32,7 @@ class TestFrames:
         log: the frames of one split, with all boxes.
         objects: those that count, as of `ground_truth`.
         classes: of the objects.
-        roi: region in which objects count, as of `--roi`: x0, y0, z0, x1, y1, z1.
+        roi: region in which objects count.
         said: which objects count, a sentence.
     """
 
@@ -40,12 +41,12 @@ class TestFrames:
     log: BoxLog
     objects: pd.DataFrame
     classes: tuple[str, ...]
-    roi: Crop
+    roi: Roi
     said: str
 
     @classmethod
     def of(
-        cls, whole: BoxLog, split: str, roi: Crop, classes: Sequence[str], counted: Counted
+        cls, whole: BoxLog, split: str, crop: Crop, classes: Sequence[str], counted: Counted
     ) -> TestFrames:
         """The frames of a split and what counts in them, by the rules of a sweep.
 
@@ -71,8 +72,9 @@ class TestFrames:
             if name not in there:
                 known = ", ".join(there) or "none"
                 raise InputError("unknown class", place="--class", expected=known, found=name)
-        x0, y0, z0, x1, y1, z1 = roi
-        truths = ground_truth(log, (x0, x1), (y0, y1), (z0, z1), by_points=counted == "points")
+        x0, y0, z0, x1, y1, z1 = crop
+        roi = Roi((x0, x1), (y0, y1), (z0, z1), 0.1)  # of whose voxels nothing is asked
+        truths = ground_truth(log, roi.x, roi.y, roi.z, by_points=counted == "points")
         names = tuple(classes or sorted(there))
         truths = truths[truths["class"].isin(names)]
         if truths.empty:
@@ -100,7 +102,7 @@ class TestFrames:
         What overlaps most an object that does not count, seen from above, is neither a hit nor a
         false alarm; nor is what overlaps none with its centre outside the ROI.
         """
-        low, high = np.array(self.roi[:3]), np.array(self.roi[3:])
+        low, high = np.transpose([self.roi.x, self.roi.y, self.roi.z])
         parts = [found.iloc[:0]]
         numbers = np.sort(self.log.frames["frame"].to_numpy(np.int64))
         for frames in np.array_split(numbers, -(-len(numbers) // _FRAMES)):

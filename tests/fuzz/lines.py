@@ -62,11 +62,11 @@ LINES = {
     ),
     "calibrate --log": Line(
         "calibrate --log log --rig a=found.parquet --geometry a=rig.yaml --layout parquet",
-        stops_at="sweeps.evaluation.asked.read_rigs",
+        stops_at="sweeps.evaluation.asked.read_detections",
     ),
     "evaluate": Line(
         "evaluate log found.parquet --layout parquet --class Car --split test --counted visible",
-        stops_at="sweeps.evaluation.asked.read_rigs",
+        stops_at="sweeps.evaluation.asked.read_detections",
     ),
     "failures": Line(
         "failures run --rigs center,line --where seed=1 --out out",
