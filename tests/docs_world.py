@@ -96,6 +96,11 @@ def make_world(folder: Path) -> None:
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
     write_recorded_log(folder / "logs/recorded", frames=1)
+    (folder / "results").mkdir()
+    for rig in ("roof", "corners"):
+        found = pd.read_parquet(folder / "logs/mine/boxes.parquet").assign(score=0.5)
+        found.to_parquet(folder / f"results/{rig}.parquet")
+        (folder / f"{rig}.yaml").write_text("mounts: [{z: 2}]")
     write_database(folder / "runs/mlflow.db")
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)
