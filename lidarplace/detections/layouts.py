@@ -18,7 +18,7 @@ from lidarplace.files.json_file import read_json
 from lidarplace.files.tables import read_feather, read_parquet
 from lidarplace.logs.boxes import GEOMETRY, SOURCE, full_poses
 from lidarplace.scenes.datasets import argoverse, nuscenes, waymo
-from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap
+from lidarplace.scenes.datasets.class_maps import ARGOVERSE, BOX_LOG, NUSCENES, WAYMO, ClassMap
 from lidarplace.scenes.datasets.nuscenes_tables import Table
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.kitti.calibration import STANDARD, camera_to_ego, read_calibration
@@ -156,7 +156,7 @@ def of_nuscenes(path: Path, frames: LogFrames) -> Found:
     category = [CATEGORIES.get(name, name) if isinstance(name, str) else name for name in names]
     own = pd.DataFrame({"frame": frame, "category": pd.Series(category, dtype=object)})
     own = own.assign(**boxes, score=table.numbers("detection_score"))
-    return Found(own, table.row, nuscenes.NUSCENES)
+    return Found(own, table.row, NUSCENES)
 
 
 def of_argoverse(path: Path, frames: LogFrames) -> Found:
@@ -166,7 +166,7 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
     time = integers(table, "timestamp_ns", str(path)).astype(str).astype(object)
     names = texts(table, "log_id", str(path)) + "/" + time
     boxes = argoverse.in_ego(table, str(path))
-    return _rows(path, frames, names, table["category"], boxes, table, argoverse.ARGOVERSE)
+    return _rows(path, frames, names, table["category"], boxes, table, ARGOVERSE)
 
 
 def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
@@ -178,13 +178,14 @@ def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool
         world: whether boxes of our columns are in the world, not in the ego frame.
     """
     table, source = read_parquet(path).reset_index(drop=True), str(path)
+    names: NDArray[Any]
     if waymo.SEGMENT in table if as_waymo is None else as_waymo:
         geometry = (*waymo.CENTRE, *waymo.SIZE, waymo.HEADING, "score")
         keys = (waymo.SEGMENT, waymo.TIME, waymo.TYPE)
         check_columns(list(table.columns), (*keys, *geometry), source)
         names, kinds = waymo.frame_names(table, source), waymo.types(table, source)
         boxes = waymo.in_ego(table, source)
-        return _rows(path, frames, names, kinds, boxes, table, waymo.WAYMO)
+        return _rows(path, frames, names, kinds, boxes, table, WAYMO)
     by = SOURCE if SOURCE in table else "frame"
     check_columns(list(table.columns), (by, "class", *GEOMETRY, "score"), source)
     names = texts(table, by, source) if by == SOURCE else frame_numbers(table, source)

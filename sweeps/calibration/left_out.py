@@ -72,10 +72,12 @@ def check(seen: pd.DataFrame) -> Check:
     whole = fit(name, iou, seen["cells"], seen["found"])
     left_out, expected = {}, seen["found"] * np.nan
     for unit, keys in UNITS.items():
-        part = seen.groupby(keys, sort=True).ngroup().to_numpy()
+        part = np.asarray(seen.groupby(keys, sort=True).ngroup(), np.int64)
         parts = int(part.max()) + 1
         if unit != "rig" and parts > MOST_PARTS:
-            part = (np.random.default_rng(0).permutation(parts) % MOST_PARTS)[part]
+            part = np.asarray(np.random.default_rng(0).permutation(parts) % MOST_PARTS, np.int64)[
+                part
+            ]
         if parts > 1:
             left_out[unit], predicted = _without_each(seen, part, name, iou)
             expected = predicted if unit == "rig" else expected

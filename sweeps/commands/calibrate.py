@@ -132,5 +132,8 @@ def _of_detections(asked: Asked) -> pd.DataFrame:
         if name not in places:
             wrong(f"--geometry: missing for rig {name}; expected {name}=recorded, LiDARs or a file")
     objects = CountedObjects.from_log(test.log, test.roi, test.classes, CELL_M)
-    own = (objects, test.routes, test.classes, {})
-    return pd.concat([of_rig(n, places[n], seeds, *own) for n, seeds in asked.rigs.items()])
+    tables = [
+        of_rig(name, places[name], seeds, objects, test.routes, test.classes, {})
+        for name, seeds in asked.rigs.items()
+    ]
+    return pd.concat(tables)

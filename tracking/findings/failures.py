@@ -237,7 +237,9 @@ def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
     ):
         file = run.path / contract.file
         for column in contract.columns:
-            if column.needed and column.dtype is not None and table[column.name].isna().any():
+            missing = table[column.name].isna()
+            known = column.needed or not missing.all()  # else nothing is known of the column
+            if known and column.dtype is not None and missing.any():
                 raise ValueError(f"{file}: column {column.name}: a value is missing")
         twice = table.duplicated(keys)
         if twice.any():
