@@ -142,7 +142,9 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
             cells.append("")
             for row in judged(own, means, str(name), metric).to_dict("records"):
                 sure = (
-                    f" ({row['low']:.1f} to {row['high']:.1f})" if row["low"] < row["high"] else ""
+                    f" ({row['low']:.1f} to {row['high']:.1f})"
+                    if row["high"] - row["low"] > 0.05
+                    else ""
                 )
                 cells[-1] = f"{digits(row['mean'], '.1f')}{sure}"
         iou = f"{headline_iou(means, str(name)):g}"
