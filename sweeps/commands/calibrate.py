@@ -101,7 +101,7 @@ def _of_sweep(config: Path, overrides: list[str]) -> pd.DataFrame:
     """Observations of the trials that have detections. Says how many these are."""
     from sweeps.calibration.observations import observations, rigs_of
     from sweeps.plan.plan import read_plan
-    from sweeps.store.of_sweep import store_of
+    from sweeps.store.open import store_of
 
     sweep, plan = read_plan(config, overrides)
     store = store_of(sweep)
