@@ -110,8 +110,8 @@ def make_world(folder: Path) -> None:
         "lidars: {up_lidar: {mask: {azimuth_deg: 360, shares: [1]}}}"
     )
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
-    shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")
-    shutil.copytree(ROOT / "examples/own_detector", folder / "examples/own_detector")
+    for name in ("examples/labels", "examples/own_detector", "examples/command_judge"):
+        shutil.copytree(ROOT / name, folder / name)
     own = {key: GENERALIST[key] for key in GENERALIST if key != "grid"}
     own |= {"detector": "own_detector.nets:build", "grid": {"placement": ["line", "center"]}}
     (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(own))

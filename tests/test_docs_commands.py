@@ -54,6 +54,9 @@ SMALLER = {
     "export": "--roi 0 20 -10 10 0 4",
     "examples/labels/sweep.yaml": "--set ray=debug --set training.epochs=1 --set grid.seed=[1] "
     "--set lidar.cloud_share=0.02 --set surrogate.resolution=0.8",
+    "examples/command_judge/sweep.yaml": "--set ray=debug --set lidar.cloud_share=0.05 "
+    "--set scene.routes=1 --set scene.test_routes=1 --set scene.frames_per_route=4 "
+    "--set scene.pedestrians=5 --set scene.warmup_s=5 --set surrogate.resolution=0.8",
     "mine.yaml": "--set ray=debug --set lidar.azimuth_steps=90 --set lidar.beams=4 "
     "--set scene.routes=2 --set scene.test_routes=1 --set scene.frame_stride=40 "
     "--set scene.pedestrians=5 --set scene.frames_per_route=4 --set scene.warmup_s=5 "

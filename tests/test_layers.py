@@ -38,7 +38,7 @@ FLOORS = {
         "detections rig_files validation",
         "commands studio",
     ),
-    "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds"),
+    "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds layouts"),
     "training": (
         "average_precision by_sector dataset device ops randomness settings "
         "typical_objects vector_math",
@@ -77,7 +77,8 @@ FLOORS = {
         "command",
     ),
     "sweeps": (
-        "configuration tasks",
+        "configuration",
+        "tasks",
         "options plan store",
         "execution",
         "calibration results",

@@ -1,5 +1,7 @@
 """Is everything there that a sweep needs? `lidarplace doctor [grid.yaml]`."""
 
+import shlex
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -189,6 +191,12 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
         check_memory(plan.tasks, sweep.common.ray.address)
     except ValueError as error:
         return Found(" ".join(str(error).split()), "missing", f"mend {config}")
+    for judge in {own.params.judge for own in plan.tasks if own.stage == "command"}:
+        program = shlex.split(judge.command)[0]
+        place = str(judge.folder / program) if "/" in program else program
+        if program != "{python}" and shutil.which(place) is None:
+            found = f"judge.command: no program {program}; found none at {place}"
+            return Found(found, "missing", "install it, or mend judge.command")
     return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 
 

@@ -133,7 +133,10 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
                 key = "grid.placement" if "placement" in grid else "placement"
                 raise ConfigError(f"{path}: {key}: {error}") from None
             set_by_rungs = {key: _value_at(point, key) for _, own in rungs for key in own}
-            points.append(GridPoint(point, rig, axes | set_by_rungs, rung, tuple(set_by_rungs)))
+            axes |= set_by_rungs
+            if "judge" in axes:
+                axes["judge"] = point.judged_by
+            points.append(GridPoint(point, rig, axes, rung, tuple(set_by_rungs)))
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
     source = with_whole_paths(raw, path.parent)
@@ -297,6 +300,10 @@ def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
                 raise ConfigError(f"{path}: grid.{axis}: {found(value)} is given twice")
             seen.add(_key(value))
     refuse_overlaps(grid, f"{path}: grid")
+    names = [own.get("name", "command") for own in grid.get("judge", ()) if isinstance(own, dict)]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"{path}: grid.judge: two commands have the name {found(name)}")
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
         raise ConfigError(f"{path}: grid: found {points:,} points; allowed are {MOST_POINTS:,}")

@@ -44,6 +44,7 @@ from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.classes import ClassSettings
+from sweeps.configuration.command import CommandJudge, Judge
 from training import DETECTORS
 from training.settings import TrainingSettings
 
@@ -167,9 +168,6 @@ class GeneralistSettings(Settings):
         return rigs
 
 
-Judge = Literal["specialist", "generalist", "finetuned"]
-
-
 class Point(Settings):
     """One point of the grid: what is trained and evaluated once."""
 
@@ -210,7 +208,7 @@ class Point(Settings):
         "specialist",
         description="whose detections tell of a placement: specialist: a detector trained for it; "
         "generalist: one trained on many other rigs, in seconds a placement; finetuned: a "
-        "specialist that starts from the generalist's weights",
+        "specialist that starts from the generalist's weights; a mapping: a command",
     )
     generalist: GeneralistSettings = Field(
         GeneralistSettings(), description="what the generalist is trained on, and how long"
@@ -277,6 +275,17 @@ class Point(Settings):
         """Of the classes whose IoUs are not KITTI's."""
         own = {name: self.class_settings[name].overlaps for name in self.class_settings}
         return {name: iou for name, iou in own.items() if iou is not None}
+
+    @property
+    def judged_by(self) -> str:
+        """The judge's name."""
+        return self.judge.name if isinstance(self.judge, CommandJudge) else self.judge
+
+    @property
+    def detected_by(self) -> str | None:
+        """What tables call the detector, which may be a command; None: there is none."""
+        by_command = isinstance(self.judge, CommandJudge) and self.detector is not None
+        return self.judged_by if by_command else self.detector
 
     def body(self) -> Vehicle | None:
         """The vehicle that carries the LiDARs; None for a sedan."""

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import or_
 from pathlib import Path
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
@@ -85,7 +86,7 @@ class Backend(Protocol):
         Args:
             function: of a module, with what it needs of its own.
             name: what a person calls it.
-            need: what it asks for besides one CPU.
+            need: what it asks for.
         """
 
     def wait(self, jobs: Sequence[Job[T]]) -> Job[T] | None:
@@ -197,9 +198,10 @@ class OnRay:
         self._look()
         run = self._run.options(
             name=name,
-            num_gpus=need.gpu_share if self._resources.get("GPU", 0) else 0,
             # What no machine has would wait for ever: it gets the largest machine to itself.
-            memory=min(need.memory, self._largest_memory),
+            num_cpus=min(need.cpus, int(self._largest["CPU"])),
+            num_gpus=min(need.gpu_share, self._largest["GPU"]),
+            memory=min(need.memory, int(self._largest["memory"])),
         )
         return RayJob(self._ray, run.remote(str(Path.cwd()), function, *arguments))
 
@@ -218,7 +220,7 @@ class OnRay:
             self._resources: Counter[str] = Counter()
             for node in alive:
                 self._resources.update(node)
-            self._largest_memory = max((int(node.get("memory", 0)) for node in alive), default=0)
+            self._largest = reduce(or_, map(Counter, alive), Counter({"CPU": 1}))
 
 
 def _call(folder: str, function: Callable[..., T], *arguments: Any) -> T:

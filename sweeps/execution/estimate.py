@@ -32,6 +32,9 @@ _WARM_UP = 4
 _ROWS_A_FRAME = ("ground_truth", "collect", "evaluate")
 """Stages whose results grow with the frames. Those of others are POGs, weights, few numbers."""
 
+_UNTRIED = ("command", "measure")
+"""Stages of programs of others, which may not take so few frames."""
+
 _COPIES = 4
 """Most tries at a time: they share caches and memory as tasks will."""
 
@@ -41,11 +44,11 @@ class StageEstimate:
     """What the tasks of a stage take that are to be done.
 
     Attributes:
-        seconds: of all of them, one after the other.
+        seconds: of all of them, one after the other; None: of commands of which none has run.
         bytes: that their results have on disk.
     """
 
-    seconds: float
+    seconds: float | None
     bytes: float
 
 
@@ -86,6 +89,7 @@ def estimate(
     cached: Collection[str],
     backend: Backend,
     folder: Path,
+    command: float | None = None,
 ) -> Estimate:
     """Try a task of every kind, and count how often it is to be done.
 
@@ -97,12 +101,13 @@ def estimate(
         cached: keys of those that are done.
         backend: where they will run.
         folder: in which results will lie.
+        command: seconds of a command, which is not tried; None if unknown.
 
     Raises:
         ValueError, OSError: what a task itself raised.
     """
     to_do = [task for task in tasks if task.key not in cached]
-    kinds = {_kind(task) for task in to_do}
+    kinds = {_kind(task) for task in to_do if task.stage not in _UNTRIED}
     chosen: list[Task] = []
     for trial in trials:
         fresh = kinds - {_kind(task) for task in chosen}
@@ -115,15 +120,21 @@ def estimate(
     jobs = [backend.submit(try_tasks, with_inputs(chosen), need=need) for _ in range(copies)]
     found = [job.result() for job in jobs]
     tried, counts = _mean([own for own, _, _ in found]), found[0][1]
-    seconds, sizes = {}, {}
+    seconds, sizes = dict[str, float](), dict[str, float]()
     for task in to_do:
+        if task.stage in _UNTRIED:
+            seconds[task.key] = (command or 0.0) if task.stage == "command" else 0.0
+            sizes[task.key] = 0.0
+            continue
         own = tried[_kind(task)]
         times = _size(task, counts) / own.size
         seconds[task.key] = own.seconds * times
         sizes[task.key] = own.bytes * (times if task.stage in _ROWS_A_FRAME else 1.0)
     stages = {
         stage: StageEstimate(
-            sum(seconds[task.key] for task in to_do if task.stage == stage),
+            None
+            if stage == "command" and command is None
+            else sum(seconds[task.key] for task in to_do if task.stage == stage),
             sum(sizes[task.key] for task in to_do if task.stage == stage),
         )
         for stage in dict.fromkeys(task.stage for task in to_do)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from sweeps.execution.memory import voxel_memory
 from sweeps.store.open import AnyStore
-from sweeps.tasks.parameters import CollectParams, ProbeParams, RecordedParams
+from sweeps.tasks.parameters import CollectParams, CommandParams, ProbeParams, RecordedParams
 from sweeps.tasks.results import Probed
 from sweeps.tasks.task import Task, plain
 
@@ -18,17 +18,18 @@ _MARGIN = 1.25
 
 @dataclass(frozen=True)
 class Need:
-    """What a task asks for, besides one CPU.
+    """What a task asks for.
 
     Attributes:
         memory: bytes; 0 if unknown.
-        gpu_share: of one GPU.
+        gpu_share: of one GPU; more of a command.
         batch_size: frames of a step where the settings leave it open; None if unknown.
     """
 
     memory: int = 0
     gpu_share: float = 0.0
     batch_size: int | None = None
+    cpus: int = 1
 
 
 def is_training(task: Task) -> bool:
@@ -83,6 +84,8 @@ def need_of(
     gpus_per_training: float | Literal["auto"],
 ) -> Need:
     """What a task asks for, by what its probe found. A failed probe tells nothing."""
+    if isinstance(task.params, CommandParams):
+        return Need(gpu_share=task.params.judge.gpus, cpus=task.params.judge.cpus)
     share = largest_share(gpus_per_training)
     if probe is None or not store.has(probe):
         return Need(voxel_memory(task), share if task.gpu else 0.0)

@@ -10,7 +10,9 @@ from sweeps.tasks.task import Task
 
 PRIORITY = {
     "judge": 13,
+    "measure": 12,
     "evaluate": 12,
+    "command": 11,
     "finetune": 11,
     "pretrain": 10,
     "probe": 9,
@@ -26,7 +28,7 @@ PRIORITY = {
 }
 """Of stages of a trial whose inputs are there the highest goes first: what detectors wait for."""
 
-_ENDS = ("evaluate", "judge")
+_ENDS = ("evaluate", "judge", "measure")
 """Stages that end a trial."""
 
 _Rank = tuple[int, int, int]

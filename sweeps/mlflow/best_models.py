@@ -40,6 +40,8 @@ def log_best_models(
     """
     best: dict[str, tuple[float, DetectorTrial]] = {}
     for trial in trials:
+        if trial.finetune is None:  # a command's model is its own
+            continue
         point = trial.grid_point.point
         ap = metric_mean([trial], HEADLINE_METRIC, point.classes[0], store)
         if not math.isnan(ap) and ap > best.get(str(point.detector), (-1.0, trial))[0]:
@@ -90,7 +92,7 @@ def _write_parts(trial: DetectorTrial, store: AnyStore, folder: Path) -> tuple[P
     from training.checkpoints import write_tensors
 
     params = trial.evaluate.params
-    state_dict, classes = store.read(trial.finetune, lambda own: (own.state_dict, own.classes))
+    state_dict, classes = store.read(trial.learns, lambda own: (own.state_dict, own.classes))
     about = {
         "detector": params.detector,
         "classes": classes,

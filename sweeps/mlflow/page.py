@@ -83,17 +83,21 @@ def tags(trial: Trial, axes: Sequence[str]) -> dict[str, object]:
     else:
         place["density"] = scene["density"]
         place["town"] = ", ".join(scene["towns"])
-    own = {"placement": point.placement, "detector": point.detector, "seed": point.seed}
+    own = {"placement": point.placement, "detector": point.detected_by, "seed": point.seed}
     return {**own, **place, **axis_values(trial, axes)}
 
 
 def datasets(trial: DetectorTrial) -> list[Dataset]:
     """The recorded frames that a trial was trained and tested on; the digest is the store's key."""
     train, test = trial.grid_point.point.scene.frame_counts()
-    collected = {"train": trial.finetune.inputs, "test": trial.collect_test}
+    collected = {"train": trial.learns.inputs, "test": trial.collect_test}
     found = []
     for context, frames in (("train", train), ("test", test)):
-        scenes = [t.inputs[0] for t in collected[context] if t.stage == "collect"]
+        scenes = [
+            t.inputs[0]
+            for t in collected[context]
+            if t.stage == "collect" and t.params.split == context
+        ]
         found.append(
             Dataset(
                 name=f"{trial.scene_label} {context}",

@@ -82,20 +82,16 @@ class TrialLog:
 
     def _finished(self, trial: DetectorTrial) -> TrialRun:
         store = self._store
-        weights, batch_size, classes, curve = store.read(
-            trial.finetune, lambda own: (own.weights, own.batch_size, own.classes, own.curve)
-        )
-        memory = max(store.record(t).peak_memory for t in (trial.finetune, trial.evaluate))
-        about = {
-            "weights": weights,
-            "batch_size": batch_size,
-            "trained_classes": ", ".join(classes),
-        }
-        measured = {
-            "seconds": trial_seconds(trial, store),
-            "peak_memory_megabytes": memory / 1e6,
-            "batch_size": batch_size,
-        }
+        memory = max(store.record(t).peak_memory for t in (trial.learns, trial.evaluate))
+        measured = {"seconds": trial_seconds(trial, store), "peak_memory_megabytes": memory / 1e6}
+        about: dict[str, object] = {}
+        curve = None
+        if trial.finetune is not None:
+            weights, batch_size, classes, curve = store.read(
+                trial.finetune, lambda own: (own.weights, own.batch_size, own.classes, own.curve)
+            )
+            about = {"weights": weights, "trained_classes": ", ".join(classes)}
+            about["batch_size"] = measured["batch_size"] = batch_size
         return TrialRun(
             trial.label,
             self._params(trial) | about,
@@ -128,7 +124,7 @@ class TrialLog:
         point = trial.grid_point.point
         return {
             "placement": point.placement,
-            "detector": point.detector,
+            "detector": point.detected_by,
             "seed": point.seed,
             **{axis: trial.grid_point.axes[axis] for axis in self._axes},
             **{f"training.{k}": v for k, v in point.training.model_dump(mode="json").items()},

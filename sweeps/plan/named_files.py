@@ -1,9 +1,11 @@
-"""Files that a point names: detection curves, and the checkpoint that a training starts from."""
+"""Files that a point names: detection curves, a checkpoint to start from, what a command needs."""
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from lidarplace.clouds.clouds import Crop
+from lidarplace.files.regular import regular
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.sweep import Point
@@ -81,3 +83,27 @@ def check_network(
             build_detector(detector, classes, point_range=point_range, typical=typical)
         except ValueError as error:
             raise ConfigError(f"detector: {error}") from None
+
+
+def digests_of(paths: Sequence[Path]) -> tuple[str, ...]:
+    """Hashes of the content of files, and of folders with the names in them."""
+    found = []
+    for path in paths:
+        try:
+            inside = sorted(
+                own for own in path.rglob("*") if own.is_file() and own.suffix != ".pyc"
+            )
+            parts = [b"%s\0%s" % (bytes(own.relative_to(path)), _digest(own)) for own in inside]
+            found.append(
+                hashlib.sha256(b"".join(parts)).hexdigest()
+                if path.is_dir()
+                else _digest(path).hex()
+            )
+        except OSError as error:
+            raise ConfigError(f"judge.depends_on: {path}: {error.strerror}") from None
+    return tuple(found)
+
+
+def _digest(path: Path) -> bytes:
+    with regular(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()

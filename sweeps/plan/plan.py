@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -29,17 +30,20 @@ from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
+from sweeps.configuration.command import CommandJudge
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.named_files import check_network, checkpoint_of, curve_names, curves_of
+from sweeps.plan.named_files import check_network, checkpoint_of, curve_names, curves_of, digests_of
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
+    CommandParams,
     GroundTruthParams,
+    MeasureParams,
     NetworkParams,
     PogParams,
     RecallParams,
@@ -95,10 +99,16 @@ def make_plan(sweep: Sweep) -> Plan:
         if same is not trial:
             raise ConfigError(
                 f"grid: '{same.label}' and '{trial.label}' are the same work, which does not "
-                f"depend on {_difference(same, trial)}; exclude one"
+                f"depend on {_difference(same, trial)}; exclude one{_hint(trial)}"
             )
     laid = builder.laid(sweep.points[0].point)
     return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
+
+
+def _hint(trial: Trial) -> str:
+    judge = trial.grid_point.point.judge
+    seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
+    return ", or name {seed} in judge.command" if seedless else ""
 
 
 def _difference(one: Trial, other: Trial) -> str:
@@ -124,6 +134,7 @@ class _Builder:
         self._checkpoint = cache(checkpoint_of)
         self._check_network = cache(check_network)
         self._curves = cache(curves_of)
+        self._digests_of = cache(digests_of)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
         self._typical = cached({}, key=_classes_of)(self._typical_of)
@@ -302,6 +313,29 @@ class _Builder:
             ]
 
         test = collected("test", rig)
+        ious = tuple(point.own_ious().items())
+        judge = point.judge
+        if isinstance(judge, CommandJudge):
+            name = re.sub(r"[^\w.=-]+", "-", trial.label)[:200]
+            params = CommandParams(
+                judge,
+                self._digests_of(judge.depends_on),
+                point.classes,
+                point.placement if judge.uses("rig") else None,
+                point.seed if judge.uses("seed") else None,
+                log=self._common.output / self._common.name / "commands" / f"{name}.log",
+            )
+            inputs = (*scenes, *collected("train", rig), *test, *truths["train"])
+            found = self._once(Task("command", trial.label, params, inputs, gpu=judge.gpus > 0))
+            how = MeasureParams(point.classes, ious, point.metrics)
+            return DetectorTrial(
+                **vars(trial),
+                ground_truths=tuple(dict.fromkeys(truths["train"] + truths["test"])),
+                collect_test=tuple(test),
+                finetune=None,
+                evaluate=self._once(Task("measure", trial.label, how, (found, *truths["test"]))),
+                evaluate_interleaved=None,
+            )
         checkpoint = None
         if settings.checkpoint is not None:
             checkpoint, typical = self._checkpoint(
@@ -326,7 +360,7 @@ class _Builder:
             finetune = self._once(
                 Task("finetune", trial.label, training, inputs, gpu=True, resumable=True)
             )
-        judged = replace(network, ious=tuple(point.own_ious().items()), metrics=point.metrics)
+        judged = replace(network, ious=ious, metrics=point.metrics)
         pitched = None
         better = trial.interleaving if point.judge == "generalist" else None
         if better is not None:
@@ -402,7 +436,7 @@ class _Builder:
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:
                 raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
-            if point.mounting_errors.errors() or point.judge != "specialist":
+            if point.mounting_errors.errors() or point.judge in ("generalist", "finetuned"):
                 raise ConfigError(
                     "scene.clouds: recorded clouds are of one rig as it was; leave out judge and "
                     "mounting_errors"

@@ -28,9 +28,12 @@ def pretrain_task(sweep: Sweep, plan: Plan) -> Task[Trained]:
                 f"grid.{axis}: a base is trained for one value, found {', '.join(sorted(values))}; "
                 f"choose with --set 'grid.{axis}=[…]'"
             )
-    trainings = [trial.finetune for trial in with_detector(plan.trials)]
+    found = [trial.finetune for trial in with_detector(plan.trials)]
+    trainings = [training for training in found if training is not None]
     if not trainings:
-        raise ConfigError("detector: null trains nothing; name the detector of the base")
+        raise ConfigError(
+            "detector: null or a command trains nothing; name the detector of the base"
+        )
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
     placements = {trial.grid_point.point.placement for trial in plan.trials}
     params = trainings[0].params

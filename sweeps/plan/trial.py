@@ -93,16 +93,21 @@ class DetectorTrial(Trial):
         ground_truths: of every part of the scene.
         collect_test: of those with test frames.
         finetune: the training whose weights evaluate the placement, which is shared where a
-            generalist does.
+            generalist does; None where a command does.
         evaluate: what the detector finds in the test frames.
         evaluate_interleaved: of the rig of `interleaving`, where a generalist judges.
     """
 
     ground_truths: tuple[Task[GroundTruth], ...]
     collect_test: tuple[Task[Collected], ...]
-    finetune: Task[Trained]
+    finetune: Task[Trained] | None
     evaluate: Task[Evaluated]
     evaluate_interleaved: Task[Evaluated] | None
+
+    @property
+    def learns(self) -> Task:
+        """The training, or the command."""
+        return self.finetune or self.evaluate.inputs[0]
 
     @property
     def deciding(self) -> Task:
@@ -112,7 +117,7 @@ class DetectorTrial(Trial):
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
         further = filter(None, [self.evaluate_interleaved])
-        return (*super().results, self.finetune, self.evaluate, *further)
+        return (*super().results, self.learns, self.evaluate, *further)
 
 
 def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:
@@ -175,5 +180,6 @@ def trial_label(point: Point, axes: Mapping[str, Any]) -> str:
         for axis, value in axes.items()
         if axis not in ("placement", "detector", "seed")
     ]
-    detected = [point.detector, f"seed {point.seed}"] if point.detector else []
+    detector = point.detected_by
+    detected = [detector, f"seed {point.seed}"] if detector else []
     return " · ".join([point.placement, *detected, *further])

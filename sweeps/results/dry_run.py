@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import mean
 
 from rich.console import Console
 from rich.filesize import decimal
@@ -87,6 +88,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
         ValueError, OSError: what a task that was tried raised.
     """
     cached = store.finished(plan.tasks)
+    ran = [store.seconds(own) for own in plan.tasks if own.stage == "command" and own.key in cached]
     tasks = at_most(sweep, plan)
     total = Counter(task.stage for task in tasks)
     there = Counter(task.stage for task in tasks if task.key in cached)
@@ -109,7 +111,9 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
         cautions=[*plan.cautions, *rig_cautions(plan, store)],
         estimate=None
         if backend is None
-        else estimate(plan.trials, tasks, cached, backend, store.local.folder),
+        else estimate(
+            plan.trials, tasks, cached, backend, store.local.folder, mean(ran) if ran else None
+        ),
     )
 
 
@@ -166,7 +170,9 @@ def print_planned(console: Console, shown: Planned) -> None:
 
 def _taken(own: StageEstimate | None) -> tuple[str, str]:
     """Two cells: time and disk of a stage."""
-    return ("", "") if own is None else (about(own.seconds), _amount(own.bytes))
+    if own is None:
+        return "", ""
+    return "unknown" if own.seconds is None else about(own.seconds), _amount(own.bytes)
 
 
 def _amount(size: float) -> str:
@@ -176,8 +182,10 @@ def _amount(size: float) -> str:
 def _in_all(found: Estimate) -> str:
     """What a sweep takes, and what of it the machine may not have."""
     short = "" if found.bytes < found.free_bytes else ": too little"
+    unknown = any(own.seconds is None for own in found.stages.values())
+    more = " and the commands, whose time is unknown until one has run" if unknown else ""
     return (
-        f"about {about(found.seconds)}, {found.at_once} tasks at once, by a task of every kind "
-        f"tried on {FRAMES} frames; a task held up to {_amount(found.task_memory)} of memory; "
-        f"{_amount(found.bytes)} on disk, {_amount(found.free_bytes)} are free{short}"
+        f"about {about(found.seconds)}{more}, {found.at_once} tasks at once, by a task of "
+        f"every kind tried on {FRAMES} frames; a task held up to {_amount(found.task_memory)} of "
+        f"memory; {_amount(found.bytes)} on disk, {_amount(found.free_bytes)} are free{short}"
     )

@@ -177,7 +177,7 @@ def _standings(
     rows: list[dict[str, Cell]] = [
         {
             "rung": number,
-            "detector": point.detector or "",
+            "detector": point.detected_by or "",
             **cells(axes),
             "placement": name,
             "by": rung.by,

@@ -109,7 +109,7 @@ def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
 def _outside(name: str, trials: Sequence[Trial]) -> str | None:
     """By how much a rig is outside of what the generalist has seen."""
     for trial in with_detector(trials):
-        training = trial.finetune
+        training = trial.learns
         if training.stage != "pretrain" or not trial.collect_test:
             continue
         seen = [t.params.placement for t in training.inputs if isinstance(t.params, CollectParams)]

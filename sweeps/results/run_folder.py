@@ -132,7 +132,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.RESULTS, of_trials(lambda own: own.metrics)),
         (contract.SURROGATES, surrogates),
         (contract.EXPECTED_IG_BY_Q, by_q),
-        (contract.CURVES, _stack([_curve(trial, store) for trial in tested])),
+        (contract.CURVES, _stack([_curve(t, store) for t in tested if t.finetune is not None])),
         (contract.PR_CURVES, of_trials(lambda own: own.pr_curves)),
         (contract.LEFT_OUT, of_trials(lambda own: own.left_out)),
         (contract.DISTANCE, of_trials(lambda own: own.by_distance)),
@@ -195,7 +195,7 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _curve(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
-    curve = store.read(trial.finetune, lambda training: training.curve)
+    curve = store.read(trial.learns, lambda training: training.curve)
     return with_columns(curve, {"trial": trial.key})
 
 
@@ -299,7 +299,7 @@ def _about(
         frames=frames,
         cautions=[*plan.cautions, *rig_cautions(plan, store)],
         promote=[Rung.model_validate(rung) for rung in rungs],
-        judge=first.judge,
+        judge=first.judged_by,
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),
         cores=run.cores,
         seconds=run.seconds,

@@ -61,7 +61,7 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
         alone = trial.grid_point.point.judge != "generalist"
-        tasks = (trial.finetune, trial.evaluate) if alone else (trial.evaluate,)
+        tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
     return sum(store.seconds(task) for task in tasks)
 
 
@@ -77,7 +77,7 @@ def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     own: dict[str, Cell] = {
         "trial": trial.key,
         "placement": point.placement,
-        "detector": point.detector or "",
+        "detector": point.detected_by or "",
         "seed": point.seed,
     }
     return own | axis_values(trial, axes)

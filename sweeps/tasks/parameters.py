@@ -20,6 +20,7 @@ from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.parts import Recording
+from sweeps.configuration.command import CommandJudge
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
 
@@ -217,3 +218,30 @@ class ProbeParams(NetworkParams):
     checkpoint: str | None
     device: str
     gpu_share: float
+
+
+@dataclass(frozen=True)
+class CommandParams:
+    """A command that detects.
+
+    Attributes:
+        digests: of the content of what it depends on.
+        rig, seed: what `{rig}` and `{seed}` stand for; None: the command has them not.
+        log: file that gets what it prints.
+    """
+
+    judge: CommandJudge
+    digests: tuple[str, ...]
+    classes: tuple[str, ...]
+    rig: str | None
+    seed: int | None
+    log: Path = field(compare=False)
+
+
+@dataclass(frozen=True)
+class MeasureParams:
+    """What detections are measured by; attributes as of `NetworkParams`."""
+
+    classes: tuple[str, ...]
+    ious: tuple[tuple[str, Overlaps], ...]
+    metrics: tuple[str, ...]

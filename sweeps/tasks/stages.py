@@ -8,6 +8,7 @@ scene -> recall, accuracy, sampling_error
 requirements, which need no scene
 scene -> collect -> finetune -> evaluate
 scene -> collect -> pretrain (-> finetune) -> evaluate
+scene -> collect -> command -> measure: a program of the user's own in place of a training
 scene -> judge, by a trained detector: collect and evaluate without anything kept between them
 scene -> collect -> probe: how much memory a training needs
 
@@ -38,8 +39,10 @@ from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
+    CommandParams,
     GroundTruthParams,
     JudgeParams,
+    MeasureParams,
     NetworkParams,
     PogParams,
     ProbeParams,
@@ -348,6 +351,39 @@ def evaluate(
     )
 
 
+def command(params: CommandParams, *inputs: BoxLog | Collected | GroundTruth) -> Judged:
+    """Detections of a command in the test frames, of which it has no labels.
+
+    Args:
+        params: what is run.
+        inputs: logs, clouds of all frames, and the objects in those to train.
+    """
+    from sweeps.tasks.command import detected_by
+
+    clouds, objects = _clouds_and_objects(inputs)
+    frames = pd.concat([log.frames for log in _of(BoxLog, inputs)])
+    frames = frames[frames["frame"].isin(clouds.frames)]
+    training = frames.loc[frames["split"] == "train", "frame"]
+    labels = objects[objects["frame"].isin(training) & objects["class"].isin(params.classes)]
+    tested = frames.loc[frames["split"] == "test", ["frame"]]
+    return Judged(detected_by(params, frames, labels, clouds), tested)
+
+
+def measure(params: MeasureParams, found: Judged, *truths: GroundTruth) -> Evaluated:
+    """Compare detections with the ground truth."""
+    objects, routes = (
+        table[table["frame"].isin(found.frames["frame"])]
+        for table in (
+            pd.concat([truth.objects for truth in truths], ignore_index=True),
+            pd.concat([truth.frames for truth in truths], ignore_index=True),
+        )
+    )
+    ious = dict(params.ious)
+    return evaluated(
+        objects, found.detections, routes, params.classes, ious, metrics=params.metrics
+    )
+
+
 def judge(params: JudgeParams, weights: Trained, *logs: BoxLog) -> Judged:
     """Detections of a rig in some test frames: its clouds are simulated, looked at and forgotten.
 
@@ -385,6 +421,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "pretrain": pretrain,
     "finetune": finetune,
     "evaluate": evaluate,
+    "command": command,
+    "measure": measure,
     "judge": judge,
 }
 """Stages by name, which is that of the function, in the order in which results flow."""

@@ -100,7 +100,7 @@ def plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, np.ndarray):
         return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
-    known = {item.name: getattr(value, item.name) for item in fields(value)}
+    known = {item.name: getattr(value, item.name) for item in fields(value) if item.compare}
     if isinstance(value, Placement):
         known.pop("name")  # a rig of two names is computed once
     return known

@@ -319,5 +319,6 @@ SETTINGS: tuple[Target, ...] = (
     Target("run folder's sweep.json", "run/sweep.json", read=_run_folder),
     Target("search folder's search.json", "found/search.json", read=_search_folder),
     Target("network", "own.yaml fuzz_net.py", needs="own.yaml fuzz_net.py", read=_network),
+    Target("run command", "command.yaml", "run command.yaml --dry-run", needs="rig.yaml rigs"),
 )
 """Settings that people write, and what results say of them."""

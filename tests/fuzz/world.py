@@ -110,6 +110,21 @@ lidars:
 fitted: {routes: 4}
 """
 
+COMMAND = {
+    "detector": "second",
+    "judge": {
+        "command": "{python} judge.py {clouds} {detections} {rig} {seed}",
+        "format": "nuscenes",
+        "name": "mine",
+        "folder": ".",
+        "depends_on": ["rig.yaml", "rigs"],
+        "cpus": 2,
+        "gpus": 1,
+        "time_limit": 60,
+    },
+}
+"""A command as the judge, besides what a sweep has."""
+
 
 def write_world(folder: Path) -> None:
     """Write all of it into a new folder."""
@@ -134,6 +149,7 @@ def write_world(folder: Path) -> None:
         (folder / "maps" / path.name).write_bytes(path.read_bytes())
     for name, content in (
         ("sweep", SWEEP),
+        ("command", SWEEP | COMMAND),
         ("search", SEARCH),
         ("carla", CARLA),
         ("needs", REQUIREMENTS),

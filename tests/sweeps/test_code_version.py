@@ -258,7 +258,9 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
     for path in paths + list((copied / "tracking").rglob("*.py")):
         text = path.read_text().replace("return ", "return None or ")
         path.write_text(f"{text}\nANOTHER = 1\n")
-    assert versions(copied) == before
+    # A command reads and writes the layouts of these data sets; no other stage does.
+    now = versions(copied)
+    assert {stage for stage in now if now[stage] != before[stage]} == {"command"}
 
 
 @pytest.mark.parametrize(
@@ -277,7 +279,12 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
             {"collect", "judge"},
         ),
         ("training/ops/box_overlap.py", "_CLIPPED = 1 << 19", "_CLIPPED = 1 << 18", set(TRAINED)),
-        ("training/average_precision.py", "OTHER = 0, 1, -1", "OTHER = 0, 2, -1", {"evaluate"}),
+        (
+            "training/average_precision.py",
+            "OTHER = 0, 1, -1",
+            "OTHER = 0, 2, -1",
+            {"evaluate", "measure"},
+        ),
         (
             "training/detectors/pointpillars.py",
             "from training.detectors.detector",

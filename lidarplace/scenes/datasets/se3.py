@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS
+from lidarplace.logs.boxes import FULL_POSE_COLUMNS, GEOMETRY, POSE_COLUMNS
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,25 @@ class Poses:
 
     position: NDArray[np.float64]
     rotation: Rotation
+
+    @classmethod
+    def of_boxes(cls, boxes: pd.DataFrame) -> Poses:
+        """Those of boxes: their `GEOMETRY`."""
+        turns = np.zeros((len(boxes), 3))
+        turns[:, 2] = boxes[GEOMETRY[6]]
+        return cls(boxes[list("xyz")].to_numpy(np.float64), Rotation.from_rotvec(turns))
+
+    @classmethod
+    def of_ego(cls, table: pd.DataFrame) -> Poses:
+        """Those of `ego_columns`."""
+        turns = table[["ego_yaw", "ego_pitch", "ego_roll"]].to_numpy(np.float64)
+        position = table[["ego_x", "ego_y", "ego_z"]].to_numpy(np.float64)
+        return cls(position, Rotation.from_euler("ZYX", turns))
+
+    @property
+    def quaternions(self) -> NDArray[np.float64]:
+        """w, x, y, z; (N, 4)."""
+        return np.asarray(self.rotation.as_quat().reshape(-1, 4)[:, [3, 0, 1, 2]])
 
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Poses:
         # Not self.rotation[rows], which refuses to take nothing from nothing.

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import shutil
-import struct
-import zlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import pandas as pd
 
-from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.clouds import Clouds
 from lidarplace.files.atomic import replacing
+from lidarplace.files.png import black_png
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
 from lidarplace.scenes.kitti.folder import frame_name
 from lidarplace.scenes.kitti.labels import label_lines
@@ -31,8 +30,9 @@ def check_new(folder: Path) -> None:
 def write_kitti(
     folder: Path,
     frames: pd.DataFrame,
-    portions: Iterable[tuple[pd.DataFrame, PointClouds]],
+    portions: Iterable[tuple[pd.DataFrame, Clouds]],
     images: bool = False,
+    secret: bool = False,
 ) -> None:
     """Write `training/{velodyne,label_2,calib}` and `ImageSets`; the folder appears at the end.
 
@@ -44,6 +44,7 @@ def write_kitti(
         frames: `frame` and `split` of all frames, a frame log.
         portions: labels (see `to_labels`) and clouds of some of the frames; together of all.
         images: write black images of the camera's size too, for tools that ask them for it.
+        secret: write split test into `testing`, without labels, and list it in `test.txt`.
 
     Raises:
         ValueError: the folder is not empty, a split or a frame number is not possible, or the
@@ -59,14 +60,18 @@ def write_kitti(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with replacing(folder) as partial:
         try:
-            written = _write_training(partial / "training", portions, images)
+            tests = frames["frame"][frames["split"] == "test"].tolist() if secret else []
+            written = _write_frames(partial, portions, images, frozenset(tests))
             if sorted(written) != sorted(frames["frame"].tolist()):
                 raise ValueError(f"clouds of {len(written)} frames for {len(frames)} frames")
             lists = {
                 name: [frame_name(f) for f in frames["frame"][frames["split"] == split]]
                 for split, name in sets.items()
             }
-            lists |= {"trainval": [frame_name(f) for f in frames["frame"]], "test": []}
+            lists["test"] = []
+            if secret:
+                lists["test"], lists["val"] = lists["val"], []
+            lists["trainval"] = lists["train"] + lists["val"]
             (partial / "ImageSets").mkdir()
             for name, stems in lists.items():
                 text = "".join(f"{stem}\n" for stem in sorted(stems))
@@ -76,39 +81,32 @@ def write_kitti(
             raise
 
 
-def _write_training(
-    folder: Path, portions: Iterable[tuple[pd.DataFrame, PointClouds]], images: bool
+def _write_frames(
+    folder: Path,
+    portions: Iterable[tuple[pd.DataFrame, Clouds]],
+    images: bool,
+    secret: Collection[int],
 ) -> list[int]:
     """Write the files of all frames and return their numbers."""
     calibration, image = calibration_text(), black_png(*IMAGE_SIZE)
+    training, testing = folder / "training", folder / "testing"
     for name in ("velodyne", "label_2", "calib", *(["image_2"] if images else [])):
-        (folder / name).mkdir(parents=True)
+        (training / name).mkdir(parents=True)
+        if secret and name != "label_2":
+            (testing / name).mkdir(parents=True)
     written = []
     for labels, clouds in portions:
         lines: dict[int, list[str]] = {}
         for frame, line in zip(labels["frame"].tolist(), label_lines(labels), strict=True):
             lines.setdefault(frame, []).append(line)
         for frame, points in zip(clouds.frames.tolist(), clouds, strict=True):
-            stem = frame_name(frame)
-            write_cloud(folder / "velodyne" / f"{stem}.bin", points)
-            text = "".join(f"{line}\n" for line in lines.get(frame, [NOTHING]))
-            (folder / "label_2" / f"{stem}.txt").write_text(text)
-            (folder / "calib" / f"{stem}.txt").write_text(calibration)
+            stem, own = frame_name(frame), testing if frame in secret else training
+            write_cloud(own / "velodyne" / f"{stem}.bin", points)
+            if frame not in secret:
+                text = "".join(f"{line}\n" for line in lines.get(frame, [NOTHING]))
+                (own / "label_2" / f"{stem}.txt").write_text(text)
+            (own / "calib" / f"{stem}.txt").write_text(calibration)
             if images:
-                (folder / "image_2" / f"{stem}.png").write_bytes(image)
+                (own / "image_2" / f"{stem}.png").write_bytes(image)
             written.append(frame)
     return written
-
-
-def black_png(width: int, height: int) -> bytes:
-    """A black RGB image, in some kilobytes (ISO/IEC 15948)."""
-
-    def chunk(name: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        )
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    rows = zlib.compress(bytes(height * (1 + 3 * width)), 9)
-    parts = chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + parts

@@ -26,7 +26,7 @@ def generalists(problem: Problem) -> dict[int, Task]:
     model, line = problem.space.models[0], PAPER_PLACEMENTS["line"]
     some = next(iter(rigs.values()), ordered(Choice(model, "", mount) for mount in line.mounts))
     trials = _trials(problem, {"judged": some}, rigs, changes)
-    return {trial.grid_point.point.seed: trial.finetune for trial in trials}
+    return {trial.grid_point.point.seed: trial.learns for trial in trials}
 
 
 def judged_rigs(

@@ -90,7 +90,7 @@ def _name(candidate: Candidate) -> str:
 
 
 def _failure(trial: DetectorTrial, outcome: Outcome) -> str | None:
-    failures = (outcome.failures.get(task.key) for task in (trial.finetune, trial.evaluate))
+    failures = (outcome.failures.get(task.key) for task in (trial.learns, trial.evaluate))
     return next((failure.reason for failure in failures if failure is not None), None)
 
 

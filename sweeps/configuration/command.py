@@ -1,0 +1,90 @@
+"""A command as the judge: `judge: {command: …}`."""
+
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic.functional_validators import ModelWrapValidatorHandler, WrapValidator
+
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration import settings
+from lidarplace.configuration.settings import Count, CountFromOne, FileBeside, Seconds, Settings
+from lidarplace.scenes.layouts import LayoutName
+
+PLACEHOLDERS = ("{clouds}", "{detections}", "{rig}", "{seed}", "{python}")
+JUDGES = ("specialist", "generalist", "finetuned")
+
+
+class CommandJudge(Settings):
+    """A program of the user's own that detects objects in the clouds of each rig.
+
+    What is left out where it is dumped decides nothing about its detections.
+    """
+
+    command: settings.Text = Field(
+        description="program and arguments, run without a shell; {clouds}: folder of the frames, "
+        "{detections}: folder for what it finds; {rig}, {seed}, {python}: ours"
+    )
+    format: LayoutName = Field(description="of clouds and detections; parquet: plain files")
+    name: settings.Name = Field(
+        "command", exclude=True, pattern=r"^\w[\w.-]*$", description="of the detector, in tables"
+    )
+    folder: FileBeside = Field(
+        Path(),
+        exclude=True,
+        validate_default=True,
+        description="where it runs, relative to the folder of the configuration; there by default",
+    )
+    depends_on: tuple[FileBeside, ...] = Field(
+        (),
+        exclude=True,
+        description="files and folders, relative to the folder of the configuration: it runs again "
+        "if their content changes",
+    )
+    cpus: CountFromOne = Field(1, exclude=True, description="that it uses")
+    gpus: Count = Field(0, exclude=True, description="that it uses, where there are some")
+    time_limit: Seconds = Field(
+        86_400.0, exclude=True, gt=0, description="seconds, after which it is killed"
+    )
+
+    @field_validator("command")
+    @classmethod
+    def _possible(cls, command: str) -> str:
+        if not shlex.split(command) or "\0" in command:
+            raise ValueError("allowed is a program with its arguments")
+        for name in re.findall(r"\{\w+\}", command):
+            if name not in PLACEHOLDERS:
+                hint = did_you_mean(name, PLACEHOLDERS)
+                raise ValueError(
+                    f"unknown placeholder {name}{hint}; allowed are {', '.join(PLACEHOLDERS)}"
+                )
+        for name in PLACEHOLDERS[:2]:
+            if name not in command:
+                raise ValueError(f"{name} is missing: nothing else names that folder")
+        return command
+
+    def uses(self, placeholder: str) -> bool:
+        """Whether the command has it."""
+        return f"{{{placeholder}}}" in self.command
+
+
+def _checked(judge: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
+    # Not by the union, whose error would be of all its members.
+    if isinstance(judge, (Mapping, CommandJudge)):
+        own = CommandJudge.model_validate(judge, context=info.context)
+        if own.name in JUDGES:
+            raise ValueError(f"name: {own.name} is a judge of ours; name the command otherwise")
+        return own
+    if judge not in JUDGES:
+        hint = did_you_mean(judge, JUDGES) if isinstance(judge, str) else ""
+        raise ValueError(f"allowed are {', '.join(JUDGES)}, or a mapping with command{hint}")
+    return judge
+
+
+Judge = Annotated[
+    Literal["specialist", "generalist", "finetuned"] | CommandJudge, WrapValidator(_checked)
+]
+"""Whose detections tell of a placement."""
