@@ -157,7 +157,10 @@ def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
         fix = "write it with training.checkpoints.write_checkpoint"
         raise InputError("the checkpoint does not name its detector", place=str(path), fix=fix)
     named = {"detector": detector, "training.checkpoint": str(path.absolute())}
-    rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
+    try:
+        rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
+    except ValueError as error:
+        raise InputError(str(error), place=str(path)) from None
     first = with_detector(rigs.values())[0].evaluate.params
     model = build_detector(
         detector, first.classes, point_range=first.point_range, typical=first.typical
