@@ -1,4 +1,1 @@
-"""Predictors of other groups, a file each, written from what their papers and code state.
-
-Each maps a rig and the log of its training traffic to numbers by class, high for good rigs.
-"""
+"""Predictors of other groups, a file each: numbers of a rig, by class, high for good rigs."""
