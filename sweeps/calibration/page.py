@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 import pandas as pd
-from tracking.pages.tables import Column, Table, numbers, words
 
 from sweeps.calibration.left_out import Check
-from tracking.pages.section import Section
+from tracking.pages.section import Column, Section, Table, numbers, words
 
 _NAME = [words("class", "object_class"), numbers("IoU", "iou", "g")]
 _RHOS = {

@@ -131,10 +131,9 @@ def _plain(means: pd.DataFrame) -> list[dict[Hashable, object]]:
 
 def _shown(means: pd.DataFrame, several: bool) -> Table:
     """A row for every rig and class; percent at the strict IoU, with intervals."""
-    from tracking.numbers import digits
-
     from lidarplace.base.metrics import METRICS
     from tracking.kitti_iou import headline_iou, judged
+    from tracking.labels import digits
 
     rows = []
     for (rig, name), own in means.groupby(["placement", "class"], sort=False):

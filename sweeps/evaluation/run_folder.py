@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tracking.run_folders.sweep_arrays import FailureFrames
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import kitti_iou
@@ -25,6 +24,7 @@ from sweeps.tasks.results import Evaluated
 from tracking.findings.failures import Failures
 from tracking.report.recommendation import failures_to_show
 from tracking.run_folders import sweep_tables as contract
+from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep_json import Frames, SweepResult
 from training.found_objects import found_objects
 

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 from small_log import write_small_log
-from sweeps.store.of_sweep import store_of
+from sweeps.store.open import store_of
 from typer.testing import CliRunner
 
 from lidarplace.clouds.clouds import PointClouds
