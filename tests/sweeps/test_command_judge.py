@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 import yaml
 from small_log import write_small_log
-from sweeps.store.open import store_of
 from typer.testing import CliRunner
 
 from lidarplace.clouds.clouds import PointClouds
@@ -22,6 +21,7 @@ from sweeps.command_line import app
 from sweeps.commands.doctor import scenes
 from sweeps.configuration.command import CommandJudge
 from sweeps.plan.plan import read_plan
+from sweeps.store.open import store_of
 from sweeps.tasks.command import CommandFailed, detected_by
 from sweeps.tasks.parameters import CommandParams
 from tests.forked import Forked
