@@ -140,7 +140,7 @@ def _network(world: Path) -> object:
 def _predictor(world: Path) -> object:
     from sweeps.benchmark.predictors import resolved
 
-    return resolved(str(world / "base.pt"))
+    return resolved(str(world / "judge.pt"))
 
 
 def _checkpoint(world: Path) -> object:
@@ -269,7 +269,7 @@ DATA: tuple[Target, ...] = (
     Target("run folder", f"{RUN} run/config.yaml", read=_run_folder),
     Target("search folder", FOUND, read=_search_folder),
     Target("failures", "failed/*.json", read=_failures),
-    Target("benchmark", "base.pt", read=_predictor),
+    Target("benchmark", "judge.pt", read=_predictor),
 )
 """Data of all kinds."""
 

@@ -161,7 +161,8 @@ def write_world(folder: Path) -> None:
     (folder / "correction.yaml").write_text(CORRECTION)
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
     _rigs(folder / "rigs")
-    _checkpoint(folder / "base.pt")
+    _checkpoint(folder / "base.pt", ["Car"])
+    _checkpoint(folder / "judge.pt", ["Car", "Cyclist", "Pedestrian"])  # the classes of the study
     store = folder / "runs/store"
     (store / SWEEPS).mkdir(parents=True)
     (store / SWEEPS / "old.json").write_text("[]")
@@ -293,9 +294,10 @@ def _recorded(folder: Path) -> None:
     write_box_log(folder, replace(log, boxes=boxes, rigs=rigs))
 
 
-def _checkpoint(path: Path) -> None:
+def _checkpoint(path: Path, classes: list[str]) -> None:
     from training import build_detector
     from training.checkpoints import write_checkpoint
 
-    model = build_detector("pointpillars_tiny", ["Car"])
-    write_checkpoint(path, model.state_dict(), "pointpillars_tiny", ["Car"])
+    at = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
+    model = build_detector("pointpillars_tiny", classes, point_range=at)
+    write_checkpoint(path, model.state_dict(), "pointpillars_tiny", classes)

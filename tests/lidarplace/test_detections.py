@@ -3,6 +3,7 @@
 import json
 import pickle
 import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 
@@ -283,7 +284,8 @@ def test_the_line_that_converts_a_pickle_works(tmp_path):
     )
     with pytest.raises(InputError) as caught:
         read_detections([path], log_of("kitti"), CLASSES)
-    subprocess.run(caught.value.fix.partition(": ")[2], shell=True, check=True)
+    line = caught.value.fix.partition(": ")[2].replace("python", sys.executable, 1)
+    subprocess.run(line, shell=True, check=True)
     own = read_detections([tmp_path / "result.parquet"], log_of("kitti"), CLASSES)
     assert own.to_numpy().tolist() == [[3, "Car", 10.0, 1.0, 0.83, 4.0, 1.7, 1.5, 0.1, 0.7]]
 

@@ -25,6 +25,7 @@ OWN = {
     "lidarplace.scenes.sumo.parts": "found by find_map, which sees to it",
     "sweeps.commands.init": "of the package",
     "sweeps.tasks.source": "of the package",
+    "sweeps.tasks.command": "the log of the command",
     "sweeps.execution.memory": "of the kernel",
     "sweeps.execution.worker": "of the kernel",
     "sweeps.store.checkpoint_mirror": "of the store",

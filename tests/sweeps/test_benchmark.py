@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from lidarplace.base import registry
 from lidarplace.base.errors import InputError
 from sweeps.benchmark import predictors, rigs
 from sweeps.benchmark.markdown import markdown_table
@@ -156,6 +157,7 @@ def module(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "placing_own", raising=False)
+    monkeypatch.setattr(registry, "PLUGINS", {})
     yield
     sys.modules.pop("placing_own", None)
 
