@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,11 +14,13 @@ from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
 from sweeps.execution.interrupted import interruptible
-from sweeps.options import ConfigArgument, SetOption
+from sweeps.options import SetOption
 
 if TYPE_CHECKING:
+    from sweeps.configuration.grid import Sweep
     from sweeps.execution.failures import Failure
     from sweeps.tasks.results import Trained
+    from sweeps.tasks.task import Task
 
 app = new_app()
 
@@ -28,23 +31,23 @@ app = new_app()
     failed="the training or the machine failed",
 )
 def pretrain(
-    config: ConfigArgument,
+    configs: Annotated[list[Path], typer.Argument(help="YAML files of sweeps or searches")],
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="file for the weights, such as base.pt")
     ],
     set_: SetOption = None,
 ) -> None:
-    """Train the detector of a sweep on the training clouds of all its placements together.
+    """Train one detector on the training clouds of many rigs together.
 
+    Of a sweep these are all its placements, of a search the rigs of its generalist, drawn from its
+    zones. Several files add vehicles, towns and traffic; network, classes and training must agree.
     A sweep then starts every training from the same weights, which favour no placement, with
     `training.checkpoint: base.pt`. All classes of the configuration are trained; where it names
     the file to be written already, the base starts from scratch. Scenes and clouds come from the
-    sweep's store and stay there; one that is stopped goes on at its last epoch.
+    store of the first file and stay there; a training that is stopped goes on at its last epoch.
     """
-    from sweeps.configuration.grid import read_sweep
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks
-    from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import pretrain_task
     from sweeps.store.open import reference, store_of
     from sweeps.tasks.task import with_inputs
@@ -52,22 +55,17 @@ def pretrain(
 
     if out.is_dir():  # before hours of training, not after
         wrong(f"--out {out}: is a folder; a file for the weights is expected")
-    overrides = set_ or []
     with checked_input():
-        checkpoints = [
-            item.point.training.checkpoint for item in read_sweep(config, overrides).points
-        ]
-        if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
-            overrides = [*overrides, "training.checkpoint=null"]
-        sweep, plan = read_plan(config, overrides)
+        found = [_training(config, set_ or [], out) for config in configs]
+        sweep = found[0][0]
         check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out.parent).close()
     try:
-        task = pretrain_task(sweep, plan)
+        task = pretrain_task([training for _, training in found])
         store = store_of(sweep)
     except ValueError as error:
-        wrong(f"{config}: {error}")
+        wrong(f"{', '.join(map(str, configs))}: {error}")
     tasks = with_inputs([task])
     with checked_input():
         store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
@@ -98,3 +96,27 @@ def pretrain(
         f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last",
         soft_wrap=True,
     )
+
+
+def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep, Task[Trained]]:
+    """What a file trains on, and the sweep that names its store. Raises ConfigError."""
+    from sweeps.configuration.file import ConfigError
+    from sweeps.configuration.grid import read_sweep
+    from sweeps.plan.plan import read_plan
+    from sweeps.plan.pretrain_task import training_of
+    from sweeps.sweep_or_search import is_search
+
+    if is_search(config):
+        from sweeps.search.problem.judged_sweep import generalists
+        from sweeps.search.problem.problem import read_problem  # Optuna
+
+        problem = read_problem(config, overrides)
+        return problem.sweep(), next(iter(generalists(problem).values()))
+    checkpoints = [item.point.training.checkpoint for item in read_sweep(config, overrides).points]
+    if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
+        overrides = [*overrides, "training.checkpoint=null"]
+    sweep, plan = read_plan(config, overrides)
+    try:
+        return sweep, training_of(sweep, plan)
+    except ConfigError as error:
+        raise ConfigError(f"{config}: {error}") from None

@@ -46,6 +46,7 @@ from sweeps.tasks.parameters import (
     MeasureParams,
     NetworkParams,
     PogParams,
+    PretrainParams,
     RecallParams,
     RecordedParams,
     RequirementsParams,
@@ -400,8 +401,8 @@ class _Builder:
         ]
         longer = training.training.model_copy(update={"epochs": settings.epochs})
         label = f"generalist of {len(rigs)} rigs · {point.detector} · seed {point.seed}"
-        params = replace(training, training=longer)
         inputs = (*clouds, *truths)
+        params = PretrainParams(**vars(replace(training, training=longer)), scenes=(len(inputs),))
         return self._once(Task("pretrain", label, params, inputs, gpu=True, resumable=True))
 
     def _training_rigs(self, point: Point) -> list[Placement]:

@@ -1,20 +1,24 @@
-"""The training of a base checkpoint on the clouds of all placements of a sweep."""
+"""The training of a base checkpoint on the clouds of many rigs, in one scene or several."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
+import numpy as np
+
+from lidarplace.clouds.clouds import Crop
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.trial import Plan, with_detector
+from sweeps.tasks.parameters import PretrainParams, TrainingParams
 from sweeps.tasks.results import Trained
 from sweeps.tasks.task import Task
 
-_MIXED = ("placement", "lidar", "seed", "surrogate")
+_MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate")
 """Axes that may have several values: those of the rig are mixed, the others do not matter."""
 
 
-def pretrain_task(sweep: Sweep, plan: Plan) -> Task[Trained]:
-    """The training on the clouds of all placements of a sweep, with the seed of its first point.
+def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
+    """A training on the clouds of all placements of a sweep, with the seed of its first point.
 
     Raises:
         ConfigError: there is no detector, or the grid has several detectors, trainings, scenes,
@@ -35,19 +39,41 @@ def pretrain_task(sweep: Sweep, plan: Plan) -> Task[Trained]:
             "detector: null or a command trains nothing; name the detector of the base"
         )
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
-    placements = {trial.grid_point.point.placement for trial in plan.trials}
     params = trainings[0].params
-    return Task(
-        "pretrain",
-        f"{params.detector} · {len(placements)} placements",
-        replace(params, point_range=_around([task.params.point_range for task in trainings])),
-        tuple(inputs.values()),
-        gpu=True,
-        resumable=True,
+    params = replace(params, point_range=_around([own.params.point_range for own in trainings]))
+    return Task("pretrain", params.detector, params, tuple(inputs.values()))
+
+
+def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
+    """One training on the clouds of several, with the network and the settings that they share.
+
+    Args:
+        trainings: of sweeps, or of the generalists of searches.
+
+    Raises:
+        ConfigError: they differ in network, classes or settings.
+    """
+    every = [training.params for training in trainings]
+    for name in ("detector", "classes", "training", "typical", "seed"):
+        values = {repr(getattr(params, name)) for params in every}
+        if len(values) > 1:
+            raise ConfigError(
+                f"{name}: one network is trained on all configurations; expected the same, found "
+                f"{' and '.join(sorted(values))}"
+            )
+    same = {own.name: getattr(every[0], own.name) for own in fields(TrainingParams)}
+    params = PretrainParams(
+        **same | {"point_range": _around([own.point_range for own in every])},
+        scenes=tuple(len(training.inputs) for training in trainings),
     )
+    inputs = tuple(needed for training in trainings for needed in training.inputs)
+    rigs = {own.params.placement for own in inputs if hasattr(own.params, "placement")}
+    label = f"{params.detector} · {len(rigs)} rigs"
+    return Task("pretrain", label, params, inputs, gpu=True, resumable=True)
 
 
-def _around(ranges: Sequence[Sequence[float]]) -> tuple[float, ...]:
+def _around(ranges: Sequence[Crop]) -> Crop:
     """The smallest range that holds all."""
-    low, high = zip(*((item[:3], item[3:]) for item in ranges), strict=True)
-    return (*map(min, zip(*low, strict=True)), *map(max, zip(*high, strict=True)))
+    bounds = np.array(ranges)
+    low, high = bounds[:, :3].min(axis=0), bounds[:, 3:].max(axis=0)
+    return (*low.tolist(), *high.tolist())

@@ -212,6 +212,13 @@ class TrainingParams(NetworkParams):
 
 
 @dataclass(frozen=True)
+class PretrainParams(TrainingParams):
+    """Further how many of the inputs each scene has, whose frames are numbered by themselves."""
+
+    scenes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class ProbeParams(NetworkParams):
     """Further the device, since another one tells nothing, and the share of it that is tried."""
 

@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack, get_type_hints
 
@@ -45,6 +46,7 @@ from sweeps.tasks.parameters import (
     MeasureParams,
     NetworkParams,
     PogParams,
+    PretrainParams,
     ProbeParams,
     RecallParams,
     RecordedParams,
@@ -313,14 +315,25 @@ def finetune(
 
 
 def pretrain(
-    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
+    params: PretrainParams, *inputs: Collected | GroundTruth, **how: Unpack[How]
 ) -> Trained:
     """Train one detector on the clouds of many placements, for all classes.
 
-    Arguments as of `finetune`, which starts from the result.
+    Arguments as of `finetune`, which starts from the result; the inputs scene by scene.
     """
-    clouds, objects = _clouds_and_objects(inputs)
-    return _train(params, params.classes, clouds, objects, None, how)
+    left = iter(inputs)
+    clouds: list[Collected] = []
+    objects: list[pd.DataFrame] = []
+    first = 0
+    for number in params.scenes:
+        own = tuple(islice(left, number))
+        joined, found = _clouds_and_objects(own)
+        clouds += [replace(cloud, frames=cloud.frames + first) for cloud in _of(Collected, own)]
+        objects.append(found.assign(frame=found["frame"] + first))
+        first += 1 + int(joined.frames.max(initial=-1))
+    every = pd.concat(objects, ignore_index=True)
+    joined = JoinedClouds[PointClouds](clouds)
+    return _train(params, params.classes, joined, every, None, how)
 
 
 def evaluate(

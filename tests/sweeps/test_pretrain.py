@@ -15,7 +15,7 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
-from sweeps.plan.pretrain_task import pretrain_task
+from sweeps.plan.pretrain_task import pretrain_task, training_of
 from sweeps.store.local import Store
 from sweeps.tasks.task import with_inputs
 from training import build_detector
@@ -61,7 +61,7 @@ def digest(path):
 def planned(path):
     sweep = read_sweep(path)
     plan = make_plan(sweep)
-    return pretrain_task(sweep, plan), plan
+    return pretrain_task([training_of(sweep, plan)]), plan
 
 
 def test_the_clouds_of_all_placements_train_together(folder):
@@ -112,7 +112,7 @@ def test_the_command_writes_weights_to_start_from(folder):
     config, out = write(folder), folder / "weights" / "base.pt"
     done = CliRunner().invoke(app, [str(config), "--out", str(out)])
     assert done.exit_code == 0, done.output
-    assert "pointpillars_tiny · 2 placements, classes Car, Cyclist, Pedestrian, from scratch" in (
+    assert "pointpillars_tiny · 4 rigs, classes Car, Cyclist, Pedestrian, from scratch" in (
         done.output
     )
     content = torch.load(out, weights_only=True)
@@ -177,7 +177,7 @@ def test_a_training_that_fails_says_why(folder):
     )
     done = CliRunner().invoke(app, [str(config), "--out", str(folder / "none.pt")])
     assert done.exit_code == 1
-    assert "failed: pointpillars_tiny · 2 placements: ArithmeticError: the " in done.output
+    assert "failed: pointpillars_tiny · 4 rigs: ArithmeticError: the " in done.output
     (log,) = (folder / "runs" / "grid" / "failed").glob("pretrain-*.log")
     assert "Traceback" in log.read_text()
     assert not (folder / "none.pt").exists()
