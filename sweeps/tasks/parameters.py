@@ -213,18 +213,19 @@ class TrainingParams(NetworkParams):
 
 @dataclass(frozen=True)
 class PretrainParams(TrainingParams):
-    """Further how many of the inputs each scene has, whose frames are numbered by themselves."""
+    """Further how many of the inputs each scene has; each numbers its own frames."""
 
     scenes: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class ProbeParams(NetworkParams):
-    """Further the device, since another one tells nothing, and the share of it that is tried."""
+    """Further the device, since another needs otherwise, and the share of it that is tried."""
 
     checkpoint: str | None
     device: str
     gpu_share: float
+    scenes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -278,7 +278,7 @@ def probe(params: ProbeParams, *inputs: Trained | Collected | GroundTruth) -> Pr
     """
     from training.probe import probe as probe_training
 
-    clouds, objects = _clouds_and_objects(inputs)
+    clouds, objects = _clouds_and_objects(inputs, params.scenes)
     found = probe_training(
         params.detector,
         params.classes,
@@ -321,19 +321,8 @@ def pretrain(
 
     Arguments as of `finetune`, which starts from the result; the inputs scene by scene.
     """
-    left = iter(inputs)
-    clouds: list[Collected] = []
-    objects: list[pd.DataFrame] = []
-    first = 0
-    for number in params.scenes:
-        own = tuple(islice(left, number))
-        joined, found = _clouds_and_objects(own)
-        clouds += [replace(cloud, frames=cloud.frames + first) for cloud in _of(Collected, own)]
-        objects.append(found.assign(frame=found["frame"] + first))
-        first += 1 + int(joined.frames.max(initial=-1))
-    every = pd.concat(objects, ignore_index=True)
-    joined = JoinedClouds[PointClouds](clouds)
-    return _train(params, params.classes, joined, every, None, how)
+    clouds, objects = _clouds_and_objects(inputs, params.scenes)
+    return _train(params, params.classes, clouds, objects, None, how)
 
 
 def evaluate(
@@ -481,12 +470,30 @@ def _simulated(params: CollectParams, log: BoxLog) -> SimulatedClouds:
     )
 
 
-def _clouds_and_objects(inputs: Sequence[object]) -> tuple[Clouds, pd.DataFrame]:
-    """Clouds, and the objects that are in their frames."""
-    truths = [truth.objects for truth in _of(GroundTruth, inputs)]
-    objects = pd.concat(truths, ignore_index=True)
-    joined = JoinedClouds[PointClouds](_of(Collected, inputs))
-    return joined, objects[objects["frame"].isin(joined.frames)]
+def _clouds_and_objects(
+    inputs: Sequence[object], scenes: Sequence[int] = ()
+) -> tuple[Clouds, pd.DataFrame]:
+    """Clouds, and the objects that are in their frames.
+
+    Args:
+        inputs: results of earlier tasks.
+        scenes: how many of the inputs each scene has, whose frames are numbered on from those of
+            the scene before; by default all inputs are of one scene.
+    """
+    left = iter(inputs)
+    clouds: list[Collected] = []
+    objects: list[pd.DataFrame] = []
+    first = 0
+    for number in scenes or (len(inputs),):
+        own = tuple(islice(left, number))
+        found = [replace(cloud, frames=cloud.frames + first) for cloud in _of(Collected, own)]
+        frames = JoinedClouds[PointClouds](found).frames
+        truth = pd.concat([truth.objects for truth in _of(GroundTruth, own)], ignore_index=True)
+        truth["frame"] += first
+        objects.append(truth[truth["frame"].isin(frames)])
+        clouds += found
+        first = 1 + int(frames.max(initial=-1))
+    return JoinedClouds[PointClouds](clouds), pd.concat(objects, ignore_index=True)
 
 
 def _train(
