@@ -19,7 +19,10 @@ from torch import Tensor
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import regular
 from training.detectors.detector import Detector
+from training.settings import PRETRAINED
 from training.typical_objects import TypicalObject, as_plain, from_plain
+
+_OF_PACKAGE = Path(__file__).parent / "pretrained.pt"
 
 KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")
 """The classes of OpenPCDet's networks for KITTI, in the order of their labels."""
@@ -141,12 +144,14 @@ def write_checkpoint(
     detector: str,
     classes: Sequence[str],
     typical: Sequence[TypicalObject] = (),
+    domain: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a base checkpoint, from which a fine-tuning can start; a reader never meets half of it.
 
     The file is a dict: "model_state", the state_dict; "detector", a name for `build_detector`;
-    "classes", the names of the labels 1, 2, …; and "typical", where there are any, the objects of
-    which the anchors are that are not the preset's.
+    "classes", the names of the labels 1, 2, …; "typical", where there are any, the objects of
+    which the anchors are that are not the preset's; and "domain", where it is known, what the
+    weights were trained on, see `training.pretrained.Domain`.
     """
     content: dict[str, object] = {
         "model_state": dict(model_state),
@@ -155,6 +160,8 @@ def write_checkpoint(
     }
     if typical:
         content["typical"] = as_plain(typical)
+    if domain is not None:
+        content["domain"] = dict(domain)
     save_checkpoint(path, content)
 
 
@@ -190,7 +197,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
         DamagedCheckpoint: the file is not what was written.
         ValueError: not a dict of tensors and plain values.
     """
-    data = regular(path).read_bytes()
+    data = regular(_OF_PACKAGE if path == PRETRAINED else path).read_bytes()
     _check_sums(path, data)
     try:
         with warnings.catch_warnings(record=True, action="always") as told:

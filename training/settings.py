@@ -1,6 +1,7 @@
 """How a detector is trained and how its boxes are selected."""
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -17,6 +18,9 @@ from lidarplace.configuration.settings import (
 )
 
 Moment = Annotated[Probability, Field(lt=1)]
+
+PRETRAINED = Path("pretrained")
+"""What stands for the generalist of the package, wherever a checkpoint is named."""
 
 LARGEST_BATCH = 16
 """Frames of a step that `batch_size: auto` comes to at most."""
@@ -73,7 +77,9 @@ class TrainingSettings(Settings):
     min_points: Count = Field(5, description="objects with fewer points are left out of training")
 
     checkpoint: FilePath | None = Field(
-        None, description="weights to start from: OpenPCDet's, or a base of lidarplace pretrain"
+        None,
+        description="weights to start from: OpenPCDet's, a file of lidarplace pretrain, or "
+        "pretrained: those of the package",
     )
     new_heads: bool = Field(
         False,

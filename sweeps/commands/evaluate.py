@@ -82,7 +82,7 @@ def evaluate(
     """
     from sweeps.evaluation.asked import asked_for
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
-    from tracking.findings.groups import GENERALIST
+    from tracking.findings.groups import ONE_FOR_ALL
     from tracking.findings.summary import seed_means
     from tracking.report.build import build_report
     from tracking.report.recommendation import headline
@@ -98,9 +98,9 @@ def evaluate(
             check_free(out)
         worth = evaluate_rigs(found)
         results, left_out = results_of(worth)
-        means = seed_means(results, (), left_out, GENERALIST)
+        means = seed_means(results, (), left_out, ONE_FOR_ALL[0])
         if several:
-            write_evaluation(out, worth, found, GENERALIST if generalist else "specialist")
+            write_evaluation(out, worth, found, ONE_FOR_ALL[0] if generalist else "specialist")
             page = build_report(out)
     if as_json:
         print_json(_plain(means))

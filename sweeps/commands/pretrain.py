@@ -50,8 +50,10 @@ def pretrain(
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.pretrain_task import pretrain_task
     from sweeps.store.open import reference, store_of
+    from sweeps.tasks.parameters import CollectParams
     from sweeps.tasks.task import with_inputs
     from training.checkpoints import write_checkpoint
+    from training.pretrained import as_plain, domain_of
 
     if out.is_dir():  # before hours of training, not after
         wrong(f"--out {out}: is a folder; a file for the weights is expected")
@@ -83,8 +85,12 @@ def pretrain(
         say(f"see {logs.folder}")
         raise typer.Exit(1)
     try:
+        params = task.params
+        collected = [own.params for own in task.inputs if isinstance(own.params, CollectParams)]
+        rigs = [own.placement for own in collected]
+        domain = as_plain(domain_of(rigs, params.point_range, value.classes)) if rigs else None
         write_checkpoint(
-            out, value.state_dict, task.params.detector, value.classes, task.params.typical
+            out, value.state_dict, params.detector, value.classes, params.typical, domain
         )
     except OSError as error:
         say(f"failed: {error}")

@@ -15,7 +15,7 @@ from lidarplace.configuration.settings import Count, CountFromOne, FileBeside, S
 from lidarplace.scenes.layouts import LayoutName
 
 PLACEHOLDERS = ("{clouds}", "{detections}", "{rig}", "{seed}", "{python}")
-JUDGES = ("specialist", "generalist", "finetuned")
+JUDGES = ("specialist", "generalist", "finetuned", "pretrained")
 
 
 class CommandJudge(Settings):
@@ -85,6 +85,7 @@ def _checked(judge: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
 
 
 Judge = Annotated[
-    Literal["specialist", "generalist", "finetuned"] | CommandJudge, WrapValidator(_checked)
+    Literal["specialist", "generalist", "finetuned", "pretrained"] | CommandJudge,
+    WrapValidator(_checked),
 ]
 """Whose detections tell of a placement."""

@@ -22,6 +22,7 @@ from sweeps.configuration.file import ConfigError, check, read_named, unknown_ke
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
 from sweeps.configuration.whole_paths import with_whole_paths
+from tracking.findings.groups import ONE_FOR_ALL
 from training.settings import TrainingSettings
 
 MOST_POINTS = 20_000
@@ -227,7 +228,7 @@ def _check_rungs(common: Common, point: Point, path: Path) -> None:
             raise ConfigError(f"{key}.by: {rung.by} is not among metrics")
         own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
         shorter = point.training.model_copy(update=own)
-        cheaper = rung.set.get("judge") == "generalist" != point.judge  # which trains once for all
+        cheaper = rung.set.get("judge") in ONE_FOR_ALL and point.judge not in ONE_FOR_ALL
         if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
             raise ConfigError(
                 f"{key}.set: these trainings see as many frames as the full ones; "

@@ -137,7 +137,7 @@ class ConstraintSettings(LimitSettings):
 DEFAULT_METRIC = headline_metric("all")
 """What `objective: generalist` is short for, by a generalist: it tells rigs apart best."""
 
-GENERALIST = "generalist"
+GENERALIST, PRETRAINED = "generalist", "pretrained"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
 
 
@@ -163,11 +163,12 @@ class ObjectiveSettings(Settings):
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the least that a requirement has of what it needs, as a factor"
     )
-    judge: Literal["specialist", "generalist"] = Field(
+    judge: Literal["specialist", "generalist", "pretrained"] = Field(
         "specialist",
         description="of a measured value: specialist: a detector is trained for every trial; "
         "generalist: one detector, trained on many rigs of the space, judges a trial in seconds; "
-        "generalist.recall is short for it, and generalist for that",
+        "generalist.recall is short for it, and generalist for that; pretrained: the generalist of "
+        "the package, or of training.checkpoint, without a training; pretrained.recall likewise",
     )
     weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
@@ -193,7 +194,7 @@ class ObjectiveSettings(Settings):
         of_classes = self.by in (*SURROGATES, *RANKING)
         if self.weights is not None and not (of_classes and self.weights):
             raise ValueError(f"{self.by} has no classes")
-        if self.judge == GENERALIST and not self.measured:
+        if self.judged and not self.measured:
             raise ValueError(
                 f"{self.by} is not measured by a detector; allowed are {', '.join(RANKING)}"
             )
@@ -209,7 +210,7 @@ class ObjectiveSettings(Settings):
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
-        by = f"{GENERALIST}.{self.by}" if self.judged else str(self.by)
+        by = f"{self.judge}.{self.by}" if self.judged else str(self.by)
         by = f"{ONE_DEAD}.{by}" if self.one_lidar_dead else by
         if self.weights is not None and len(self.weights) == 1:
             return f"{by}.{next(iter(self.weights))}"
@@ -239,7 +240,7 @@ class ObjectiveSettings(Settings):
     @property
     def judged(self) -> bool:
         """Whether a generalist measures it."""
-        return self.judge == GENERALIST
+        return self.judge in (GENERALIST, PRETRAINED)
 
 
 def _objective(value: Any) -> Any:
@@ -249,8 +250,8 @@ def _objective(value: Any) -> Any:
     if value.partition(".")[0] == ONE_DEAD:
         how |= {ONE_DEAD: True}
         value = value.partition(".")[2]
-    if value.partition(".")[0] == GENERALIST:
-        how |= {"judge": GENERALIST}
+    if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
+        how |= {"judge": judge}
         value = value.partition(".")[2] or DEFAULT_METRIC
     module, colon, value = value.rpartition(":")
     by, _, object_class = value.partition(".")

@@ -206,9 +206,10 @@ class Point(Settings):
     )
     judge: Judge = Field(
         "specialist",
-        description="whose detections tell of a placement: specialist: a detector trained for it; "
+        description="which detector evaluates a placement: specialist: one trained for it; "
         "generalist: one trained on many other rigs, in seconds a placement; finetuned: a "
-        "specialist that starts from the generalist's weights; a mapping: a command",
+        "specialist that starts from the generalist's weights; pretrained: the generalist of the "
+        "package, or of training.checkpoint, without a training; a mapping: a command",
     )
     generalist: GeneralistSettings = Field(
         GeneralistSettings(), description="what the generalist is trained on, and how long"

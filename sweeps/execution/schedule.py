@@ -9,6 +9,7 @@ from sweeps.execution.failures import Failure
 from sweeps.tasks.task import Task
 
 PRIORITY = {
+    "pretrained": 14,
     "judge": 13,
     "measure": 12,
     "evaluate": 12,

@@ -1,16 +1,26 @@
 """Files that a point names: detection curves, a checkpoint to start from, what a command needs."""
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.collect import crop_for
 from lidarplace.files.regular import regular
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
+from lidarplace.rigs.placement import Placement
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.sweep import Point
 from training import NETWORKS, build_detector, network_of
+from training.settings import PRETRAINED
 from training.typical_objects import TypicalObject, from_plain
+
+if TYPE_CHECKING:
+    from training.pretrained import Generalist
 
 
 def curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
@@ -72,6 +82,51 @@ def checkpoint_of(
         raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
     except ValueError as error:
         raise ConfigError(f"training.checkpoint: {error}") from None
+
+
+def generalist_of(point: Point) -> Generalist:
+    """The generalist of `judge: pretrained`.
+
+    Raises ConfigError: the file cannot be read, or is of another network.
+    """
+    path = point.training.checkpoint or PRETRAINED
+    try:
+        found = _read_generalist(path)
+    except OSError as error:
+        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"training.checkpoint: {error}") from None
+    if point.detector != found.detector:
+        raise ConfigError(
+            f"detector: the weights of {path} are of another network; expected {found.detector}, "
+            f"found {point.detector}"
+        )
+    return found
+
+
+def outside_of(point: Point, rig: Placement) -> str | None:
+    """How a rig, the ROI or a class is outside of what `judge: pretrained` was trained on.
+
+    Args:
+        rig: with its LiDARs as their clouds are simulated.
+
+    Returns:
+        A line, or None if nothing is. Raises as `generalist_of`.
+    """
+    roi = point.roi
+    crop = crop_for(roi.x, roi.y, roi.z, rig)
+    outside = generalist_of(point).domain.outside(rig, crop, point.classes)
+    return outside and (
+        f"outside of what judge: pretrained was trained on: {outside}; judge: generalist trains a "
+        "detector for these rigs"
+    )
+
+
+@cache
+def _read_generalist(path: Path) -> Generalist:
+    from training.pretrained import read_generalist  # torch
+
+    return read_generalist(path)
 
 
 def check_network(

@@ -36,7 +36,15 @@ from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.named_files import check_network, checkpoint_of, curve_names, curves_of, digests_of
+from sweeps.plan.named_files import (
+    check_network,
+    checkpoint_of,
+    curve_names,
+    curves_of,
+    digests_of,
+    generalist_of,
+    outside_of,
+)
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
 from sweeps.tasks.parameters import (
     AccuracyParams,
@@ -46,6 +54,7 @@ from sweeps.tasks.parameters import (
     MeasureParams,
     NetworkParams,
     PogParams,
+    PretrainedParams,
     PretrainParams,
     RecallParams,
     RecordedParams,
@@ -57,6 +66,7 @@ from sweeps.tasks.parameters import (
     keys_of,
 )
 from sweeps.tasks.task import Task
+from training.settings import PRETRAINED
 from training.typical_objects import TypicalObject
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
@@ -337,6 +347,8 @@ class _Builder:
                 evaluate=self._once(Task("measure", trial.label, how, (found, *truths["test"]))),
                 evaluate_interleaved=None,
             )
+        if judge == "pretrained":
+            return self._pretrained(trial, test, truths["test"], crop)
         checkpoint = None
         if settings.checkpoint is not None:
             checkpoint, typical = self._checkpoint(
@@ -376,6 +388,36 @@ class _Builder:
             finetune=finetune,
             evaluate=self._once(Task("evaluate", trial.label, judged, inputs, gpu=True)),
             evaluate_interleaved=pitched,
+        )
+
+    def _pretrained(
+        self, trial: Trial, test: list[Task], truths: list[Task], crop: Crop
+    ) -> DetectorTrial:
+        """The same trial, evaluated with the weights of a file as they are."""
+        point = trial.grid_point.point
+        outside = outside_of(point, self._as_collected(point, trial.grid_point.rig))
+        if outside is not None:
+            raise ConfigError(f"placement {point.placement}: {outside}")
+        found = generalist_of(point)
+        path = point.training.checkpoint or PRETRAINED
+        weights = self._once(Task("pretrained", path.name, PretrainedParams(found.digest, path)))
+        params = NetworkParams(
+            found.detector,
+            point.classes,
+            point.training,
+            crop,
+            typical=found.typical,
+            ious=tuple(point.own_ious().items()),
+            metrics=point.metrics,
+        )
+        inputs = (weights, *test, *truths)
+        return DetectorTrial(
+            **vars(trial),
+            ground_truths=tuple(dict.fromkeys(truths)),
+            collect_test=tuple(test),
+            finetune=None,
+            evaluate=self._once(Task("evaluate", trial.label, params, inputs, gpu=True)),
+            evaluate_interleaved=None,
         )
 
     def _generalist(

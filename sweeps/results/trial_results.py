@@ -11,6 +11,7 @@ from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
+from tracking.findings.groups import ONE_FOR_ALL
 from tracking.kitti_iou import headline_iou
 
 Cell = int | float | str
@@ -60,7 +61,7 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
     """
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
-        alone = trial.grid_point.point.judge != "generalist"
+        alone = trial.grid_point.point.judge not in ONE_FOR_ALL
         tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
     return sum(store.seconds(task) for task in tasks)
 

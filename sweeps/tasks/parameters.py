@@ -212,6 +212,19 @@ class TrainingParams(NetworkParams):
 
 
 @dataclass(frozen=True)
+class PretrainedParams:
+    """A checkpoint with weights that are used as they are.
+
+    Attributes:
+        digest: SHA-256 of its content.
+        path: where it is, see `training.pretrained.read_generalist`.
+    """
+
+    digest: str
+    path: Path = field(compare=False)
+
+
+@dataclass(frozen=True)
 class PretrainParams(TrainingParams):
     """Further how many of the inputs each scene has; each numbers its own frames."""
 

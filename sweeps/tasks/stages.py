@@ -8,6 +8,7 @@ scene -> recall, accuracy, sampling_error
 requirements, which need no scene
 scene -> collect -> finetune -> evaluate
 scene -> collect -> pretrain (-> finetune) -> evaluate
+scene -> collect -> evaluate, by pretrained weights
 scene -> collect -> command -> measure: a program of the user's own in place of a training
 scene -> judge, by a trained detector: collect and evaluate without anything kept between them
 scene -> collect -> probe: how much memory a training needs
@@ -46,6 +47,7 @@ from sweeps.tasks.parameters import (
     MeasureParams,
     NetworkParams,
     PogParams,
+    PretrainedParams,
     PretrainParams,
     ProbeParams,
     RecallParams,
@@ -325,6 +327,18 @@ def pretrain(
     return _train(params, params.classes, clouds, objects, None, how)
 
 
+def pretrained(params: PretrainedParams) -> Trained:
+    """The generalist of a file. Raises ValueError if it is not the one that was planned with."""
+    from training.pretrained import read_generalist
+
+    found = read_generalist(params.path)
+    if found.digest != params.digest:
+        raise ValueError(f"checkpoint {params.path} has changed since it was planned with")
+    origin = f"{params.path.name} sha256:{found.digest[:12]}"
+    curve = pd.DataFrame(columns=["epoch", "metric", "value"])
+    return Trained(found.state_dict, curve, found.classes, 1, False, origin, 0.0)
+
+
 def evaluate(
     params: NetworkParams, weights: Trained, *inputs: Collected | GroundTruth
 ) -> Evaluated:
@@ -421,6 +435,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "collect": collect,
     "probe": probe,
     "pretrain": pretrain,
+    "pretrained": pretrained,
     "finetune": finetune,
     "evaluate": evaluate,
     "command": command,

@@ -4,7 +4,7 @@ import json
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -12,7 +12,7 @@ import pandas as pd
 from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
-from tracking.findings.groups import GENERALIST, Group
+from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, some
@@ -133,7 +133,11 @@ def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
     known = group.of(run.results).dropna(subset=["value"])
     by_rig = known.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
-    return few_seeds(seeds, group.judge == GENERALIST, "grid.seed", (*run.classes, "all"))
+    found = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
+    if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
+        own = _set(run, "judge", ONE_FOR_ALL[0])
+        found = [replace(weakness, remedy={**own, **weakness.remedy}) for weakness in found]
+    return found
 
 
 def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
@@ -234,7 +238,7 @@ def _losses(run: RunFolder, group: Group) -> pd.DataFrame:
 
 def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
     epochs = _losses(run, group)["epoch"].max()
-    key = "generalist.epochs" if group.judge == GENERALIST else "training.epochs"
+    key = "generalist.epochs" if group.judge in ONE_FOR_ALL else "training.epochs"
     most = min(max(times, 2.0), MOST_TIMES)
     return {} if pd.isna(epochs) else _set(run, key, math.ceil(epochs * most))
 
@@ -247,7 +251,7 @@ def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
     return _set(run, "scene.test_routes", max(2 * LEAST_ROUTES, math.ceil(routes * times)))
 
 
-def _set(run: RunFolder, key: str, value: int) -> dict[str, Any]:
+def _set(run: RunFolder, key: str, value: int | str) -> dict[str, Any]:
     """A key, or the axis of the grid that it is."""
     return {f"grid.{key}": [value]} if key in run.axes else {key: value}
 

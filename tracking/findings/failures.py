@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.rings import EDGES_M, ring_of
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
-from tracking.findings.groups import GENERALIST, Group
+from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import FOUND, OBJECTS
 from tracking.statistics.all_pairs import AllPairs
@@ -225,7 +225,7 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
         objects=objects,
         found=np.stack([wide[trials[rig]].to_numpy(np.bool_) for rig in rigs]),
         points=np.stack([points[trials[rig].iloc[0]].to_numpy() for rig in rigs]),
-        generalist=group.judge == GENERALIST,
+        generalist=group.judge in ONE_FOR_ALL,
     )
 
 

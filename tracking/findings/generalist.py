@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from tracking.findings.groups import GENERALIST, JUDGE, at
+from tracking.findings.groups import JUDGE, ONE_FOR_ALL, at
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import judged, judged_by_all
 from tracking.labels import metric_name
@@ -46,8 +46,8 @@ def judgements(run: RunFolder) -> pd.DataFrame:
     columns = [*keys, "class", "surrogate", "value"]
     if JUDGE not in run.axes:
         return pd.DataFrame(columns=columns)
-    one = run.results[JUDGE] == GENERALIST
-    own = run.results.loc[~one, [JUDGE]].drop_duplicates()
+    one = run.results[JUDGE] == _who(run.results)
+    own = run.results.loc[~run.results[JUDGE].isin(ONE_FOR_ALL), [JUDGE]].drop_duplicates()
     parts = []
     for name in (*run.classes, "all"):
         for metric in _RECALL[1:] if name == "all" else _OF_A_CLASS:
@@ -56,6 +56,11 @@ def judgements(run: RunFolder) -> pd.DataFrame:
             part = means.reset_index().drop(columns=JUDGE).merge(own, how="cross")
             parts.append(part.assign(**{"class": name, "surrogate": judgement_name(metric)}))
     return pd.concat(parts, ignore_index=True)[columns]
+
+
+def _who(table: pd.DataFrame) -> str:
+    """The judge of a table that is one detector for all: the first where there are two."""
+    return next((judge for judge in ONE_FOR_ALL if (table[JUDGE] == judge).any()), ONE_FOR_ALL[0])
 
 
 def with_judgements(run: RunFolder) -> pd.DataFrame:
@@ -103,7 +108,7 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
     known = at(means[means["seeds"] > 0], place)
     parts = {
         name: known[known[JUDGE] == judge].set_index("placement")[["mean", "half"]]
-        for name, judge in (("said", GENERALIST), ("own", group[JUDGE]))
+        for name, judge in (("said", _who(known)), ("own", group[JUDGE]))
     }
     heads = {name: {"mean": name, "half": f"{name}_half"} for name in parts}
     wide = [part.rename(columns=heads[name]) for name, part in parts.items()]

@@ -12,8 +12,8 @@ from tracking.run_folders.sweep import RunFolder
 
 JUDGE = "judge"
 """The axis over who judges placements."""
-GENERALIST = "generalist"
-"""The judge that is one detector for all placements."""
+ONE_FOR_ALL = ("generalist", "pretrained")
+"""The judges that are one detector for all placements."""
 MOST_NAMES = 24
 """Of placements in one sentence."""
 
@@ -25,8 +25,7 @@ class Group:
     Attributes:
         detector: its name, "" for surrogates alone.
         setting: value of every further axis, by key path.
-        judge: whose detections tell of its placements: those of "specialist", "generalist" or
-            "finetuned" detectors.
+        judge: which detector evaluates its placements, see `judge` of the configuration.
         varies: whether the sweep has other groups, so that a title must name this one.
     """
 

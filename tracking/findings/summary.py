@@ -8,7 +8,7 @@ from scipy import stats
 
 from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
-from tracking.findings.groups import GENERALIST, judges, met, verdicts
+from tracking.findings.groups import ONE_FOR_ALL, judges, met, verdicts
 from tracking.findings.paired import group_columns, matching
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
@@ -61,7 +61,7 @@ def seed_means(
     )
     errors = _sample_errors(means, left_out, groups)
     seeds = _seed_noise(means, results, groups)
-    alone = seeds["single_degrees"].isna() & (judges(means, judge) == GENERALIST)
+    alone = seeds["single_degrees"].isna() & judges(means, judge).isin(ONE_FOR_ALL)
     half = {
         name: _half(
             seeds[f"{name}_variance"],

@@ -11,7 +11,7 @@ from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.best_surrogate import Predictors
 from tracking.findings.evidence import Weakness, grade, weaknesses
-from tracking.findings.groups import GENERALIST, Group
+from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou, judged
@@ -99,7 +99,7 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
         own, left_out = judged(group.of(run.results), run.results, name), None
         if run.left_out is not None:
             left_out = judged(group.of(run.left_out), run.results, name)
-        best = best_placement(own, left_out=left_out, generalist=group.judge == GENERALIST)
+        best = best_placement(own, left_out=left_out, generalist=group.judge in ONE_FOR_ALL)
         if best is not None:
             found[name] = best
     return found

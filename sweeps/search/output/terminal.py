@@ -87,7 +87,7 @@ def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
     placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
     found = {name: interleaving(placement) for name, placement in placements.items()}
     said = [coinciding(name, better) for name, better in found.items() if better is not None]
-    if not problem.judged:
+    if not problem.judged or problem.pretrained:
         return said
     beyond = {name: outside(rig, problem.seen_rigs) for name, rig in placements.items()}
     return said + [beyond_what_is_seen(name, by) for name, by in beyond.items() if by is not None]

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS
+from sweeps.configuration.search import PRETRAINED
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
 from sweeps.search.problem.choice import Choice, Choices, ordered
@@ -16,7 +17,10 @@ JudgedRig = Sequence[Sequence[DetectorTrial]]
 
 
 def generalists(problem: Problem) -> dict[int, Task]:
-    """The trainings of the generalists by seed, on the scene as the configuration has it."""
+    """The trainings of the generalists by seed, on the scene as the configuration has it; none
+    where the generalist is that of a file."""
+    if problem.pretrained:
+        return {}
     rigs = dict(problem.training_rigs)
     settings = problem.file.generalist
     if isinstance(settings.rigs, int):
@@ -38,17 +42,19 @@ def judged_rigs(
     """The trials in which generalists judge rigs.
 
     Args:
-        trained: by seed, from `generalists`.
+        trained: by seed, from `generalists`; none: the generalist of a file judges.
         rigs: by the name that their placements get.
         tests: key path -> value: what is tested on, beside the configuration.
     """
     found: dict[str, dict[int, list[DetectorTrial]]] = {
-        name: {seed: [] for seed in trained} for name in rigs
+        name: {seed: [] for seed in problem.file.search.seeds} for name in rigs
     }
+    judge = {"judge": PRETRAINED} if problem.pretrained else {}
     for changes in tests:
-        for trial in _trials(problem, rigs, {}, changes):
+        for trial in _trials(problem, rigs, {}, {**changes, **judge}):
             point = trial.grid_point.point
-            found[point.placement][point.seed].append(_by(trained[point.seed], trial))
+            own = _by(trained[point.seed], trial) if trained else trial
+            found[point.placement][point.seed].append(own)
     return {name: list(by_seed.values()) for name, by_seed in found.items()}
 
 

@@ -24,10 +24,17 @@ from sweeps.configuration.file import ConfigError, check, read_named
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
 from sweeps.configuration.question import check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
-from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
+from sweeps.configuration.search import (
+    PRETRAINED,
+    RangeSettings,
+    SearchFile,
+    Tests,
+    TrafficSettings,
+)
 from sweeps.configuration.sweep import Point
 from sweeps.configuration.whole_paths import with_whole_paths
 from sweeps.execution.memory import check_memory
+from sweeps.plan.named_files import outside_of
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import Trial
 from sweeps.search.problem.as_sweep import SearchConfig
@@ -104,7 +111,8 @@ class Problem(SearchConfig):
         if any(objective.measured for objective in self.file.search.objective):
             stages: tuple[str, ...] = ("ground_truth", "collect", "finetune", "evaluate")
             if self.judged:
-                stages = ("ground_truth", "collect", "pretrain", "judge", "evaluate")
+                weights = "pretrained" if self.pretrained else "pretrain"
+                stages = ("ground_truth", "collect", weights, "judge", "evaluate")
             found += [code_of(stage, self.file.detector) for stage in stages]
         return found
 
@@ -112,6 +120,22 @@ class Problem(SearchConfig):
     def judged(self) -> bool:
         """Whether a generalist answers trials."""
         return any(objective.judged for objective in self.file.search.objective)
+
+    @property
+    def pretrained(self) -> bool:
+        """Whether that generalist is the one of a file."""
+        return any(objective.judge == PRETRAINED for objective in self.file.search.objective)
+
+    def outside(self, rig: Choices, name: str = "found") -> str | None:
+        """Why the generalist of a file cannot judge a rig; None: it can, or there is none.
+
+        Raises ConfigError: the file cannot be read, or is of another network.
+        """
+        if not self.pretrained:
+            return None
+        placement = placement_of(rig, self.models, name)
+        share = self.file.lidar.cloud_share
+        return outside_of(self.file, placement.each_lidar(lambda own: own.thinned(share)))
 
     @cached_property
     def training_rigs(self) -> dict[str, Choices]:
@@ -432,6 +456,26 @@ def _check_traffic(problem: Problem) -> None:
         )
     if any(changes in traffic.choice for changes in traffic.search):
         raise ConfigError(f"{path}: search.traffic: search and choice need different traffic")
+    if problem.pretrained:
+        _check_pretrained(problem)
+
+
+def _check_pretrained(problem: Problem) -> None:
+    """The generalist of a file has to know rigs of the zones and those of the paper.
+
+    Raises ConfigError.
+    """
+    path, seeds = problem.path, problem.file.search.seeds
+    if len(seeds) > 1:
+        raise ConfigError(
+            f"{path}: search.seeds: a pretrained generalist has one seed; expected 1, found "
+            f"{len(seeds)}"
+        )
+    for name, rig in {**problem.training_rigs, **problem.paper_rigs()}.items():
+        outside = problem.outside(rig, name)
+        if outside is not None:
+            of = f"{name} of the paper" if name in PAPER_PLACEMENTS else "rigs of the zones"
+            raise ConfigError(f"{path}: search: {of}: {outside}")
 
 
 def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:

@@ -39,7 +39,7 @@ _FIRST, _WHOLE = "value on the first frames", "value on all frames"
 
 
 class GeneralistAnswers(TaskAnswers):
-    """Answers by a detector that is trained once, on rigs of the space.
+    """Answers by a detector that is trained once, on rigs of the space, or by that of a file.
 
     With several objectives all rigs see all frames.
     """
@@ -52,6 +52,8 @@ class GeneralistAnswers(TaskAnswers):
 
     def measure(self, asked: Asked) -> Measured:
         """Detections in the first frames, then in all frames for the best."""
+        outside = {c.number: self.problem.outside(c.rig) for _, c in asked}
+        asked = [own for own in asked if outside[own[1].number] is None]
         trials = {c.number: trial for trial, c in asked}
         measured = [o for o in self.problem.file.search.objective if o.measured]
         candidates = [candidate for _, candidate in asked]
@@ -66,8 +68,10 @@ class GeneralistAnswers(TaskAnswers):
             number: {case: judged[f"trial_{number}{case}"] for case in own}
             for number, own in cases.items()
         }
+        strange = {number: reason for number, reason in outside.items() if reason is not None}
         if len(measured) > 1:
-            return self._values(by_number, measured, range(PORTIONS))
+            values, failed = self._values(by_number, measured, range(PORTIONS))
+            return values, strange | failed
         first, failed = self._values(by_number, measured, range(1))
         for number, own in first.items():
             trials[number].set_user_attr(_FIRST, own[0])
@@ -82,7 +86,7 @@ class GeneralistAnswers(TaskAnswers):
         ]
         both += [(first[number][0], own[0]) for number, own in whole.items()]
         values = {n: [expected_on_all(own[0], both)] for n, own in first.items()} | whole
-        return values, failed | failed_later
+        return values, strange | failed | failed_later
 
     def _leading(self, first: dict[int, list[float]], objective: ObjectiveSettings) -> list[int]:
         """Numbers of those among the best of all so far on the first frames."""

@@ -1,0 +1,199 @@
+"""Rigs evaluated by weights in a file: `judge: pretrained`, in sweeps, searches and Python."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+import torch
+import yaml
+from small_log import write_small_log
+from typer.testing import CliRunner
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
+from lidarplace.base.errors import InputError
+from lidarplace.clouds.collect import crop_for
+from sweeps.command_line import app
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import make_plan
+from sweeps.search.problem.problem import read_problem
+from training.checkpoints import read_checkpoint, save_checkpoint
+from training.pretrained import Domain, domain_of, judge, read_generalist
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+LIDAR = {"azimuth_steps": 240}
+TRAINED = {
+    "lidar": LIDAR,
+    "surrogate": {"names": ["covered_entropy"], "resolution": 0.4},
+    "training": {"epochs": 20, "batch_size": 2},
+    "ray": "debug",
+    "grid": {"placement": ["center", "pyramid"], "lidar.azimuth_steps": [240, 480]},
+}
+ROI = Roi((0, 40), (-20, 20), (0, 4), 0.4)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pretrained")
+    write_small_log(folder / "log")
+    path = write(folder, TRAINED)
+    done = CliRunner().invoke(app, ["pretrain", str(path), "--out", str(folder / "base.pt")])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def write(folder, content, **changes):
+    scene = {"source": "log", "folder": str(folder / "log")}
+    common = {"scene": scene, "output": str(folder / "runs")}
+    path = folder / f"{'search' if 'search' in content else 'grid'}.yaml"
+    path.write_text(yaml.safe_dump(common | content | changes))
+    return path
+
+
+def judged(folder, **changes):
+    """A sweep that judges by the file."""
+    training = {"checkpoint": str(folder / "base.pt")}
+    grid = {"placement": ["line", "square"]}
+    content = TRAINED | {"judge": "pretrained", "training": training, "grid": grid}
+    return write(folder, content, **changes)
+
+
+def test_the_file_says_what_it_was_trained_on(folder):
+    found = read_generalist(folder / "base.pt").domain
+    assert found.lidars == (4, 4)
+    assert found.beams == (16, 16)
+    assert found.rays == (4 * 16 * 240, 4 * 16 * 480)
+    assert found.height == (2.2, 3.0)
+    assert (found.x, found.y, found.z) == ((0, 40), (-20, 20), (-0.5, 4))
+    assert found.classes == ("Car", "Cyclist", "Pedestrian")
+
+
+def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
+    path = judged(folder)
+    plan = make_plan(read_sweep(path))
+    assert {task.stage for task in plan.tasks} >= {"pretrained", "evaluate"}
+    assert not {"finetune", "pretrain", "probe"} & {task.stage for task in plan.tasks}
+    done = CliRunner().invoke(app, ["run", str(path)])
+    assert done.exit_code == 0, done.output
+    results = pd.read_parquet(folder / "runs" / "grid" / "results.parquet")
+    lidar = replace(Lidar.paper(), azimuth_steps=240)
+    rig = PAPER_PLACEMENTS["line"].each_lidar(lambda _: lidar)
+    table = judge(rig, folder / "log", ROI, weights=folder / "base.pt")
+    same = table.merge(results[results["placement"] == "line"], on=["class", "metric", "iou"])
+    same = same[same["difficulty_x"] == same["difficulty_y"]].dropna(subset=["value_x"])
+    assert len(same) > 10
+    assert same["value_x"].max() > 0
+    assert (same["value_x"] == same["value_y"]).all()
+
+
+def test_other_weights_are_other_results(folder):
+    content, _ = read_checkpoint(folder / "base.pt")
+    key = next(name for name, value in content["model_state"].items() if value.is_floating_point())
+    content["model_state"] = {**content["model_state"], key: content["model_state"][key] + 1}
+    save_checkpoint(folder / "other.pt", content)
+
+    def keys(name):
+        path = judged(folder, training={"checkpoint": str(folder / name)})
+        return {task.stage: task.key for task in make_plan(read_sweep(path)).tasks}
+
+    one, other = keys("base.pt"), keys("other.pt")
+    assert one["pretrained"] != other["pretrained"]
+    assert one["evaluate"] != other["evaluate"]
+    assert one["collect"] == other["collect"]
+
+
+MINE = {"mounts": [{"x": x / 10, "y": 0, "z": 2.2} for x in range(9)]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"placements": {"mine": MINE}}, "placement mine: outside of what judge: pretrained was "
+         "trained on: 9 LiDARs; expected 4 to 4"),
+        ({"lidar": LIDAR | {"beams": 64}}, "placement line: outside of what judge: pretrained "
+         "was trained on: 61,440 rays a frame; expected 15,360 to 30,720"),
+        ({"roi": {"x": [0, 60]}}, "a ROI with x = 60 m; expected 0 to 40"),
+        ({"detector": "second_tiny"}, "detector: the weights of .*base.pt are of another network; "
+         "expected pointpillars_tiny, found second_tiny"),
+        ({"training": {"checkpoint": "none.pt"}}, "training.checkpoint: none.pt: No such file"),
+        ({"grid": {"placement": ["line"], "seed": [1, 2]}}, "are the same work, which does not "
+         r"depend on seed \(1 and 2\)"),
+    ],
+)  # fmt: skip
+def test_a_rig_outside_is_refused(folder, changes, line):
+    grid = {"placement": ["mine" if "placements" in changes else "line"]}
+    with pytest.raises(ConfigError, match=line):
+        make_plan(read_sweep(judged(folder, **{"grid": grid} | changes)))
+
+
+def test_a_file_without_what_it_was_trained_on_is_refused(folder):
+    content, _ = read_checkpoint(folder / "base.pt")
+    save_checkpoint(folder / "old.pt", {k: v for k, v in content.items() if k != "domain"})
+    with pytest.raises(InputError, match="does not say what it was trained on"):
+        read_generalist(folder / "old.pt")
+    save_checkpoint(folder / "odd.pt", content | {"domain": content["domain"] | {"lidars": ["a"]}})
+    with pytest.raises(InputError, match="does not say what it was trained on"):
+        read_generalist(folder / "odd.pt")
+
+
+def search(folder, **changes):
+    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4]}
+    own = {"lidars": 4, "objective": "pretrained", "zones": {"roof": zone}, "trials": 3}
+    traffic = {name: {"scene.test_folder": str(folder / name)} for name in ("search", "choice")}
+    own |= {"batch_size": 3, "greedy": None, "traffic": traffic}
+    return write(
+        folder,
+        {k: v for k, v in TRAINED.items() if k != "grid"}
+        | {"training": {"checkpoint": str(folder / "base.pt")}, "verify": None}
+        | {"search": own | changes},
+    )
+
+
+def test_a_search_is_judged_by_the_file(folder):
+    for name in ("search", "choice"):
+        write_small_log(folder / name, seed=len(name))
+    path = search(folder)
+    done = CliRunner().invoke(app, ["search", str(path)])
+    assert done.exit_code == 0, done.output
+    assert "pretrained.recall" in done.output
+    assert (folder / "runs" / "search" / "search.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"lidars": 5}, "search: rigs of the zones: outside of what .*: 5 LiDARs; expected 4 to 4"),
+        ({"seeds": [1, 2]}, "search.seeds: a pretrained generalist has one seed; expected 1"),
+    ],
+)
+def test_a_search_outside_is_refused_before_it_begins(folder, changes, line):
+    with pytest.raises(ConfigError, match=line):
+        read_problem(search(folder, **changes))
+
+
+def test_a_domain_is_that_of_its_rigs():
+    paper = Lidar.paper()
+    low = Placement("low", [Mount(z=0.5)], lidar=paper)
+    high = Placement("high", [Mount(z=2.0), Mount(x=1.0, z=3.0)], lidar=paper)
+    crop = crop_for(ROI.x, ROI.y, ROI.z, low)
+    domain = domain_of([low, high], crop, ("Car",))
+    assert isinstance(domain, Domain)
+    for rig in (low, high):
+        assert domain.outside(rig, crop, ("Car",)) is None
+    assert domain.outside(low, crop, ("Bus",)) == "class Bus; expected Car"
+    above = Placement("above", [Mount(z=3.2)], lidar=paper)
+    assert domain.outside(above, crop, ("Car",)) == (
+        "a LiDAR at a height of 3.2 m; expected 0.5 to 3"
+    )
+    pattern = Placement("livox", [Mount(z=2.0)], lidar=Lidar.named("mid70"))
+    assert domain.outside(pattern, crop, ("Car",)) == (
+        "a LiDAR whose pattern does not repeat; expected beams that turn"
+    )
+
+
+def test_the_file_of_the_package_can_be_read():
+    found = read_generalist()
+    assert found.detector == "pointpillars_tiny"
+    assert found.classes == ("Car", "Cyclist", "Pedestrian")
+    assert all(torch.isfinite(value).all() for value in found.state_dict.values())

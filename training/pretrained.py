@@ -1,0 +1,238 @@
+"""Generalists in files: the weights of one detector for many rigs, and what it was trained on."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from torch import Tensor
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.collect import SimulatedClouds, crop_for
+from lidarplace.clouds.visibility import ground_truth
+from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.logs.boxes import CLASSES
+from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.placement import Placement
+from training.checkpoints import read_checkpoint
+from training.detect import detect
+from training.kitti_ap import evaluation
+from training.settings import PRETRAINED, TrainingSettings
+from training.typical_objects import TypicalObject, from_plain
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What the rigs of a training had, each from the smallest to the largest value.
+
+    Attributes:
+        lidars: number of LiDARs of a rig.
+        rays: of all LiDARs of a rig in a frame.
+        height: of a LiDAR above the ground, metres.
+        beams: of a LiDAR whose beams turn; None: there was none.
+        elevation: of a beam, or a ray of a pattern that does not repeat, degrees.
+        x, y, z: region in which objects counted, ego frame, metres.
+        patterns: whether there were LiDARs with a pattern that does not repeat.
+        classes: of the objects.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    lidars: Interval
+    rays: Interval
+    height: Interval
+    beams: Interval | None
+    elevation: Interval
+    x: Interval
+    y: Interval
+    z: Interval
+    patterns: bool
+    classes: tuple[str, ...]
+
+    def outside(self, placement: Placement, crop: Crop, classes: Sequence[str]) -> str | None:
+        """How a rig, its ROI or a class differs from those of the training; None: it does not.
+
+        Args:
+            placement: LiDARs with as many azimuth steps as their clouds are simulated with.
+            crop: x, y, z of the lowest and of the highest corner of the ROI, ego frame, metres.
+            classes: that count.
+
+        Returns:
+            The first difference, such as "9 LiDARs; expected 1 to 8".
+        """
+        own = domain_of([placement], crop, classes)
+        for name in own.classes:
+            if name not in self.classes:
+                return f"class {name}; expected {', '.join(self.classes)}"
+        if own.patterns and not self.patterns:
+            return "a LiDAR whose pattern does not repeat; expected beams that turn"
+        for name, words in _WORDS.items():
+            found, known = getattr(own, name), getattr(self, name)
+            for value in found or ():
+                near = _NEAR.get(name, 0.0)
+                if known is None or not known[0] - near <= value <= known[1] + near:
+                    expected = "none" if known is None else f"{known[0]:,.6g} to {known[1]:,.6g}"
+                    return f"{words.format(f'{value:,.6g}')}; expected {expected}"
+        return None
+
+
+_NEAR = {"height": 0.1, "elevation": 1.0, "rays": 500.0}
+"""How far beyond the extremes of rigs drawn at random is still inside."""
+_WORDS = {
+    "lidars": "{} LiDARs",
+    "rays": "{} rays a frame",
+    "height": "a LiDAR at a height of {} m",
+    "beams": "a LiDAR of {} beams",
+    "elevation": "a beam at {} degrees",
+    "x": "a ROI with x = {} m",
+    "y": "a ROI with y = {} m",
+    "z": "a ROI with z = {} m",
+}
+_DOMAIN = TypeAdapter(Domain)
+
+
+def domain_of(placements: Iterable[Placement], crop: Crop, classes: Sequence[str]) -> Domain:
+    """What a training on these rigs covers; arguments as of `Domain.outside`."""
+    rigs = list(placements)
+    lidars = list(dict.fromkeys(own for rig in rigs for own in rig.lidars))
+    turning = [own for own in lidars if own.pattern is None]
+    return Domain(
+        lidars=_interval(len(rig.mounts) for rig in rigs),
+        rays=_interval(sum(own.rays for own in rig.lidars) for rig in rigs),
+        height=_interval(mount.z for rig in rigs for mount in rig.mounts),
+        beams=_interval(len(own.elevations) for own in turning) if turning else None,
+        elevation=_interval(math.degrees(angle) for own in lidars for angle in own.elevations),
+        x=(crop[0], crop[3]),
+        y=(crop[1], crop[4]),
+        z=(crop[2], crop[5]),
+        patterns=len(turning) < len(lidars),
+        classes=tuple(classes),
+    )
+
+
+def _interval(values: Iterable[float]) -> Interval:
+    known = [float(value) for value in values]
+    return min(known), max(known)
+
+
+def as_plain(domain: Domain) -> dict[str, Any]:
+    """What a checkpoint keeps of a domain, under "domain"."""
+    return asdict(domain)
+
+
+@dataclass(frozen=True, eq=False)
+class Generalist:
+    """A detector of a file.
+
+    Attributes:
+        detector: its name for `build_detector`.
+        classes: the labels 1, 2, ….
+        typical: objects of which the anchors are that are not the preset's.
+        domain: what it was trained on.
+        state_dict: weights, CPU tensors.
+        digest: SHA-256 of the file.
+    """
+
+    detector: str
+    classes: tuple[str, ...]
+    typical: tuple[TypicalObject, ...]
+    domain: Domain
+    state_dict: dict[str, Tensor]
+    digest: str
+
+
+def read_generalist(path: Path = PRETRAINED) -> Generalist:
+    """Read what `lidarplace pretrain` wrote; by default the generalist of the package.
+
+    Raises:
+        OSError: the file cannot be read.
+        InputError, ValueError: it is no checkpoint, or does not say what it was trained on.
+    """
+    content, digest = read_checkpoint(path)
+    try:
+        domain = _DOMAIN.validate_python(content["domain"])
+        return Generalist(
+            str(content["detector"]),
+            tuple(content["classes"]),
+            from_plain(content),
+            domain,
+            dict(content["model_state"]),
+            digest,
+        )
+    except (KeyError, TypeError, ValidationError) as error:
+        raise InputError(
+            "the checkpoint does not say what it was trained on",
+            place=str(path),
+            fix="write it with lidarplace pretrain",
+        ) from error
+
+
+def judge(
+    placement: Placement,
+    log: BoxLog | Path | str,
+    roi: Roi,
+    classes: Sequence[str] = CLASSES,
+    *,
+    split: str = "test",
+    errors: MountingErrors = MountingErrors(),
+    vehicle: Vehicle | None = None,
+    seed: int = 0,
+    weights: Path | str = PRETRAINED,
+) -> pd.DataFrame:
+    """AP and recall of a rig by a generalist, without a training; seconds a rig.
+
+    Clouds are simulated with the azimuth steps that the LiDARs have, and forgotten.
+
+    Args:
+        placement: the rig, ego frame.
+        log: what is around the vehicle, or its folder.
+        roi: where objects count, ego frame, metres.
+        classes: that are evaluated.
+        split: of the frames, "train" or "test"; "": all of them.
+        errors: of mounts in the clouds.
+        vehicle: that carries the rig; None: a sedan.
+        seed: of noise, and of the shapes of the objects.
+        weights: a file of `lidarplace pretrain`; by default the package's.
+
+    Returns:
+        `metrics` of `training.kitti_ap.Evaluation`, percent.
+
+    Raises:
+        OSError: log or weights cannot be read.
+        InputError, ValueError: they are not what they should be, no frame is of the split, or rig,
+            ROI or a class are outside of what the generalist was trained on.
+    """
+    found = read_generalist(Path(weights))
+    crop = crop_for(roi.x, roi.y, roi.z, placement)
+    outside = found.domain.outside(placement, crop, classes)
+    if outside is not None:
+        place = f"placement {placement.name}"
+        raise InputError(f"outside of what {weights} was trained on: {outside}", place=place)
+    log = log if isinstance(log, BoxLog) else read_box_log(Path(log))
+    frames = log.frames[log.frames["split"] == split] if split else log.frames
+    if frames.empty:
+        raise InputError(f"no frame is in the {split} split", place="log")
+    numbers = frames["frame"].to_numpy(np.int64)
+    clouds = SimulatedClouds(
+        log, numbers, placement, crop=crop, seed=seed, errors=errors, vehicle=vehicle
+    )
+    boxes = detect(
+        found.detector,
+        found.classes,
+        found.state_dict,
+        clouds,
+        TrainingSettings(),
+        point_range=crop,
+        typical=found.typical,
+    ).boxes
+    objects = ground_truth(log, roi.x, roi.y, roi.z, seed=seed)
+    return evaluation(objects, boxes, numbers.tolist(), classes).metrics
