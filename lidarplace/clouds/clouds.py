@@ -8,8 +8,11 @@ a copy, and are mapped from disk.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -172,18 +175,20 @@ class JoinedClouds(Generic[Part]):
         """Frame numbers of all parts, shape (F,), int64."""
         return np.concatenate([np.empty(0, np.int64), *(part.frames for part in self.parts)])
 
+    @cached_property
+    def _ends(self) -> list[int]:
+        """Number of frames up to the end of each part."""
+        return list(accumulate(map(len, self.parts)))
+
     def __len__(self) -> int:
-        return sum(map(len, self.parts))
+        return self._ends[-1] if self._ends else 0
 
     def __getitem__(self, index: int) -> NDArray[np.float32]:
         """Points of the `index`-th frame, shape (n, 4), float32."""
-        if index < 0:
-            raise IndexError(f"frame index {index} is negative")
-        for part in self.parts:
-            if index < len(part):
-                return part[index]
-            index -= len(part)
-        raise IndexError(f"frame index beyond the last of {len(self)} frames")
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame index {index} is not one of {len(self)} frames")
+        place = bisect_right(self._ends, index)
+        return self.parts[place][index - self._ends[place] + len(self.parts[place])]
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         return (self[i] for i in range(len(self)))
