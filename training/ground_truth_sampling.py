@@ -95,7 +95,9 @@ class ObjectDatabase:
             lacking = wanted - int(np.count_nonzero(sample.labels == label))
             if lacking <= 0 or not len(known):
                 continue
-            chosen = known[np.argsort(rank[known])[:lacking]]
+            if lacking < len(known):  # sorting all of them would cost more than all else here
+                known = known[np.argpartition(rank[known], lacking)[:lacking]]
+            chosen = known[np.argsort(rank[known])]
             others = np.concatenate([self.boxes[chosen], boxes])
             overlapping = bev_overlap(self.boxes[chosen], others) > 0
             np.fill_diagonal(overlapping, False)

@@ -1,22 +1,15 @@
 """Configurations of sweeps over the rigs of a studio, and what such a sweep has found."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from lidarplace.base.roi import Roi
 from lidarplace.files.columns import check_columns
 from lidarplace.files.tables import read_csv
-from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
-from lidarplace.mounting.vehicle import depth_in_body
-from lidarplace.mounting.zone import position
-from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Placement
-from lidarplace.studio.rig import POSE, Rig
+from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.studio.violations import check_sweepable
 
@@ -25,16 +18,11 @@ Content = dict[str, Any]
 
 RUNS = Path("runs")
 """The folder of run folders, as of any sweep."""
-TRAINED_ON = 16
-"""Rigs on which a generalist is trained, …"""
-LEAST_OF_MODELS = 4
-"""… and at least so many with the same LiDAR models."""
-IN_ZONES = 4
-"""For each rig of the studio so many with its LiDARs elsewhere in the zones: what a generalist is
-trained on is drawn around all of them, so that it knows the zones."""
+MOST_RAYS = 100_000
+"""Of a rig in the clouds that are evaluated; the generalist of the package knows no denser ones
+than about twice as many."""
 JUDGE: Content = {
-    "judge": "generalist",
-    "generalist": {"rigs_per_frame": 4, "epochs": 4},
+    "judge": "pretrained",
     "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
     "surrogate": {"names": ["covered_entropy"], "accuracy": False, "sampling_error": False},
 }
@@ -82,31 +70,22 @@ def _vehicle(file: RigsFile) -> Content:
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:
-    """The same, judged by a generalist: it is trained once, and then judges rigs in seconds.
-
-    What it is trained on is drawn around the rigs of the sweep and in the zones of the file.
+    """The same, judged in seconds by the generalist of the package.
 
     Args:
         sweep: of `sweep_of`.
-        before: an earlier evaluation, which is brought up to date: how it judges stays, and so does
-            its generalist, unless a rig has a LiDAR model that this one has not seen.
+        before: an earlier evaluation, which is brought up to date: how it judges stays.
     """
     content = JUDGE | (before or {})
-    content["surrogate"] = content["surrogate"] | sweep["surrogate"]
-    settings = content["generalist"]
-    named, there = settings.get("rigs"), content.get("placements", {})
-    known = (
-        {name: there[name] for name in named if name in there} if isinstance(named, list) else {}
-    )
-    trained = _placements(known, file)
-    judged = _placements(sweep["placements"], file)
-    if not trained or any(has_other_lidar(rig, trained) for rig in judged):
-        known = _drawn(sweep["placements"], file)
+    lidar = file.settings.lidar.lidar()
+    rigs = (Rig.of_written(name, own) for name, own in sweep["placements"].items())
+    rays = max(sum(own.rays for own in rig.models(lidar)) for rig in rigs)
+    share = {"cloud_share": round(MOST_RAYS / rays, 3)} if rays > MOST_RAYS else {}
     return {
         **content,
-        **{key: own for key, own in sweep.items() if key not in ("surrogate", "grid")},
-        "placements": sweep["placements"] | known,
-        "generalist": settings | {"rigs": list(known)},
+        **sweep,
+        "lidar": share | sweep["lidar"],
+        "surrogate": content["surrogate"] | sweep["surrogate"],
         "grid": content.get("grid", {}) | sweep["grid"],
         "output": str(RUNS),
     }
@@ -114,52 +93,9 @@ def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None)
 
 def is_evaluation(content: Any) -> bool:
     """Whether a file's content can be brought up to date by `evaluation_of`."""
-    if not isinstance(content, dict) or content.get("judge") != JUDGE["judge"]:
+    if not isinstance(content, dict) or content.get("judge") not in ("pretrained", "generalist"):
         return False
-    mappings = (content.get(key, {}) for key in ("placements", "generalist", "surrogate", "grid"))
-    return all(isinstance(own, dict) for own in mappings)
-
-
-def _placements(written: Mapping[str, Content], file: RigsFile) -> list[Placement]:
-    lidar = file.settings.lidar.lidar()
-    found = (Rig.of_written(name, own).placement(lidar) for name, own in written.items())
-    return [rig for rig in found if rig is not None]
-
-
-def _drawn(written: Mapping[str, Content], file: RigsFile) -> dict[str, Content]:
-    """Rigs to train on, by name: of every set of LiDAR models some."""
-    models: dict[Lidar, Content] = {}
-    for name, own in written.items():
-        rig = Rig.of_written(name, own)
-        for lidar, mounted in zip(rig.models(file.settings.lidar.lidar()), rig.lidars, strict=True):
-            models[lidar] = {key: mounted.written[key] for key in mounted.written if key == "lidar"}
-    by_models: dict[tuple[Lidar, ...], list[Placement]] = {}
-    for placement in _placements(written, file):
-        by_models.setdefault(placement.lidars, []).extend([placement, *_elsewhere(placement, file)])
-    of_each = max(LEAST_OF_MODELS, TRAINED_ON // len(by_models))
-    drawn = [rig for around in by_models.values() for rig in random_rigs(around, of_each, seed=0)]
-    return {
-        f"trained_{number}": {
-            "mounts": [
-                dict(zip(POSE, (round(float(value), 4) for value in astuple(mount)), strict=True))
-                | models[lidar]
-                for mount, lidar in zip(rig.mounts, rig.lidars, strict=True)
-            ]
-        }
-        for number, rig in enumerate(drawn, start=1)
-    }
-
-
-def _elsewhere(rig: Placement, file: RigsFile) -> Iterator[Placement]:
-    """The rig with its LiDARs at other places of the zones."""
-    random = np.random.default_rng(0)
-    for _ in range(IN_ZONES if file.zones else 0):
-        zones = random.choice(len(file.zones), len(rig.mounts))
-        places = [position(file.zones[zone], *random.random(3)) for zone in zones]
-        apart = len({*places}) == len(places)  # two in one place are no rig
-        if apart and not depth_in_body(file.body, np.array(places)).any():
-            moved = zip(rig.mounts, places, strict=True)
-            yield replace(rig, mounts=[replace(mount, x=x, y=y, z=z) for mount, (x, y, z) in moved])
+    return all(isinstance(content.get(key, {}), dict) for key in ("surrogate", "grid"))
 
 
 def found_by_sweep(run: Path) -> dict[str, pd.DataFrame]:

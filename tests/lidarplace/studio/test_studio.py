@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import ExpectedRecall, Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.configuration.placement import PlacementSettings, read_placement
+from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.catalogue.datasheet import datasheet
@@ -24,7 +24,7 @@ from lidarplace.studio.numbers import RECALL_FRAMES, thinned
 from lidarplace.studio.page.tables import left_out
 from lidarplace.studio.rigs_file import RigsSettings, read_rigs
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.sweep_files import found_by_sweep
+from lidarplace.studio.sweep_files import MOST_RAYS, found_by_sweep
 from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
 from sweeps.results.rigs_file import rigs_yaml
@@ -314,43 +314,31 @@ def test_a_sweep_has_the_vehicle_and_the_requirements_of_the_file(tmp_path, monk
     assert RigsSettings(**opened).vehicle == RigsSettings(**content).vehicle
 
 
-def trained(path):
-    """What is trained in a sweep, and who is judged by it."""
-    _, plan = read_plan(path)
-    judged = {trial.grid_point.point.placement: trial.finetune.key for trial in plan.trials}
-    (generalist,) = {*judged.values()}
-    return generalist, {*judged}
-
-
-def test_one_generalist_judges_the_rigs_however_they_are_edited(studio, tmp_path, monkeypatch):
+def test_evaluations_are_judged_by_the_generalist_of_the_package(studio, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_small_log(tmp_path / "log")
     path, scene = tmp_path / "evaluation.yaml", scene_of(tmp_path / "log")
     assert studio.evaluation(path, scene) == Path("runs/evaluation")
-    first, judged = trained(path)
-    assert judged == {"roof", "left handed"}
-    content = read_yaml_file(path)
-    rigs = [content["placements"][name] for name in content["generalist"]["rigs"]]
-    farthest = max(mount.x for rig in rigs for mount in PlacementSettings(**rig).mounts)
-    assert farthest > 0.6  # around the rigs alone 0.4: the zone ends at x = 1
-    path.write_text(path.read_text() + "training: {epochs: 3}\n")
+    _, plan = read_plan(path)
+    assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
+    assert {trial.learns.stage for trial in plan.trials} == {"pretrained"}
+    rays = [sum(own.rays for own in t.collect_test[0].params.placement.lidars) for t in plan.trials]
+    assert 0.5 * MOST_RAYS < max(rays) <= 1.01 * MOST_RAYS
+    path.write_text(path.read_text() + "training: {score_threshold: 0.2}\n")
     studio.pose(0, x=0.3)
     studio.enable(1, False)
     studio.evaluation(path, scene)
     again = read_yaml_file(path)
-    assert trained(path)[0] == first
     assert len(again["placements"]["roof"]["mounts"]) == 1  # the rig as it works
-    assert again["training"] == {"epochs": 3}
-    studio.model(0, "pandar40p")  # which the generalist has not seen
-    studio.evaluation(path, scene)
-    assert trained(path)[0] != first
-    for broken in ("placements: 3", "generalist: [1]", "surrogate: null", "judge: specialist"):
-        path.write_text(f"judge: generalist\n{broken}\n" if "judge" not in broken else broken)
+    assert again["training"] == {"score_threshold": 0.2}
+    for broken in ("grid: 3", "surrogate: null", "judge: specialist"):
+        path.write_text(f"judge: pretrained\n{broken}\n" if "judge" not in broken else broken)
         with pytest.raises(ValueError, match=r"evaluation.yaml: is there .* no evaluation"):
             studio.evaluation(path, scene)
     path.write_text("judge: generalist\ngeneralist: {rigs: 5}\n")
     studio.evaluation(path, scene)
-    assert trained(path)[1] == judged
+    _, plan = read_plan(path)
+    assert {trial.learns.stage for trial in plan.trials} == {"pretrain"}
 
 
 def test_the_simulated_traffic_is_told_to_a_sweep():

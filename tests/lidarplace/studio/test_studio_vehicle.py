@@ -96,18 +96,3 @@ def test_a_keep_out_of_a_car_stands_beside_its_own_body(tmp_path):
     assert swept[-1] == [[0, 0, 1.5], [1, 1, 1.6]]
     assert swept[:-1] == studio.file.vehicle.boxes.tolist()
     assert len(swept) == 3
-
-
-def test_what_a_generalist_learns_from_keeps_out_of_the_body(tmp_path):
-    """Most of the zone is in the body; rigs to train on are drawn around places in the rest."""
-    studio = studio_of(
-        tmp_path,
-        vehicle=[[[-2, -2, 0], [2, 2, 2.9]]],
-        zones={"roof": {"x": 0, "y": 0, "z": [1.0, 3.0]}},
-        placements={"one": {"mounts": [{"z": 3.0}]}},
-        allow_blind_lidars=True,
-    )
-    studio.evaluation(tmp_path / "evaluation.yaml", {"source": "log", "folder": "mine"})
-    rigs = yaml.safe_load((tmp_path / "evaluation.yaml").read_text())["placements"]
-    lowest = min(mount["z"] for rig in rigs.values() for mount in rig["mounts"])
-    assert lowest > 2.7  # 0.15 m below the lowest of those around which they are drawn
