@@ -26,6 +26,7 @@ from sweeps.benchmark.rigs import METRICS, log_of, of, trials
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.tasks import stages
 from sweeps.tasks.results import Trained
+from training.settings import PRETRAINED
 
 Function = Callable[[Placement, BoxLog], float | Mapping[str, float]]
 """A number of a rig, high for good ones; or one for each of "Car", "Cyclist", "Pedestrian" and
@@ -85,7 +86,7 @@ def predict(predictor: str, every: _Every = iter) -> tuple[pd.DataFrame, float]:
 def resolved(predictor: str) -> tuple[OfRig, Mapping[str, Trial]]:
     """What gives the values of a rig by `METRICS`, and the rigs. Raises as `predict`."""
     path = Path(predictor)
-    if path.suffix in (".pt", ".pth") or path.is_file():
+    if path == PRETRAINED or path.suffix in (".pt", ".pth") or path.is_file():
         return _generalist(path)
     try:
         registry: Registry[Any] = SURROGATES if predictor in SURROGATES.own else FUNCTIONS
@@ -93,7 +94,7 @@ def resolved(predictor: str) -> tuple[OfRig, Mapping[str, Trial]]:
     except PluginError as error:
         names = [*SURROGATES.own, *FUNCTIONS.own]
         hint = f"{error}{did_you_mean(predictor, names)}"
-        expected = f"{', '.join(names)}, a checkpoint (.pt), or module:function"
+        expected = f"{', '.join(names)}, {PRETRAINED}, a checkpoint (.pt), or module:function"
         raise InputError(hint, place="predictor", expected=expected) from None
     if isinstance(found, Surrogate):
         return _surrogate(predictor, found)
@@ -156,7 +157,7 @@ def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
     if not isinstance(detector := content.get("detector"), str):
         fix = "write it with training.checkpoints.write_checkpoint"
         raise InputError("the checkpoint does not name its detector", place=str(path), fix=fix)
-    named = {"detector": detector, "training.checkpoint": str(path.absolute())}
+    named = {"detector": detector, "training.checkpoint": str(path)}
     try:
         rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
     except ValueError as error:
