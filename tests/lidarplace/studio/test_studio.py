@@ -314,13 +314,20 @@ def test_a_sweep_has_the_vehicle_and_the_requirements_of_the_file(tmp_path, monk
     assert RigsSettings(**opened).vehicle == RigsSettings(**content).vehicle
 
 
-def test_evaluations_are_judged_by_the_generalist_of_the_package(studio, tmp_path, monkeypatch):
+def test_evaluations_are_judged_by_the_generalist_of_the_package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    mounts = [{"x": 0.4, "z": 2.0}, {"x": -0.4, "z": 2.0}]
+    content = {"placements": {"roof": {"mounts": mounts}, "one": {"mounts": mounts[:1]}}}
+    studio = Studio(
+        read_rigs(written(tmp_path, yaml.safe_dump(content, sort_keys=False))),
+        log_of([(8.0, 1.0)]),
+        ROI,
+    )
     write_small_log(tmp_path / "log")
     path, scene = tmp_path / "evaluation.yaml", scene_of(tmp_path / "log")
     assert studio.evaluation(path, scene) == Path("runs/evaluation")
     _, plan = read_plan(path)
-    assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
+    assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "one"}
     assert {trial.learns.stage for trial in plan.trials} == {"pretrained"}
     rays = [sum(own.rays for own in t.collect_test[0].params.placement.lidars) for t in plan.trials]
     assert 0.5 * MOST_RAYS < max(rays) <= 1.01 * MOST_RAYS
