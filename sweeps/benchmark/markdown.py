@@ -13,6 +13,7 @@ from tracking.labels import DASH, digits, span
 
 _LABELS = {
     "generalist": "**generalist** (three)",
+    "pretrained": "**pretrained**",
     "perception_entropy": "perception entropy (Ma et al.)",
     "expected_ap": "E-AP",
     "ground_density": "ground density (Cai et al.)",

@@ -100,12 +100,21 @@ def test_surrogates_of_boxes_are_those_of_the_study_to_the_digit(two_rigs):
 
 def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs):
     known, _ = built_in()
-    assert set(known) == {*BUILT_IN, "generalist"}
+    assert set(known) == {*BUILT_IN, "generalist", "pretrained"}
     for name in ("expected_recall", "perception_entropy", "expected_ap", "ground_uniformity"):
         found = predict(name)[0]
         pd.testing.assert_frame_equal(
             found, known[name].loc[found.index], check_names=False, rtol=1e-9
         )
+
+
+@pytest.mark.long
+def test_the_weights_of_the_package_are_those_of_the_table(two_rigs):
+    known, _ = built_in()
+    found = predict("pretrained")[0]
+    # Points of percent; other processors round otherwise.
+    difference = (found - known["pretrained"].loc[found.index]).abs()
+    assert difference.to_numpy().max() < 0.5
 
 
 def test_the_truth_is_a_perfect_predictor_and_its_opposite_the_worst():
