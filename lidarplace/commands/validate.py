@@ -39,6 +39,13 @@ def main(
             "metres; by default a sedan",
         ),
     ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="OBJECT",
+            help="leave out a label, such as a wrong one: object_id or its beginning; repeatable",
+        ),
+    ] = None,
 ) -> None:
     """Compare simulated points with the real ones of a log, and fit a correction.
 
@@ -54,7 +61,7 @@ def main(
     with checked_input():
         file = None if correction is None else read_correction(correction)
         body = None if vehicle is None else read_vehicle(vehicle)
-        found = validate(read_box_log(log), log, file, vehicle=body)
+        found = validate(read_box_log(log), log, file, vehicle=body, without=without or ())
         out.mkdir(parents=True, exist_ok=True)
         decision = verdict(found)
         tables = {
@@ -73,7 +80,7 @@ def main(
         write_page(out / "validation.html", f"Validation of {log.name}", found, decision)
     if found.tracks < FEWEST_TRACKS:
         say(
-            f"warning: {found.tracks} tracks are too few; expected at least {FEWEST_TRACKS}",
+            f"warning: too few tracks; expected at least {FEWEST_TRACKS}, found {found.tracks}",
             sys.stderr,
         )
     shown = found.scores[found.scores["by"] == "all"]

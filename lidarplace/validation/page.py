@@ -79,8 +79,10 @@ def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> 
 
 
 def with_world(found: Validation) -> str:
-    """How many objects are in scenes whose static world stopped rays, in words."""
-    return f"static world for {found.scores.iloc[0]['world']:.0%} of the objects"
+    """How many objects are in scenes whose static world stopped rays, and the labels left out, in
+    words."""
+    without = f"; left out: {', '.join(found.without)}" if found.without else ""
+    return f"static world for {found.scores.iloc[0]['world']:.0%} of the objects{without}"
 
 
 _SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
@@ -128,11 +130,13 @@ def _overview(found: Validation) -> Section:
         judged = "There is one route, so no correction can be judged: corrected is as shipped."
     notes = [
         judged,
-        "The last row compares real points with those of the same object in the frame before: no "
-        "simulation of single frames can be nearer.",
+        "The last row compares the real points of an object with those in the frame before: no "
+        "simulation of single frames can be closer.",
     ]
     shown = Table(table.caption, table.head, [*table.rows, [*row, "", ""]])
-    return Section("How near it is", notes, (), (shown, _score_table(found, "class", "By class")))
+    return Section(
+        "How close the simulation is", notes, (), (shown, _score_table(found, "class", "By class"))
+    )
 
 
 def _by_distance(found: Validation) -> Section:
@@ -246,8 +250,8 @@ def _shadow(found: Validation) -> Section:
         figures.append(_json(figure.update_layout(margin={"t": 75}, polar=polar)))
         closed.append(f"{name} {(row < 1).mean():.0%}")
     notes = [
-        "What each sector of azimuth returns of what open sectors do, in the frame of the LiDAR "
-        f"(0° is its x axis). In shadow: {', '.join(closed)} of the turn."
+        "Returns of each azimuth sector compared with open sectors, in the frame of the LiDAR "
+        f"(0° is its x axis). In shadow: {', '.join(closed)} of the azimuth."
     ]
     return Section("The vehicle's own shadow", notes, figures)
 
@@ -263,8 +267,8 @@ def _worst(found: Validation) -> Section:
     ]  # fmt: skip
     head = ("object", "class", "m", "frame", "real", "as shipped", "corrected", *FATES, "reason")
     notes = (
-        "Of the rays that meet the object in the simulation: how many the real LiDAR got back from "
-        "its box, from something nearer that nobody labelled, from beyond it, or not at all."
+        "Simulated rays that meet the object, by the real return in that direction: in its box, "
+        "hidden by something nearer without a label, passed beyond the box, or lost."
         if found.clouds
         else "Without clouds the reason is not known: convert with --clouds."
     )

@@ -54,6 +54,7 @@ class Validation:
         subsets, agreement: of `lidarplace.validation.subsets`.
         shadows: what sectors return, by LiDAR, shape (LiDARs, SECTORS); None without clouds.
         worst: objects whose points differ most.
+        without: object_ids that were left out, or their beginnings.
     """
 
     names: tuple[str, ...]
@@ -73,6 +74,7 @@ class Validation:
     agreement: pd.DataFrame
     shadows: NDArray[np.float64] | None
     worst: pd.DataFrame
+    without: tuple[str, ...] = ()
 
 
 def validate(
@@ -82,6 +84,7 @@ def validate(
     *,
     seed: int = 0,
     vehicle: Vehicle | None = None,
+    without: Sequence[str] = (),
 ) -> Validation:
     """Compare the simulation of a log with what its own LiDARs returned.
 
@@ -92,12 +95,14 @@ def validate(
             to.
         seed: of the shapes of objects.
         vehicle: carries the LiDARs; None: a sedan.
+        without: objects left out by their object_id or its beginning, such as wrong labels: they
+            neither hide nor count.
 
     Raises:
-        InputError: there are no counts, no rig, rigs of different scenes differ in their LiDARs, or
-            no object has real points.
+        InputError: an object to leave out is not there, there are no counts, no rig, rigs of
+            different scenes differ in their LiDARs, or no object has real points.
     """
-    rig, log = _checked(log)
+    rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
     frames = log.frames["frame"].tolist()
     recording = Recording(log, rig.placement, seed, vehicle)
@@ -178,15 +183,38 @@ def validate(
         agreement=agreement(subsets),
         shadows=mask if clouds or correction is not None else None,
         worst=_worst(counted, seen),
+        without=tuple(without),
     )
     return replace(done, correction=correction or _file(final, done))
 
 
-def _checked(log: BoxLog) -> tuple[RecordedRig, BoxLog]:
+def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
+    """The log without the boxes of some objects. Raises InputError if there is no such object."""
+    ids = log.boxes["object_id"].astype(str)
+    gone = np.zeros(len(ids), bool)
+    for name in without:
+        own = ids.str.startswith(name).to_numpy(bool) & bool(name)
+        found = sorted(set(ids[own]))
+        if name not in found and len(found) != 1:
+            raise InputError(
+                f"no single object {name!r}",
+                place=str(folder / "boxes.parquet"),
+                key="object_id",
+                expected="the object_id of one object, or its beginning",
+                found=", ".join(found[:2]) + (", …" if len(found) > 2 else "") or "none",
+            )
+        gone |= (ids == name).to_numpy(bool) if name in found else own
+    return replace(log, boxes=log.boxes[~gone])
+
+
+def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
     """The rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
+    table, rigs = str(folder / "boxes.parquet"), str(folder / "rig.json")
+    if not len(log.boxes):
+        raise InputError("no boxes", place=table, expected="boxes with real points")
     if POINTS not in log.boxes or log.boxes[POINTS].notna().sum() == 0:
         raise InputError(
-            "no real points of any box", place="boxes.parquet", expected=f"a column {POINTS}",
+            "no real points of any box", place=table, expected=f"a column {POINTS}",
             fix="convert the data set again; with --clouds where it has no counts",
         )  # fmt: skip
     counted = log.boxes.loc[log.boxes[POINTS].notna(), "scene"].unique()
@@ -194,24 +222,24 @@ def _checked(log: BoxLog) -> tuple[RecordedRig, BoxLog]:
     if missing:
         raise InputError(
             f"scene {missing[0]}: real points without the rig that recorded them",
-            place="rig.json", expected=f"the rigs of {len(counted)} scenes",
+            place=rigs, expected=f"the rigs of {len(counted)} scenes",
             found=f"{len(counted) - len(missing)}",
             fix="convert the data set again with its calibration, or with --rig",
         )  # fmt: skip
     try:
         rig = one_rig({scene: log.rigs[scene] for scene in counted})
     except ValueError as error:
-        raise InputError(str(error), place="rig.json") from None
+        raise InputError(str(error), place=rigs) from None
     unknown = set(points_of(log.boxes)) - set(rig.names)
     if unknown:
         raise InputError(
             f"real points of LiDAR {sorted(unknown)[0]}, which is not in the rig",
-            place="boxes.parquet", expected=", ".join(rig.names), found=sorted(unknown)[0],
+            place=table, expected=", ".join(rig.names), found=sorted(unknown)[0],
         )  # fmt: skip
     frames = log.frames[log.frames["scene"].isin(counted)]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
     if not (boxes[POINTS] > 0).any():
-        raise InputError("every box has 0 real points", place="boxes.parquet")
+        raise InputError("every box has 0 real points", place=table)
     return rig, replace(log, boxes=boxes, frames=frames)
 
 

@@ -38,7 +38,7 @@ def verdict(found: Validation) -> Verdict:
     """Decide by the simulation as shipped, and by the correction on routes left out of its fit."""
     if found.tracks < FEWEST_TRACKS:
         few = (
-            f"{found.tracks} tracks are too few to judge; expected at least {FEWEST_TRACKS}. "
+            f"Too few tracks to judge; expected at least {FEWEST_TRACKS}, found {found.tracks}. "
             "One number was fitted: a factor for all classes."
         )
         return Verdict("no", (few,))
@@ -58,13 +58,22 @@ def verdict(found: Validation) -> Verdict:
         else f"judged on {found.routes} routes left out of the fit in turn"
     )
     why.append(f"With the correction, {how}, every check is met.")
+    if found.given and _fitted_here(found):
+        why.append("The correction was fitted to this very log: judge it on another one.")
     of_routes = found.scores.query("model == 'corrected' and by == 'route'")["bias"]
     if len(of_routes) > 1:
         low, high = 2 ** of_routes.min(), 2 ** of_routes.max()
         why.append(
-            f"Of single routes the median object has {low:.2f} to {high:.2f} times its points."
+            f"On single routes the median object has {low:.2f} to {high:.2f} times its real points."
         )
     return Verdict("with a correction", tuple(why))
+
+
+def _fitted_here(found: Validation) -> bool:
+    """Whether a given correction states the routes, tracks and boxes of this log."""
+    facts = found.correction.fitted
+    own = {"routes": found.routes, "tracks": found.tracks, "boxes": found.boxes}
+    return own.items() <= facts.items()
 
 
 def _all(found: Validation, model: str) -> Mapping[Any, float]:

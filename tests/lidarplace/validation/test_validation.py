@@ -16,6 +16,7 @@ from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.validation.page import with_world
 from lidarplace.validation.simulation import Recording, simulate
 from lidarplace.validation.validation import validate
 from lidarplace.validation.verdict import verdict
@@ -100,7 +101,28 @@ def test_a_given_correction_is_judged_without_a_fit(real, found):
     assert judged.given
     assert judged.correction == found.correction
     assert len(judged.fits) == 0
-    assert verdict(judged).answer == "with a correction"
+    decision = verdict(judged)
+    assert decision.answer == "with a correction"
+    assert "fitted to this very log" in decision.why[2]
+    facts = judged.correction.fitted | {"tracks": found.tracks + 1}
+    other = judged.correction.model_copy(update={"fitted": facts})
+    assert len(verdict(replace(judged, correction=other)).why) == len(decision.why) - 1
+
+
+def test_a_wrong_label_is_left_out(real, found):
+    """A van that is not there, before the vehicle in all frames, hides nothing and counts not."""
+    folder, log = real
+    van = log.boxes.drop_duplicates("frame").assign(
+        object_id="van-17", **{"class": "Car"}, x=6.0, y=0.0, z=1.5, length=2.0, width=6.0,
+        height=3.0, yaw=0.0, **{column: 0.0 for column in log.boxes if "points" in column},
+    )  # fmt: skip
+    wrong = replace(log, boxes=pd.concat([log.boxes, van], ignore_index=True))
+    mended = validate(wrong, folder, without=["van"])
+    pd.testing.assert_frame_equal(mended.scores, found.scores, check_exact=True)
+    assert with_world(mended) == "static world for 0% of the objects; left out: van"
+    for name, says in (("bus", "found none"), ("", "found none"), ("0-", "found 0-0, 0-1, …")):
+        with pytest.raises(InputError, match=f"object_id: no single object '{name}'.*{says}"):
+            validate(wrong, folder, without=[name])
 
 
 def test_clouds_of_the_corrected_rig_have_the_real_points(real, found):
@@ -127,7 +149,7 @@ def test_few_tracks_give_one_number_and_no_decision(tmp_path):
     assert found.correction.distance is None
     decision = verdict(found)
     assert decision.answer == "no"
-    assert "too few" in decision.why[0]
+    assert "Too few tracks" in decision.why[0]
 
 
 def test_ground_hides_nothing(real):
@@ -149,6 +171,7 @@ def test_ground_hides_nothing(real):
     ("change", "says"),
     [
         (lambda log: replace(log, boxes=log.boxes.drop(columns="points")), "no real points"),
+        (lambda log: replace(log, boxes=log.boxes.iloc[:0]), r"boxes\.parquet: no boxes"),
         (lambda log: replace(log, rigs={}), "without the rig that recorded them"),
         (lambda log: replace(log, boxes=log.boxes.assign(points=0.0)), "every box has 0 real"),
         (
@@ -163,8 +186,9 @@ def test_ground_hides_nothing(real):
 )
 def test_what_cannot_be_compared_is_one_line(real, change, says):
     folder, log = real
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=says) as error:
         validate(change(log), folder)
+    assert str(error.value).startswith(f"{folder}/")
 
 
 def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
