@@ -30,7 +30,7 @@ def main(*verb: str) -> None:
 
 def _foreign_package() -> Path | None:
     """The folder or file that Python finds in place of a package of ours."""
-    for name in ("lidarplace", "training", "tracking"):
+    for name in ("sweeps", "lidarplace", "training", "tracking"):
         spec = find_spec(name)
         if spec is not None and spec.origin is not None:
             found = Path(spec.origin)

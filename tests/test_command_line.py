@@ -451,10 +451,12 @@ def test_the_command_that_was_given(monkeypatch):
     assert command("search-report", "my run") == "lidarplace search-report 'my run'"
 
 
-@pytest.mark.parametrize("name", ["training", "tracking"])
+@pytest.mark.parametrize("name", ["training", "tracking", "sweeps"])
 def test_a_foreign_package_in_the_way(tmp_path, name):
     (tmp_path / name).mkdir()
-    (tmp_path / name / "__init__.py").touch()
+    # An editable installation finds our modules in any package of that name.
+    own = f"__path__.append({str(ROOT / name)!r})" if name == "sweeps" else ""
+    (tmp_path / name / "__init__.py").write_text(own)
     done = subprocess.run(
         [sys.executable, "-m", "sweeps.run", "--help"],
         cwd=tmp_path,

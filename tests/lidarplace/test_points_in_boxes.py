@@ -30,6 +30,15 @@ def test_counts_agree_with_rotated_points():
     assert min(expected) < 10 < max(expected)
 
 
+def test_a_point_on_the_surface_is_inside():
+    box = np.array([[1.0, 2.0, 3.0, 4.0, 2.0, 1.0, 0.0]])
+    corner = np.array([[3.0, 3.0, 3.5, 0.0]], np.float32)
+    for axis in range(3):
+        beyond = corner.copy()
+        beyond[0, axis] = np.nextafter(corner[0, axis], np.float32(np.inf))
+        assert count_points(np.concatenate([corner, beyond]), box).tolist() == [1]
+
+
 def test_the_box_of_a_point_is_the_last_one_that_holds_it():
     rng = np.random.default_rng(1)
     points = rng.uniform(-10, 10, (2000, 4)).astype(np.float32)

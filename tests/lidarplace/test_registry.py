@@ -1,6 +1,7 @@
 """Names from outside: installed, in a folder, broken, provided twice, unknown."""
 
 import sys
+from dataclasses import dataclass
 from typing import Annotated
 
 import pytest
@@ -10,7 +11,7 @@ from lidarplace.base import registry
 from lidarplace.base.registry import OneOf, PluginError, Registry
 from sweeps.execution import ray_cluster
 from sweeps.tasks import code_version
-from sweeps.tasks.task import code_of
+from sweeps.tasks.task import Task, code_of
 
 
 @pytest.fixture
@@ -121,6 +122,23 @@ def test_keys_follow_the_code_of_a_plug_in(site):
     (site / "plug_a.py").write_text(text.format(3))
     assert keys()[0] == without
     assert keys()[1] != with_it
+
+
+@dataclass(frozen=True)
+class Params:
+    names: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
+
+
+@pytest.mark.parametrize("field", ["names", "metrics"])
+def test_the_key_of_a_task_follows_surrogates_and_metrics_of_plug_ins(site, field):
+    def key(text):
+        (site / "plug_a.py").write_text(text)
+        code_version.code_version.cache_clear()
+        code_version._code.cache_clear()
+        return Task("surrogates", "any", Params(**{field: ("plug_a:ONE",)})).key
+
+    assert key("ONE = 1\n") == key("ONE = 1\n") != key("ONE = 2\n")
 
 
 def test_workers_get_packages_and_metadata(site):

@@ -218,7 +218,8 @@ def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, last
 def test_which_failures_the_next_run_knows(tmp_path):
     folder = FailureFolder(tmp_path / "failed")
     kinds = {"a": Failure("bad data", lasting=True), "b": Failure("the worker died")}
-    tasks = {name: Task("scene", name, Toy(name)) for name in "abc"}
+    kinds["d"] = Failure("bad data", lasting=True, follows=True)
+    tasks = {name: Task("scene", name, Toy(name)) for name in "abcd"}
 
     def fill():
         for name, task in tasks.items():
