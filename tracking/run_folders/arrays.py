@@ -22,9 +22,15 @@ Arrays = Mapping[str, NDArray[Any]]
 @dataclass(frozen=True)
 class ArrayFile:
     """A NumPy archive: a field that is an array under its name, those of a mapping as `field/key`,
-    and so on inwards."""
+    and so on inwards.
+
+    `SHAPES` has the axes of the arrays of each field, None for one of any length; those of `TEXT`
+    hold text, the others real numbers.
+    """
 
     FILE: ClassVar[str]
+    SHAPES: ClassVar[Mapping[str, tuple[int | None, ...]]]
+    TEXT: ClassVar[tuple[str, ...]] = ()
 
     def write(self, folder: Path) -> None:
         """Write all arrays in one step."""
@@ -51,8 +57,18 @@ class ArrayFile:
         return whole
 
     def _check(self, path: Path) -> None:
-        """Raise ValueError unless the arrays are of the shapes that the class tells."""
-        raise NotImplementedError
+        """Raise ValueError unless all arrays have the shapes and kinds of the class."""
+        for name, array in _flat(vars(self)):
+            field = name.partition("/")[0]
+            wanted = self.SHAPES[field]
+            if field not in self.TEXT:
+                check_numbers(name, array, len(wanted), path)
+            elif array.dtype.kind != "U":
+                raise ValueError(f"{path}: {name} must hold text, found {array.dtype}")
+            pairs = zip(wanted, array.shape, strict=False)
+            if array.ndim != len(wanted) or any(n not in (None, own) for n, own in pairs):
+                shape = ", ".join("n" if n is None else str(n) for n in wanted)
+                raise ValueError(f"{path}: {name} must have shape ({shape}), found {array.shape}")
 
 
 def _flat(arrays: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -67,6 +83,9 @@ def within(arrays: Arrays, field: str) -> dict[str, NDArray[Any]]:
     """Arrays of the field, a mapping, in the order of the file."""
     start = f"{field}/"
     return {name[len(start) :]: arrays[name] for name in arrays if name.startswith(start)}
+
+
+_PLANE = (None, None)
 
 
 @dataclass(frozen=True)
@@ -84,17 +103,15 @@ class Maps(ArrayFile):
     """
 
     FILE: ClassVar[str] = "maps.npz"
+    SHAPES: ClassVar = dict.fromkeys(
+        ("pog", "coverage", "coverage_side", "residual", "residual_side"), _PLANE
+    )
 
     pog: dict[str, NDArray[np.float32]]
     coverage: dict[str, NDArray[np.float32]]
     coverage_side: dict[str, NDArray[np.float32]]
     residual: dict[str, NDArray[np.float32]]
     residual_side: dict[str, NDArray[np.float32]]
-
-    def _check(self, path: Path) -> None:
-        for field, arrays in vars(self).items():
-            for name, array in arrays.items():
-                check_numbers(f"{field}/{name}", array, 2, path)
 
 
 @dataclass(frozen=True)
@@ -109,6 +126,13 @@ class Frame(ArrayFile):
     """
 
     FILE: ClassVar[str] = "frame.npz"
+    SHAPES: ClassVar = {
+        "boxes": (None, 7),
+        "labels": (None,),
+        "points": (None, 4),
+        "lidar": (None,),
+    }
+    TEXT: ClassVar = ("labels",)
 
     boxes: NDArray[np.float64]
     labels: NDArray[np.str_]
@@ -116,26 +140,13 @@ class Frame(ArrayFile):
     lidar: dict[str, NDArray[np.uint8]]
 
     def _check(self, path: Path) -> None:
-        check_numbers("boxes", self.boxes, 2, path)
-        if self.boxes.shape[1] != 7 or self.labels.shape != self.boxes.shape[:1]:
-            raise ValueError(
-                f"{path}: boxes need 7 numbers and a label each, found {self.boxes.shape} and "
-                f"{self.labels.shape} labels"
-            )
-        if self.labels.dtype.kind != "U":
-            raise ValueError(f"{path}: labels must hold text, found {self.labels.dtype}")
-        if set(self.points) != set(self.lidar):
-            raise ValueError(
-                f"{path}: points of {', '.join(self.points)}, but lidar of {', '.join(self.lidar)}"
-            )
-        for name, points in self.points.items():
-            check_numbers(f"points/{name}", points, 2, path)
-            check_numbers(f"lidar/{name}", self.lidar[name], 1, path)
-            if points.shape != (len(self.lidar[name]), 4):
-                raise ValueError(
-                    f"{path}: points/{name} needs 4 numbers for each of {len(self.lidar[name])} "
-                    f"points, found shape {points.shape}"
-                )
+        super()._check(path)
+        if len(self.boxes) != len(self.labels):
+            raise ValueError(f"{path}: {len(self.boxes)} boxes, but {len(self.labels)} labels")
+        for name in {**self.points, **self.lidar}:
+            points, lidar = (len(own.get(name, ())) for own in (self.points, self.lidar))
+            if points != lidar:
+                raise ValueError(f"{path}: {points} in points/{name}, but {lidar} in lidar/{name}")
 
 
 @dataclass(frozen=True)
@@ -153,6 +164,13 @@ class FailureFrames(ArrayFile):
     """
 
     FILE: ClassVar[str] = "failures.npz"
+    SHAPES: ClassVar = {
+        "rigs": (2,),
+        "objects": (None,),
+        "points": (None, 3),
+        "detections": (None, 8),
+    }
+    TEXT: ClassVar = ("rigs",)
 
     rigs: NDArray[np.str_]
     objects: NDArray[np.int64]
@@ -164,21 +182,11 @@ class FailureFrames(ArrayFile):
         return self.rigs.tolist() == [*rigs] and bool(np.isin(self.objects, objects).all())
 
     def _check(self, path: Path) -> None:
-        if self.rigs.shape != (2,) or self.rigs.dtype.kind != "U":
-            raise ValueError(f"{path}: rigs must hold two names, found {self.rigs!r}")
-        check_numbers("objects", self.objects, 1, path)
-        places = [f"{place}/{rig}" for place in range(len(self.objects)) for rig in range(2)]
-        for field, width in (("points", 3), ("detections", 8)):
-            own = getattr(self, field)
-            for place in places:
-                if place not in own:
-                    raise ValueError(f"{path} has no array {field}/{place}")
-                check_numbers(f"{field}/{place}", own[place], 2, path)
-                if own[place].shape[1] != width:
-                    raise ValueError(
-                        f"{path}: {field}/{place} needs {width} columns, found shape "
-                        f"{own[place].shape}"
-                    )
+        super()._check(path)
+        places = {f"{place}/{rig}" for place in range(len(self.objects)) for rig in range(2)}
+        for field in ("points", "detections"):
+            if missing := sorted(places - getattr(self, field).keys()):
+                raise ValueError(f"{path} has no array {field}/{missing[0]}")
 
 
 @dataclass(frozen=True)
@@ -191,6 +199,7 @@ class UnseenMaps(ArrayFile):
     """
 
     FILE: ClassVar[str] = "maps.npz"
+    SHAPES: ClassVar = {"pog": _PLANE, "unseen": _PLANE}
 
     pog: dict[str, NDArray[np.float32]]
     unseen: dict[str, dict[str, NDArray[np.float32]]]
@@ -199,13 +208,11 @@ class UnseenMaps(ArrayFile):
     def read(cls, folder: Path) -> UnseenMaps:
         """Without any map if they are not in `folder`. Raises ValueError that names file and
         array."""
-        path = folder / cls.FILE
-        arrays = read_npz(path) if is_there(path) else {}
-        for name, array in arrays.items():
-            check_numbers(name, array, 2, path)
-        pog, unseen = within(arrays, "pog"), within(arrays, "unseen")
+        found = super().read(folder)
+        unseen = {} if found is None else dict(_flat(found.unseen))
         classes = dict.fromkeys(name.partition("/")[0] for name in unseen)
-        return cls(pog, {name: within(unseen, name) for name in classes})
+        by_class = {name: within(unseen, name) for name in classes}
+        return cls({} if found is None else found.pog, by_class)
 
 
 @dataclass(frozen=True)
@@ -221,6 +228,14 @@ class Grounds(ArrayFile):
     """
 
     FILE: ClassVar[str] = "requirements.npz"
+    SHAPES: ClassVar = {
+        "body": (None, 2),
+        "names": (None,),
+        "x": (None,),
+        "y": (None,),
+        "least": _PLANE,
+    }
+    TEXT: ClassVar = ("names",)
 
     body: NDArray[np.float64]
     names: NDArray[np.str_]
@@ -250,19 +265,8 @@ class Grounds(ArrayFile):
         return Ground(self.x[number], self.y[number], least.astype(np.float64))
 
     def _check(self, path: Path) -> None:
-        check_numbers("body", self.body, 2, path)
-        if self.body.shape[1:] != (2,):
-            raise ValueError(f"{path}: body needs x and y of each corner, found {self.body.shape}")
-        if self.names.ndim != 1 or self.names.dtype.kind != "U":
-            raise ValueError(f"{path}: names must hold text, found {self.names.dtype}")
-        for number in map(str, range(len(self.names))):
-            for field in ("x", "y"):
-                own = getattr(self, field)
-                if number not in own:
-                    raise ValueError(f"{path} has no array {field}/{number}")
-                check_numbers(f"{field}/{number}", own[number], 1, path)
+        super()._check(path)
         for name, least in self.least.items():
-            check_numbers(f"least/{name}", least, 2, path)
-            number = name.partition("/")[0]
-            if number not in self.x or least.shape != (len(self.x[number]), len(self.y[number])):
+            sides = [axis.get(name.partition("/")[0], ()) for axis in (self.x, self.y)]
+            if least.shape != tuple(map(len, sides)):
                 raise ValueError(f"{path}: least/{name} is no grid of x and y, its {least.shape}")
