@@ -17,7 +17,6 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import rotation
 from tracking.figures.kit.style import OUTLINE, colour
-from tracking.figures.kit.vehicle_lines import extent_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +39,7 @@ def draw_rig(
     figure = _figure(9.0, 2.7)
     panels: list[tuple[str, int, int]] = [("above", 0, 1), ("the left", 0, 2), ("behind", 1, 2)]
     axes = figure.subplots(1, 3, gridspec_kw={"width_ratios": [5.6, 5.6, 3.0]})
-    body = vehicle or Vehicle("car", extent_of(None)[None])
+    body = vehicle or Vehicle.car()
     for axis, (view, across, up) in zip(axes, panels, strict=True):
         for line in closed_lines(body, (across, up)):
             axis.add_patch(Polygon(line, facecolor=OUTLINE, alpha=0.25, edgecolor=OUTLINE))

@@ -26,44 +26,26 @@ VEHICLE_OUTLINE: dict[str, Any] = {
     "showlegend": False,
 }
 """Lightens a map under the vehicle: its orange line alone is lost there for some eyes."""
-_LENGTH, _WIDTH, _HEIGHT = 4.7, 1.9, 1.5
-"""Of the nominal car, a middle-class one, metres."""
 
 
 def vehicle_from_above(vehicle: Vehicle | None) -> go.Scatter:
     """x to the right, y upwards."""
-    if vehicle is not None:
-        x, y = outline(vehicle).T
-        return go.Scatter(x=x, y=y, **VEHICLE_OUTLINE)
-    front, half = _LENGTH / 2, _WIDTH / 2
-    return go.Scatter(
-        x=[front, -front, -front, front, front, front - 0.9, front],
-        y=[half, half, -half, -half, half, 0, -half],
-        **VEHICLE_OUTLINE,
-    )
+    x, y = outline(vehicle or Vehicle.car()).T
+    return go.Scatter(x=x, y=y, **VEHICLE_OUTLINE)
 
 
 def vehicle_from_the_side(vehicle: Vehicle | None) -> go.Scatter:
     """x to the right, z upwards."""
-    if vehicle is not None:
-        x, z = outline(vehicle, (0, 2)).T
-        return go.Scatter(x=x, y=z, **VEHICLE_OUTLINE)
-    half = _LENGTH / 2
-    return go.Scatter(
-        x=[-half, -half, -half + 0.3, 0.4, 1.1, half, half, -half],
-        y=[0, 0.9, _HEIGHT, _HEIGHT, 0.9, 0.8, 0, 0],
-        **VEHICLE_OUTLINE,
-    )
+    x, z = outline(vehicle or Vehicle.car(), (0, 2)).T
+    return go.Scatter(x=x, y=z, **VEHICLE_OUTLINE)
 
 
 def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
     """Lowest and highest corner, metres, shape (2, 3); the origin twice for no body."""
-    if vehicle is None:
-        half = np.array([_LENGTH / 2, _WIDTH / 2])
-        return np.array([[*-half, 0.0], [*half, _HEIGHT]])
-    if not len(vehicle.extents):
+    extents = (vehicle or Vehicle.car()).extents
+    if not len(extents):
         return np.zeros((2, 3))
-    return np.stack([vehicle.extents[:, 0].min(axis=0), vehicle.extents[:, 1].max(axis=0)])
+    return np.stack([extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)])
 
 
 def name_of(vehicle: Vehicle | None) -> str:
