@@ -118,3 +118,40 @@ def test_chance_explains_nothing_of_the_variance():
         for _ in range(40)
     ]
     assert abs(np.mean(sums)) < 4 * np.std(sums) / np.sqrt(len(sums)) < 0.15
+
+
+def gains_by_q(qs: np.ndarray) -> pd.DataFrame:
+    """Expected IG of eight rigs, which differ in their voxels and in their rays a voxel."""
+    random = np.random.default_rng(0)
+    voxels, rays = random.uniform(1e3, 1e4, (8, 1)), random.uniform(1, 300, (8, 1))
+    return pd.DataFrame(voxels * (1 - (1 - qs) ** rays), index=list("abcdefgh"), columns=qs)
+
+
+@pytest.mark.parametrize("slope", [0.004, -0.004])
+def test_a_true_q_is_found_and_a_rig_has_no_part_in_its_own_prediction(slope):
+    from fitted import fit_detection_probability
+
+    qs = np.geomspace(1e-3, 1, 13)
+    gains = gains_by_q(qs)
+    gains[qs[0]] = 1.0  # alike for all rigs
+    ap = 70 + slope * gains[qs[4]]
+
+    fitted = fit_detection_probability(gains, ap.sample(frac=1, random_state=0))
+    assert (fitted.q, *fitted.placements["q"]) == (qs[4],) * 9
+    np.testing.assert_allclose(fitted.placements["predicted"], ap, rtol=1e-9)
+    assert fitted.rmse < 1e-9 < fitted.rmse_of_mean
+
+    other = fit_detection_probability(gains, ap.where(ap.index != "c", 5.0)).placements.loc["c"]
+    assert (other["q"], other["predicted"]) == (qs[4], pytest.approx(ap["c"]))
+
+
+def test_a_fitted_q_predicts_no_noise():
+    """Fitted to all rigs noise always looks predicted; left out it does not."""
+    from fitted import fit_detection_probability
+
+    random, gains = np.random.default_rng(1), gains_by_q(np.geomspace(1e-3, 1, 13))
+    measured = [pd.Series(random.normal(70, 3, 8), gains.index) for _ in range(200)]
+    fitted = [fit_detection_probability(gains, ap) for ap in measured]
+
+    assert np.median([found.rmse / found.rmse_of_mean for found in fitted]) > 1
+    assert np.median([gains.corrwith(ap).abs().max() for ap in measured]) > 0.25

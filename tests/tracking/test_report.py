@@ -168,14 +168,6 @@ def test_it_names_the_best_placement_and_the_weaknesses(built, page):
     assert "Cyclist: no ground truth" in page.text
 
 
-def test_a_fitted_q_is_judged_by_the_placements_left_out(built, page):
-    table = page.words[page.words.index(next(w for w in page.words if "q of expected IG" in w)) :]
-    cells = [word.strip() for word in table if word.strip()]
-    assert cells[9:11] == ["Car", "pointpillars_tiny"]
-    assert cells[11] == "0.1"  # the q at which the made-up run follows AP
-    assert cells[15] == "better"
-
-
 def test_a_name_cannot_become_a_tag(tmp_path):
     evil = "</script><script>alert(1)</script>"
     folder = write_run(tmp_path / "evil", names=["line", evil, "<img src=http://x/>"])
