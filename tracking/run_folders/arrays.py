@@ -17,6 +17,7 @@ from lidarplace.files.regular import is_there
 from lidarplace.requirements.tables import Ground
 
 Arrays = Mapping[str, NDArray[Any]]
+Shapes = Mapping[str, tuple[int | None, ...]]
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class ArrayFile:
     """
 
     FILE: ClassVar[str]
-    SHAPES: ClassVar[Mapping[str, tuple[int | None, ...]]]
+    SHAPES: ClassVar[Shapes]
     TEXT: ClassVar[tuple[str, ...]] = ()
 
     def write(self, folder: Path) -> None:
@@ -103,7 +104,7 @@ class Maps(ArrayFile):
     """
 
     FILE: ClassVar[str] = "maps.npz"
-    SHAPES: ClassVar = dict.fromkeys(
+    SHAPES: ClassVar[Shapes] = dict.fromkeys(
         ("pog", "coverage", "coverage_side", "residual", "residual_side"), _PLANE
     )
 
@@ -126,13 +127,13 @@ class Frame(ArrayFile):
     """
 
     FILE: ClassVar[str] = "frame.npz"
-    SHAPES: ClassVar = {
+    SHAPES: ClassVar[Shapes] = {
         "boxes": (None, 7),
         "labels": (None,),
         "points": (None, 4),
         "lidar": (None,),
     }
-    TEXT: ClassVar = ("labels",)
+    TEXT: ClassVar[tuple[str, ...]] = ("labels",)
 
     boxes: NDArray[np.float64]
     labels: NDArray[np.str_]
@@ -164,13 +165,13 @@ class FailureFrames(ArrayFile):
     """
 
     FILE: ClassVar[str] = "failures.npz"
-    SHAPES: ClassVar = {
+    SHAPES: ClassVar[Shapes] = {
         "rigs": (2,),
         "objects": (None,),
         "points": (None, 3),
         "detections": (None, 8),
     }
-    TEXT: ClassVar = ("rigs",)
+    TEXT: ClassVar[tuple[str, ...]] = ("rigs",)
 
     rigs: NDArray[np.str_]
     objects: NDArray[np.int64]
@@ -199,7 +200,7 @@ class UnseenMaps(ArrayFile):
     """
 
     FILE: ClassVar[str] = "maps.npz"
-    SHAPES: ClassVar = {"pog": _PLANE, "unseen": _PLANE}
+    SHAPES: ClassVar[Shapes] = {"pog": _PLANE, "unseen": _PLANE}
 
     pog: dict[str, NDArray[np.float32]]
     unseen: dict[str, dict[str, NDArray[np.float32]]]
@@ -228,14 +229,14 @@ class Grounds(ArrayFile):
     """
 
     FILE: ClassVar[str] = "requirements.npz"
-    SHAPES: ClassVar = {
+    SHAPES: ClassVar[Shapes] = {
         "body": (None, 2),
         "names": (None,),
         "x": (None,),
         "y": (None,),
         "least": _PLANE,
     }
-    TEXT: ClassVar = ("names",)
+    TEXT: ClassVar[tuple[str, ...]] = ("names",)
 
     body: NDArray[np.float64]
     names: NDArray[np.str_]
