@@ -1,6 +1,6 @@
 """What a sweep found, in a few numbers: means over seeds, the summary table."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -59,12 +59,13 @@ def seed_means(
         )
         .reset_index()
     )
-    errors = _sample_errors(means, left_out, groups)
-    seeds = _seed_noise(means, results, groups)
+    errors = _errors(means, left_out, groups, _by_objects)
+    seeds = _errors(means, results[results["value"].notna()], groups, _by_seeds)
+    known = means["seeds"].where(means["seeds"] > 0)
     alone = seeds["single_degrees"].isna() & judges(means, judge).isin(ONE_FOR_ALL)
     half = {
         name: _half(
-            seeds[f"{name}_variance"],
+            seeds[f"{name}_variance"] / known,
             seeds[f"{name}_degrees"],
             errors[f"{name}_variance"],
             errors[f"{name}_degrees"],
@@ -100,46 +101,44 @@ def _half(
     return half
 
 
-def _seed_noise(means: pd.DataFrame, results: pd.DataFrame, groups: list[str]) -> pd.DataFrame:
-    """Variance by the seeds of every row of `means`, alone and against others; NaN: unknown."""
-    rows = []
-    known = results[results["value"].notna()]
-    for values, own in known.groupby(groups, dropna=False, sort=False, observed=True):
-        at = [pd.factorize(own[key])[0] for key in ("placement", "seed")]
-        y = np.full([numbers.max() + 1 for numbers in at], np.nan)
-        y[*at] = own["value"]  # a pivot takes twice as long, for hundreds of groups
-        row = dict(zip(groups, values, strict=True))
-        for name, noise in (("single", Noise.of_each(y)), ("paired", Noise.of(y))):
-            row |= {f"{name}_variance": noise.variance, f"{name}_degrees": noise.degrees or np.nan}
-        rows.append(row)
-    names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
-    if not rows:
-        return pd.DataFrame(np.nan, index=means.index, columns=names)
-    table = pd.DataFrame(rows, columns=[*groups, *names])
-    found = means[groups].merge(table, on=groups, how="left").set_index(means.index)[names]
-    variances = ["single_variance", "paired_variance"]
-    found[variances] = found[variances].div(means["seeds"].where(means["seeds"] > 0), axis=0)
-    return found
-
-
-def _sample_errors(
-    means: pd.DataFrame, left_out: pd.DataFrame | None, groups: list[str]
+def _errors(
+    means: pd.DataFrame,
+    table: pd.DataFrame | None,
+    groups: list[str],
+    of: Callable[[pd.DataFrame, bool], tuple[float, float]],
 ) -> pd.DataFrame:
-    """`sample_error` of every row of `means`, of one placement and of paired ones; NaN: unknown."""
+    """Variance and degrees of freedom of every row of `means`, as `of` has them; NaN: unknown.
+
+    Columns `single_variance` and `single_degrees` of a row alone, `paired_variance` and
+    `paired_degrees` against others.
+
+    Args:
+        of: of the rows of a group of `table`, and whether against others.
+    """
     names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
-    if left_out is None or left_out.empty:
+    if table is None or table.empty:
         return pd.DataFrame(np.nan, index=means.index, columns=names)
-    keys = [key for key in groups if key in left_out.columns]
-    rows = []
-    for values, own in left_out.groupby(keys, dropna=False, sort=False, observed=True):
-        row = dict(zip(keys, values, strict=True))
-        for name, paired in (("single", False), ("paired", True)):
-            error = sample_error(own, paired)
-            if error is not None:
-                row |= {f"{name}_variance": error.variance, f"{name}_degrees": error.degrees}
-        rows.append(row)
-    table = pd.DataFrame(rows).reindex(columns=[*keys, *names])
-    return means[keys].merge(table, on=keys, how="left").set_index(means.index)[names]
+    keys = [key for key in groups if key in table.columns]
+    rows = [
+        (*values, *of(own, False), *of(own, True))
+        for values, own in table.groupby(keys, dropna=False, sort=False, observed=True)
+    ]
+    found = pd.DataFrame(rows, columns=[*keys, *names])
+    return means[keys].merge(found, on=keys, how="left").set_index(means.index)[names]
+
+
+def _by_seeds(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
+    """Of one seed's value."""
+    at = [pd.factorize(own[key])[0] for key in ("placement", "seed")]
+    y = np.full([numbers.max() + 1 for numbers in at], np.nan)
+    y[*at] = own["value"]  # a pivot takes twice as long, for hundreds of groups
+    noise = Noise.of(y) if paired else Noise.of_each(y)
+    return noise.variance, noise.degrees or np.nan
+
+
+def _by_objects(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
+    error = sample_error(own, paired)
+    return (np.nan, np.nan) if error is None else (error.variance, error.degrees)
 
 
 def surrogates_of(
