@@ -227,31 +227,26 @@ def rung_costs(group: Promoted) -> pd.DataFrame:
     keeps none. Seconds of rungs are of their own tasks alone.
     """
     *names, last = group.stages
-    rows = []
-    for name, (_, part) in zip(names, group.rungs.groupby("rung"), strict=True):
-        rows.append(
-            {
-                "stage": name,
-                "placements": len(part),
-                "without_value": int(part["value"].isna().sum()),
-                "kept": int(part["kept"].sum()),
-                "seconds": part["seconds"].sum(),
-                "seconds_each": part["seconds"].mean(),
-            }
-        )
-    reached = int(group.rungs.loc[group.rungs["rung"] == group.rungs["rung"].max(), "kept"].sum())
-    trained = group.trials["placement"].nunique()
-    rows.append(
-        {
-            "stage": last,
-            "placements": reached,
-            "without_value": reached - trained,
-            "kept": 0,
-            "seconds": group.trials["seconds"].sum(),
-            "seconds_each": group.trials["seconds"].mean() * group.seeds,
-        }
+    rungs = group.rungs.assign(without_value=group.rungs["value"].isna()).groupby("rung")
+    table = rungs.agg(
+        placements=("placement", "size"),
+        without_value=("without_value", "sum"),
+        kept=("kept", "sum"),
+        seconds=("seconds", "sum"),
+        seconds_each=("seconds", "mean"),
     )
-    return pd.DataFrame(rows)
+    reached = int(table["kept"].iloc[-1])
+    spent = group.trials["seconds"]
+    full = {
+        "placements": reached,
+        "without_value": reached - group.trials["placement"].nunique(),
+        "kept": 0,
+        "seconds": spent.sum(),
+        "seconds_each": spent.mean() * group.seeds,
+    }
+    table = pd.concat([table, pd.DataFrame([full])], ignore_index=True)
+    table.insert(0, "stage", [*names, last])
+    return table
 
 
 def savings(groups: Sequence[Promoted], surrogate_axes: Sequence[str]) -> pd.DataFrame:

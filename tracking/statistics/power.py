@@ -1,5 +1,6 @@
 """Which correlation can be told from zero with so many placements?"""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import permutations
@@ -66,19 +67,11 @@ def placements_needed(rho: float, coefficient: str = "pearson", reliability: flo
 
     Raises ValueError: 10,000 do not suffice.
     """
-    high = 5
-    while power(rho, high, coefficient, reliability) < TARGET:
-        if high >= MOST_PLACEMENTS:
-            raise ValueError(f"{MOST_PLACEMENTS} placements do not suffice to find rho = {rho:g}")
-        high = min(2 * high, MOST_PLACEMENTS)
-    low = 4
-    while high - low > 1:
-        middle = (low + high) // 2
-        if power(rho, middle, coefficient, reliability) < TARGET:
-            low = middle
-        else:
-            high = middle
-    return high
+    if power(rho, MOST_PLACEMENTS, coefficient, reliability) < TARGET:
+        raise ValueError(f"{MOST_PLACEMENTS} placements do not suffice to find rho = {rho:g}")
+    sizes = range(5, MOST_PLACEMENTS + 1)
+    found = bisect_left(sizes, TARGET, key=lambda n: power(rho, n, coefficient, reliability))
+    return sizes[found]
 
 
 def power_table(placements: Sequence[int], reliability: float = 1.0) -> pd.DataFrame:
