@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.viewing.solids import corners
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.figures.kit.vehicle_lines import add_vehicle
 from tracking.findings.groups import has_detectors, pictured
@@ -127,9 +128,7 @@ def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], ND
 
 def _outlines(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rectangles of boxes (m, 7) from above as one line, broken by NaN between boxes."""
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1], [np.nan, np.nan]]) / 2
-    local = corners[None] * boxes[:, None, 3:5]
-    c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
-    x = boxes[:, 0, None] + c * local[..., 0] - s * local[..., 1]
-    y = boxes[:, 1, None] + s * local[..., 0] + c * local[..., 1]
-    return x.ravel(), y.ravel()
+    lines = np.full((len(boxes), 6, 2), np.nan)
+    lines[:, :5] = corners(boxes)[:, [3, 2, 0, 1, 3], :2]
+    x, y = lines.reshape(-1, 2).T
+    return x, y

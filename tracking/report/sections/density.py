@@ -7,7 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.style import colour, error_bars, figure, legend_below, symbol, text
+from tracking.figures.kit.style import text
 from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
@@ -25,6 +25,7 @@ from tracking.pages.section import (
 )
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
+from tracking.report.sections.objects import Bins, by_bin
 from tracking.report.sections.published import published_density_table
 
 DENSITY = "scene.density"
@@ -45,8 +46,6 @@ def density_section(found: Analysis) -> Section | None:
         "training and testing. Bars are 95 % intervals."
     )
     surrogates, order = with_sums(run.surrogates, run.axes), list(run.placements)
-    if DENSITY in surrogates.columns:
-        section.notes += _entropy_sentence(surrogates, found.groups[0], run.classes, densities)
     # One density each: the groups of the others differ in density alone.
     alike = [g for g in found.groups if g.setting[DENSITY] == found.groups[0].setting[DENSITY]]
     for name in (*run.classes, "all"):
@@ -60,8 +59,7 @@ def density_section(found: Analysis) -> Section | None:
             title = f"{heading} · {rest}" if len(alike) > 1 else heading
             if any(part["seeds"].gt(0).any() for part in parts):
                 together = pd.concat(parts)
-                plot = by_density(together, DENSITY, text(title), f"{label} (%)", order)
-                section.figures.append(plot)
+                section.figures.append(_figure(together, text(title), f"{label} (%)", order))
                 section.tables.append(_metric_table(together, densities, f"{title} · {label} (%)"))
         if DENSITY in surrogates.columns:
             values = {
@@ -79,29 +77,24 @@ def density_section(found: Analysis) -> Section | None:
     return section
 
 
-def _entropy_sentence(
-    surrogates: pd.DataFrame, group: Group, classes: Sequence[str], densities: list[object]
-) -> list[str]:
-    """How H_POG changed from the lowest to the highest density; it is of no placement."""
-    changes = []
-    for name in classes:
-        low, high = (
-            surrogates_of(surrogates, _at(group, density).setting, name).mean().get("h_pog", 0)
-            for density in (densities[0], densities[-1])
-        )
-        if low > 0:
-            changes.append(f"{points(100 * (high / low - 1))} % for {name}")
-    if not changes:
-        return []
-    return [f"From density {densities[0]} to {densities[-1]} H_POG changed: {', '.join(changes)}."]
-
-
 def _rest(group: Group) -> dict[str, object]:
     return {axis: value for axis, value in group.setting.items() if axis != DENSITY}
 
 
 def _at(group: Group, density: object) -> Group:
     return replace(group, setting={**group.setting, DENSITY: density})
+
+
+def _figure(means: pd.DataFrame, title: str, axis: str, placements: Sequence[str]) -> go.Figure:
+    """A line for each of the first `MOST_LINES` placements with a value."""
+    names = [str(density) for density in sorted(means[DENSITY].unique())]
+    known = set(means.loc[means["seeds"] > 0, "placement"])
+    shown = [name for name in placements if name in known][:MOST_LINES]
+    drawn = means[means["placement"].isin(shown)].rename(
+        columns={"mean": "value", "ground_truths": "objects"}
+    )
+    bins = Bins("density (vehicles in the town)", tuple(names))
+    return by_bin(drawn.assign(bin=drawn[DENSITY].astype(str)), bins, title, axis, placements)
 
 
 def _metric_table(means: pd.DataFrame, densities: list[object], caption: str) -> Table:
@@ -149,40 +142,3 @@ def _surrogate_tables(
         units=dict.fromkeys(values, "nats"),
     )
     return [table.first(MOST_ROWS)]
-
-
-def by_density(
-    means: pd.DataFrame, axis: str, title: str, label: str, placements: Sequence[str]
-) -> go.Figure:
-    """A line a placement with 95 % intervals, moved apart a little.
-
-    Args:
-        means: rows of `seed_means` for one class, detector and metric.
-        axis: the column of the density, vehicles in the town.
-        label: of the metric, with its unit.
-        placements: all of the sweep, in order, so that a placement keeps its colour; the first
-            `MOST_LINES` with a value are drawn.
-    """
-    plot = figure(title, height=420)
-    known = set(means.loc[means["seeds"] > 0, "placement"])
-    shown = [name for name in placements if name in known][:MOST_LINES]
-    values = sorted(means[axis].unique())
-    apart = 0.012 * (values[-1] - values[0])
-    for i, name in enumerate(shown):
-        own = means[means["placement"] == name].sort_values(axis)
-        rank = list(placements).index(name)
-        plot.add_scatter(
-            x=(own[axis] + apart * (i - (len(shown) - 1) / 2)).to_numpy(),
-            y=own["mean"].to_numpy(),
-            error_y=error_bars((own["high"] - own["mean"]).fillna(0), thickness=1, width=2),
-            mode="lines+markers",
-            line={"color": colour(rank), "width": 1.5},
-            marker={"size": 8, "symbol": symbol(rank)},
-            name=text(name),
-            customdata=own[axis].to_numpy(),
-            hovertemplate="density %{customdata}: %{y:.1f} %<extra>%{fullData.name}</extra>",
-        )
-    plot.update_xaxes(title="density (vehicles in the town)", tickvals=values)
-    plot.update_yaxes(title=label)
-    legend_below(plot)
-    return plot

@@ -1,6 +1,5 @@
 """The section of detectors: AP and recall in the paper's layout, and who is sensitive."""
 
-from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -118,21 +117,8 @@ def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str
         f"{name}: {metric_label(row['metric'], row['iou'])}{who} varies by "
         f"{row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
         f"between {row['worst']} and {row['best']} "
-        f"({verdict}).",
-        *_at_equal_settings(name, own, axes),
+        f"({verdict})."
     ]
-
-
-def _at_equal_settings(name: str, own: pd.DataFrame, axes: Sequence[str]) -> list[str]:
-    """How often each detector is the most sensitive: other settings may have other scenes."""
-    if not axes or own["detector"].nunique() < 2:
-        return []
-    parts = [part for _, part in own.groupby(list(axes), dropna=False) if len(part) > 1]
-    if len(parts) < 2:
-        return []
-    first = Counter(str(part.sort_values("relative")["detector"].iloc[-1]) for part in parts)
-    counts = ", ".join(f"{detector} in {count}" for detector, count in first.most_common())
-    return [f"{name}: within each of {len(parts)} settings the most sensitive is {counts}."]
 
 
 def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:

@@ -104,7 +104,7 @@ def means_by_bin(
             if own.empty:
                 continue
             means = seed_means(own.assign(difficulty="all"), [*run.axes, *keys])
-            yield f"{name} · {group.title}" if group.varies else name, means
+            yield group.label(name), means
 
 
 def wide(own: pd.DataFrame, bins: Bins, values: str) -> pd.DataFrame:
@@ -152,15 +152,26 @@ def by_sector_section(found: Analysis) -> Section | None:
         "which objects are in a sector."
     )
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
-        own, sectors = in_sectors(rows)
-        metric = f"{metric_label(_METRIC, own['iou'].iloc[0])} (%)"
-        drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
-        heading = f"Recall by direction · {text(label)}"
-        section.figures.append(by_bin(drawn, sectors, heading, metric, list(run.placements)))
-        caption = f"{metric} by direction · {label}"
-        name = slug("recall by direction", label)
-        section.tables.append(binned_table(own, sectors, caption, name))
+        _add(section, *in_sectors(rows), "Recall", "by direction", label, list(run.placements))
     return section
+
+
+def _add(
+    section: Section,
+    own: pd.DataFrame,
+    bins: Bins,
+    what: str,
+    by: str,
+    label: str,
+    placements: Sequence[str],
+) -> None:
+    """A figure and a table of means over seeds by bin."""
+    metric = f"{metric_label(own['metric'].iloc[0], own['iou'].iloc[0])} (%)"
+    drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
+    heading = f"{what} {by} · {text(label)}"
+    section.figures.append(by_bin(drawn, bins, heading, metric, placements))
+    caption = f"{metric} {by} · {label}"
+    section.tables.append(binned_table(own, bins, caption, slug(what, by, label)))
 
 
 def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
@@ -195,13 +206,7 @@ def by_distance_section(found: Analysis) -> Section | None:
             section.figures.append(by_bin(drawn, rings, heading, "points per object", names, True))
             section.tables.append(_points_table(own, rings, label))
     for label, rows in means_by_bin(run, found.groups, run.distance, RING, HEADLINE_METRIC):
-        own, rings = in_rings(rows)
-        metric = f"{metric_label(HEADLINE_METRIC, own['iou'].iloc[0])} (%)"
-        drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
-        heading = f"AP by distance · {text(label)}"
-        section.figures.append(by_bin(drawn, rings, heading, metric, names))
-        caption = f"{metric} by distance · {label}"
-        section.tables.append(binned_table(own, rings, caption, slug("ap by distance", label)))
+        _add(section, *in_rings(rows), "AP", "by distance", label, names)
     return section
 
 
