@@ -44,6 +44,10 @@ class Group:
         """The detector and the setting, by column."""
         return {"detector": self.detector, **self.setting}
 
+    def label(self, name: str) -> str:
+        """A name, and behind it the title where the sweep has other groups."""
+        return f"{name} · {self.title}" if self.varies else name
+
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
         """The rows of `table` that belong to this group, by those of its columns that tell."""
         return at(table, self.place)

@@ -34,7 +34,7 @@ def best_section(found: Analysis) -> Section | None:
             metric, iou = headline_metric(name), headline_iou(run.results, name)
             own = judged(group.of(found.means), run.results, name)
             table = own.set_index("placement").loc[best.sure.index]
-            label = class_label(name) + (f" · {group.title}" if group.varies else "")
+            label = group.label(class_label(name))
             section.figures.append(
                 forest(
                     table.head(MOST_DRAWN).assign(
@@ -73,8 +73,7 @@ def _notes(sampled: bool) -> list[str]:
 def _seed_effects(rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]]) -> Iterator[str]:
     """How much seeds shift all placements alike, one sentence for all that can say so."""
     effects = [
-        f"{class_label(name)}{f' · {group.title}' if group.varies else ''} "
-        f"{best.seed_sd:.1f} ({best.sd:.1f})"
+        f"{group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
         for group, ranked in rankings
         for name, best in ranked.items()
         if np.isfinite(best.seed_sd)

@@ -67,8 +67,7 @@ def correlation_section(found: Analysis) -> Section | None:
             own, tests = (
                 judged(group.of(part), run.results, name) for part in (means, tested_and_left_out)
             )
-            title = text(class_label(name))
-            title += f" · {text(group.title)}" if group.varies else ""
+            title = text(group.label(class_label(name)))
             if not (tests["n"] > 0).any():
                 continue
             predictors = surrogates_of(summed, group.place, name)

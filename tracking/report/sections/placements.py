@@ -91,8 +91,7 @@ def placement_table(
         data[f"{label} seeds"] = cells["seeds"].to_numpy()
         if order is None or (metric, iou) == headline:
             order = cells["mean"]
-    caption = class_label(object_class)
-    caption += f" · {group.title}" if group.varies else ""
+    caption = group.label(class_label(object_class))
     if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:
         caption += f" · H_POG = {number(surrogates['h_pog'].iloc[0])} nats"
         data["H_POG (nats)"] = surrogates["h_pog"].iloc[0]
@@ -155,8 +154,7 @@ def agreement_section(found: Analysis) -> Section | None:
     names = (*run.classes, "all") if len(run.classes) > 1 else run.classes
     for group in found.groups:
         for name in names:
-            title = "Sum of the classes" if name == "all" else text(name)
-            title += f" · {text(group.title)}" if group.varies else ""
+            title = text(group.label("Sum of the classes" if name == "all" else name))
             plot = surrogate_agreement(surrogates_of(sums, group.setting, name), title)
             if plot is not None:
                 section.figures.append(plot)
