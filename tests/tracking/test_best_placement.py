@@ -28,6 +28,14 @@ def test_equals_tukey_hsd_for_unequal_seeds():
         expected = (bounds.low[at], bounds.high[at])
         assert (row["low"], row["high"]) == pytest.approx(expected, abs=1e-3)
     assert found.tied == ["b", "a"]
+    against = found.differences("b")
+    assert against.index.tolist() == ["c", "b", "a", "d"]
+    for name in "acd":
+        at = list(y).index(name), 1
+        expected = (theirs.statistic[at], bounds.low[at], bounds.high[at])
+        assert against.loc[name].tolist() == pytest.approx(expected, abs=1e-3)
+    with pytest.raises(KeyError):
+        found.differences("e")
 
 
 def test_two_placements_of_the_same_seeds_are_a_paired_t_test():
@@ -73,22 +81,6 @@ def test_a_seed_that_occurs_twice_is_an_error():
     table = results({"a": [1.0, 2.0]})
     with pytest.raises(ValueError, match="'a' has two values for seed 0"):
         best_placement(pd.concat([table, table]))
-
-
-def test_differences_to_any_placement_are_tukeys_too():
-    y = {"a": [70.0, 72, 71], "b": [75.0, 74], "c": [73.0, 76, 77, 75]}
-    found = best_placement(results(y)).differences("b")
-    theirs = stats.tukey_hsd(*y.values())
-    bounds = theirs.confidence_interval(0.95)
-    assert found.index.tolist() == ["c", "b", "a"]
-    for name in "ac":
-        at = list(y).index(name), 1
-        row = found.loc[name]
-        assert row["difference"] == pytest.approx(theirs.statistic[at])
-        expected = (bounds.low[at], bounds.high[at])
-        assert (row["low"], row["high"]) == pytest.approx(expected, abs=1e-3)
-    with pytest.raises(KeyError):
-        best_placement(results(y)).differences("d")
 
 
 def test_what_a_seed_adds_to_all_placements_changes_nothing():

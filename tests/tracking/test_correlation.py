@@ -17,10 +17,8 @@ from tracking.statistics.coefficients import (
     COEFFICIENTS,
     adjust,
     distinct_tests,
-    holm,
     permutation_p,
     scores,
-    smallest_p,
 )
 
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
@@ -56,15 +54,6 @@ def test_exact_p_equals_scipys_permutation_test(coefficient, ties):
             n_resamples=10**6,
         )
         assert p == pytest.approx(test.pvalue, abs=1e-12)
-
-
-def test_exact_p_by_hand():
-    # Of the 24 orders only 1, 2, 3, 4 reaches tau = 1: twice 1/24.
-    order = np.arange(4.0)
-    for coefficient in COEFFICIENTS:
-        assert permutation_p(order[None], order, coefficient)[0] == pytest.approx(2 / 24)
-    assert smallest_p(4) == pytest.approx(2 / 24)
-    assert smallest_p(2) == 1.0
 
 
 def test_tied_coefficients_count_although_they_round_differently():
@@ -253,13 +242,6 @@ def test_no_results_give_an_empty_table_with_all_columns():
     table = correlate(results.iloc[:0], surrogates)
     assert table.empty
     assert {"spearman", "spearman_low", "kendall_p", "note", "pairs_tested"} <= {*table.columns}
-
-
-@settings(max_examples=20)
-@given(st.lists(st.floats(1e-6, 1), min_size=1, max_size=12))
-def test_holm_equals_statsmodels(values):
-    p = np.array(values)
-    assert holm(p) == pytest.approx(multipletests(p, method="holm")[1])
 
 
 def test_one_test_that_occurs_twice_counts_once():

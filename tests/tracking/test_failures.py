@@ -123,20 +123,6 @@ def test_differences_of_few_objects_stay_within_100_points_and_cover_the_truth()
     assert max(beyond) > 0.9  # what symmetric ones would be
 
 
-def test_intervals_of_all_rows_are_percent(found):
-    for few in range(2, 40, 3):
-        here = np.arange(len(found.objects)) < few
-        own = replace(
-            found,
-            objects=found.objects[here],
-            found=found.found[:, here],
-            points=found.points[:, here],
-        )
-        table = own.counts().dropna(subset=["low"])
-        assert table["low"].between(-100, table["difference"]).all()
-        assert table["high"].between(table["difference"], 100).all()
-
-
 def test_one_specialist_seed_has_no_interval(found):
     one = replace(found, seeds=(1,), found=found.found[:, :, :1])
     assert one.counts()[["low", "high"]].isna().all(axis=None)

@@ -13,7 +13,6 @@ from tracking.report.build import build_report
 from tracking.report.cautions import cautions
 from tracking.report.sections.best import best_section
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.jackknife import LEAST_ROUTES
 
 
 def rows(*objects):
@@ -77,20 +76,6 @@ def test_few_individuals_are_a_caution(made_up_run):
     assert said(1, "train") == []
     older = replace(run, individuals=None)
     assert not [s for s in cautions(older) if "others may give" in s]
-
-
-def test_what_the_intervals_leave_out_is_said(made_up_run):
-    run = RunFolder.read(made_up_run)
-
-    def said(**changes):
-        found = cautions(replace(run, **changes))
-        return [s for s in found if "ntervals" in s]
-
-    assert said() == []
-    (few,) = said(individuals=run.individuals[run.individuals["route"] < LEAST_ROUTES - 1])
-    assert few.startswith(f"Fewer than {LEAST_ROUTES} test routes with Car, Pedestrian: ")
-    (older,) = said(left_out=None)
-    assert "left_out.parquet" in older
 
 
 def test_the_report_tells_the_spread_of_the_test_objects(made_up_run):

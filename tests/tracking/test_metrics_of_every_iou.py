@@ -110,11 +110,16 @@ def test_rungs_and_objectives_may_ask_for_them():
     assert weighted_value(of_car, ["Car", "Cyclist"], metrics) == 61
 
 
-def test_mlflow_has_them_by_metric_and_class():
+def test_mlflow_has_them_and_surrogates_by_name_and_class():
     rows = [("AP_R40_3D", "Car", 0.7, 20.0), ("mean_overlap", "all", EVERY_IOU, 60.0)]
     results = pd.DataFrame(rows, columns=["metric", "class", "iou", "value"])
-    none = pd.DataFrame(columns=["surrogate", "class", "value"])
-    assert trial_metrics(results, none) == {"AP_R40_3D.Car.0.70": 20.0, "mean_overlap.all": 60.0}
+    columns = ["surrogate", "class", "value"]
+    surrogates = pd.DataFrame([("s_mig", "Pedestrian", -3.0)], columns=columns)
+    assert trial_metrics(results, surrogates) == {
+        "AP_R40_3D.Car.0.70": 20.0,
+        "mean_overlap.all": 60.0,
+        "surrogate.s_mig.Pedestrian": -3.0,
+    }
 
 
 def test_the_report_tells_how_reliable_each_metric_is(run):

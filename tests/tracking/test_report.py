@@ -235,12 +235,7 @@ def test_efficiency_is_told_by_stage(built, page):
     assert f"parallel efficiency {share:.2f}." in page.text
     table = page.words[page.words.index("Parallel efficiency on 2 cores") :]
     cells = [word.strip() for word in table if word.strip()]
-    assert cells[2:9] == [
-        *("stage", "tasks", "task seconds", "wall seconds", "parallel efficiency"),
-        *("overhead a task (ms)", "peak memory (MB)"),
-    ]
-    stages = cells[9::7][:4]
-    assert stages == ["pog", "simulate", "train", "whole sweep"]
+    assert cells[9::7][:4] == ["pog", "simulate", "train", "whole sweep"]
     assert cells[14::7][:4] == ["10.0"] * 4
 
 

@@ -51,13 +51,6 @@ def test_what_is_missing_is_named(copy, tmp_path):
     results.drop(columns="iou").to_parquet(copy / "results.parquet")
     with refused(("results.parquet", "iou", "trial")):
         RunFolder.read(copy)
-    sweep = json.loads((copy / "sweep.json").read_text())
-    (copy / "sweep.json").write_text(json.dumps({k: v for k, v in sweep.items() if k != "roi"}))
-    with pytest.raises(ValueError, match=r"sweep.json: roi: is missing"):
-        RunFolder.read(copy)
-    (copy / "sweep.json").write_text("{")
-    with pytest.raises(ValueError, match=r"sweep.json: Invalid JSON"):
-        RunFolder.read(copy)
 
 
 @pytest.mark.parametrize("kind", ["Int64", "boolean", "float64", "object"])
@@ -121,12 +114,6 @@ def test_two_rows_of_the_same_are_named(copy, file, column, said):
     table.assign(**{column: "again"}).to_parquet(path)
     with pytest.raises(ValueError, match=rf"{file}.parquet: rows \d+ and \d+ are both of {said}"):
         RunFolder.read(copy)
-
-
-def test_a_folder_of_which_only_the_lock_is_there_is_of_an_unfinished_sweep(tmp_path):
-    (tmp_path / ".lock").touch()
-    with pytest.raises(ValueError, match=r"its sweep has not finished. `lidarplace status F"):
-        RunFolder.read(tmp_path)
 
 
 def test_optional_files_may_be_missing(copy):

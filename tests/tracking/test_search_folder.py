@@ -114,9 +114,3 @@ def test_a_pose_that_is_missing_is_nan(folder):
     for missing in (pd.array([None] * len(trials), "Int64"), [None] * len(trials)):
         trials.assign(**{"lidar_1.z_m": missing}).to_parquet(path)
         assert SearchFolder.read(folder).trials["lidar_1.z_m"].isna().all()
-
-
-def test_what_is_no_json_is_named(folder):
-    (folder / "search.json").write_text("{")
-    with pytest.raises(ValueError, match=r"search.json: Invalid JSON"):
-        SearchFolder.read(folder)
