@@ -75,12 +75,3 @@ def test_rigs_are_drawn_without_maps(run):
     section = rigs_section(Analysis(replace(run, maps=None)))
     (picture,) = section.figures
     assert len(picture.layout.updatemenus[0].buttons) == len(run.placements)
-
-
-def test_what_the_sweep_did_not_make_is_said(run):
-    bare = Analysis(replace(run, points=None, distance=None, maps=None))
-    for section in (by_distance_section(bare), coverage_section(bare)):
-        assert not section.figures
-        assert section.notes[0].startswith("The run folder has no")
-    alone = replace(run, trials=run.trials.assign(detector=""))
-    assert by_distance_section(Analysis(alone)) is None

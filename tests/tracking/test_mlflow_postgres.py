@@ -1,4 +1,4 @@
-"""PostgreSQL as MLflow's database, written by the driver itself and through a tracking server."""
+"""PostgreSQL as MLflow's database, written by the driver itself."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import assert_logged_once, free_port, logging, start_server, trial_of, until
+from mlflow_runs_of import assert_logged_once, free_port, logging, trial_of, until
 
 from tracking.mlflow.uri import absolute_uri
 
@@ -108,19 +108,6 @@ def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
     assert len(list((tmp_path / "demo" / "artifacts").rglob("report.html"))) == 1
     assert PASSWORD not in "".join(said)
     assert "s3c%40ret" not in "".join(said)
-
-
-def test_a_tracking_server_keeps_its_runs_there(postgres, tmp_path):
-    port = free_port()
-    server = start_server(absolute_uri(postgres.uri), port, tmp_path)
-    try:
-        address = f"http://127.0.0.1:{port}"
-        with logging(address, tmp_path, [trial_of(1)], key="k2", name="through"):
-            pass
-        assert_logged_once(absolute_uri(postgres.uri), range(1, 2), name="through")
-    finally:
-        os.killpg(server.pid, signal.SIGKILL)
-        server.wait(60)
 
 
 def test_a_wrong_password_is_an_error_without_it(postgres, tmp_path):

@@ -203,7 +203,7 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
             f"{t}.parquet"
             for t in (
                 *("curves", "individuals", "accuracy", "sampling_error", "pog_resamples"),
-                "tasks",
+                *("tasks", "points", "distance"),
             )
         ),
     )

@@ -1,6 +1,7 @@
 """The sections of all placements: surrogates, AP and recall, and whether surrogates agree."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,7 @@ from tracking.labels import (
     surrogate_label,
     surrogate_name,
 )
-from tracking.pages.section import MOST_ROWS, Section, Table, slug, words
+from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
@@ -65,73 +66,69 @@ def placement_table(
     own = group.of(means)
     own = own[own["class"] == object_class]
     surrogates = surrogates_of(run.surrogates, group.setting, object_class)
-    metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     if own.empty and surrogates.empty:
         return None
     known = {*own["placement"], *surrogates.index}
     in_sequence = dict.fromkeys((*by_surrogate(run.surrogates), *run.placements))
-    names = [name for name in in_sequence if name in known]
-    columns: list[tuple[str, list[str], np.ndarray]] = []
-    data: dict[str, object] = {"placement": names}
-    required = met(verdicts(run, group.setting)).reindex(names)
+    table = pd.DataFrame(index=pd.Index([n for n in in_sequence if n in known], name="placement"))
+    columns = [words("placement")]
+    highest: dict[int, str] = {}
+    order = ""
+    required = met(verdicts(run, group.setting)).reindex(table.index)
     if required.notna().any():
-        columns.append(
-            ("requirements met", required.fillna(DASH).tolist(), np.full(len(names), np.nan))
-        )
-        data["requirements met"] = required.to_numpy()
-    order = None
+        table["requirements met"] = required
+        columns.append(Column("requirements met", lambda row: _or_dash(row["requirements met"])))
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
+    metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     for metric, iou in metrics.itertuples(index=False):
-        match = (own["metric"] == metric) & (own["iou"] == iou)
-        cells = own[match].set_index("placement").reindex(names)
-        texts = [plus_minus(*pair) for pair in zip(cells["mean"], cells["sd"], strict=True)]
         label = f"{metric_label(metric, iou)} (%)"
-        columns.append((label, texts, cells["mean"].to_numpy()))
-        data |= {f"{label} {key}": cells[key].to_numpy() for key in ("mean", "sd", "low", "high")}
-        data[f"{label} seeds"] = cells["seeds"].to_numpy()
-        if order is None or (metric, iou) == headline:
-            order = cells["mean"]
+        cells = own[(own["metric"] == metric) & (own["iou"] == iou)].set_index("placement")
+        for key in ("mean", "sd", "low", "high", "seeds"):
+            table[f"{label} {key}"] = cells[key].reindex(table.index)
+        highest[len(columns)] = f"{label} mean"
+        columns.append(_mean_and_sd(label))
+        if not order or (metric, iou) == headline:
+            order = f"{label} mean"
     caption = group.label(class_label(object_class))
     if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:
         caption += f" · H_POG = {number(surrogates['h_pog'].iloc[0])} nats"
-        data["H_POG (nats)"] = surrogates["h_pog"].iloc[0]
+        table["H_POG (nats)"] = surrogates["h_pog"].iloc[0]
         surrogates = surrogates.drop(columns="h_pog")
     for surrogate in in_order(surrogates.columns):
-        of_placement = surrogates[surrogate].reindex(names)
-        data[surrogate_label(surrogate)] = of_placement.to_numpy()
+        label = surrogate_label(surrogate)
+        table[label] = surrogates[surrogate].reindex(table.index)
         columns.append(
-            (
-                surrogate_label(surrogate),
-                _with_ranks(of_placement) if own.empty else [number(v) for v in of_placement],
-                np.full(len(names), np.nan),
-            )
+            _with_rank(label, table[label]) if own.empty else numbers(label, label, number)
         )
-    sequence = list(range(len(names)))
-    if order is not None:
-        sequence = np.argsort(-order.to_numpy(), kind="stable").tolist()
-    rows = tuple((names[i], *(texts[i] for _, texts, _ in columns)) for i in sequence)
-    best = set()
-    for column, (_, _, values) in enumerate(columns, start=1):
-        if np.isfinite(values).any():
-            best.add((sequence.index(int(np.nanargmax(values))), column))
-    head = ("placement", *(title for title, _, _ in columns))
-    return Table(
+    if order:
+        table = table.sort_values(order, ascending=False, kind="stable")
+    best = {(int(np.nanargmax(table[k])), i) for i, k in highest.items() if table[k].notna().any()}
+    return Table.of(
         caption,
-        head,
-        rows,
-        frozenset(best),
+        table.reset_index(),
+        columns,
+        best=frozenset(best),
         name=slug("placements", object_class, group.title if group.varies else ""),
-        data=pd.DataFrame(data).iloc[sequence],
     )
 
 
-def _with_ranks(values: pd.Series) -> list[str]:
-    """Numbers with their rank in brackets, 1 the highest."""
+def _or_dash(value: Any) -> str:
+    return DASH if pd.isna(value) else str(value)
+
+
+def _mean_and_sd(label: str) -> Column:
+    return Column(label, lambda row: plus_minus(row[f"{label} mean"], row[f"{label} sd"]))
+
+
+def _with_rank(label: str, values: pd.Series) -> Column:
+    """A number with its rank among `values` in brackets, 1 the highest."""
     ranks = values.rank(ascending=False, method="min")
-    return [
-        number(value) if np.isnan(rank) else f"{number(value)} ({rank:.0f})"
-        for value, rank in zip(values, ranks, strict=True)
-    ]
+
+    def cell(row: Mapping[Any, Any]) -> str:
+        rank, shown = ranks[row["placement"]], number(row[label])
+        return shown if np.isnan(rank) else f"{shown} ({rank:.0f})"
+
+    return Column(label, cell)
 
 
 def trial_table(trials: pd.DataFrame, axes: Sequence[str]) -> Table:
