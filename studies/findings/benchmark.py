@@ -25,7 +25,10 @@ def main() -> None:
     for name, table in tables().items():
         write(table, name)
     rigs.read.cache_clear()
-    write(pd.concat([generalists(), *map(predicted, (*BUILT_IN, "pretrained"))], ignore_index=True), "predicted")
+    write(
+        pd.concat([generalists(), *map(predicted, (*BUILT_IN, "pretrained"))], ignore_index=True),
+        "predicted",
+    )
 
 
 def tables() -> dict[str, pd.DataFrame]:
