@@ -1,7 +1,5 @@
 """Point clouds as drivers and data sets write them: a file a sweep, of whatever format."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType

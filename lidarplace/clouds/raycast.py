@@ -12,8 +12,6 @@ part costs only the beams and azimuths that can meet it; the result is that of t
 against every part.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache
@@ -63,7 +61,7 @@ class Hits(NamedTuple):
     target: NDArray[np.int32]
     reflected: NDArray[np.float64]
 
-    def of(self, rays: slice) -> Hits:
+    def of(self, rays: slice) -> "Hits":
         """Those of some of the rays, in the same memory."""
         return Hits(self.range[rays], self.target[rays], self.reflected[rays])
 

@@ -1,13 +1,11 @@
 """Clouds that were recorded, not simulated: folders that hold the frames of one placement."""
 
-from __future__ import annotations
-
 import hashlib
 import reprlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +80,7 @@ class _Rig(BaseModel):
         return [] if self.lidar is None else [self.lidar] * len(self.mounts)
 
     @model_validator(mode="after")
-    def _a_lidar_each(self) -> _Rig:
+    def _a_lidar_each(self) -> Self:
         if len(self.models) != len(self.mounts):
             raise ValueError(f"{len(self.models)} lidars for {len(self.mounts)} mounts")
         return self

@@ -1,7 +1,5 @@
 """The scan pattern of a LiDAR from its clouds: elevations, offsets of lasers, steps, noise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

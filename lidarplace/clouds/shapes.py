@@ -6,8 +6,6 @@ vehicles are `MARGIN_M` inside of it. Proportions and materials are drawn from a
 object id: an object looks the same in every frame and under every placement.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -80,7 +78,7 @@ class Parts:
     def __len__(self) -> int:
         return len(self.owner)
 
-    def and_(self, others: Parts) -> Parts:
+    def and_(self, others: "Parts") -> "Parts":
         """These parts, followed by others."""
         return Parts(
             np.concatenate([self.geometry, others.geometry]),

@@ -9,8 +9,6 @@ A cell that stops a share of the rays stops a ray by chance: a hash of cell and 
 the same whenever the ray is cast.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Detections in each layout, as a table: frame, category, box in the ego frame, score."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Detections of any detector, as the log has its boxes: ego frame, metres, radians, its classes."""
 
-from __future__ import annotations
-
 from collections import ChainMap, Counter
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ Cells are cubes of `CELL_M`; 8 cells along each axis are a block, blocks above e
 and 16 by 16 columns a tile. The ground is known where there are tiles, at points `PATCH_M` apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path

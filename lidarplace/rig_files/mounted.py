@@ -1,7 +1,5 @@
 """A LiDAR on a vehicle as files of rigs have it: a name, a pose, and maybe a model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -31,7 +29,7 @@ class MountedLidar:
     mount: Mount
     model: SensorSettings | None = None
 
-    def moved(self, x: float, y: float, z: float) -> MountedLidar:
+    def moved(self, x: float, y: float, z: float) -> "MountedLidar":
         """The same LiDAR, farther by so many metres."""
         mount = self.mount
         # Rounded, as 1.9 - 0.3 would be written as 1.5999999999999999.

@@ -1,7 +1,5 @@
 """The rig of a recording: which LiDARs were on the vehicle, where, and of what model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -46,7 +44,7 @@ class RecordedRig:
                     "log's rig.json holds no pattern"
                 )
 
-    def subset(self, names: Sequence[str]) -> RecordedRig:
+    def subset(self, names: Sequence[str]) -> "RecordedRig":
         """The rig with these LiDARs only, in its own order.
 
         Raises:

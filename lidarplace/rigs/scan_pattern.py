@@ -1,7 +1,5 @@
 """Rays of a LiDAR whose pattern does not repeat, as a table in the order of firing."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from dataclasses import dataclass
@@ -84,7 +82,7 @@ class ScanPattern:
         order = np.argsort(azimuths, kind="stable")
         return azimuths[order], self.elevations[rows][order]
 
-    def thinned(self, share: float) -> ScanPattern:
+    def thinned(self, share: float) -> "ScanPattern":
         """Of every frame a share of the rays, rounded, at least one, evenly spread in time.
 
         Args:
@@ -111,7 +109,7 @@ class ScanPattern:
     @classmethod
     def of_prisms(
         cls, turns: tuple[float, float], field_of_view: float, rays_per_frame: int, frames: int
-    ) -> ScanPattern:
+    ) -> "ScanPattern":
         """The rosette of two turning prisms about the sensor's x axis.
 
         Each prism bends the ray by a quarter of the field of view towards where its thick side

@@ -1,7 +1,5 @@
 """Real clouds of a log: points counted in its boxes, and kept in the ego frame."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import suppress

@@ -1,12 +1,10 @@
 """A scene that was recorded before: a folder with a box log, from whatever source."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -89,7 +87,7 @@ class LogScene(Settings):
         return class_map
 
     @model_validator(mode="after")
-    def _of_one_log(self) -> LogScene:
+    def _of_one_log(self) -> Self:
         if self.test_folder is not None and self.clouds == "recorded":
             raise ValueError("test_folder: recorded clouds lie in one folder; allowed is null")
         return self

@@ -8,8 +8,6 @@ The vehicle leaves tiles behind: what is known of them is condensed, so memory d
 the number of points, only by what stands along the way.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import NamedTuple

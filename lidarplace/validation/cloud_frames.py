@@ -1,7 +1,5 @@
 """Frames with real clouds: cells of objects that were hit, and what became of simulated rays."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

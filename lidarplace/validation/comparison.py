@@ -1,7 +1,5 @@
 """Real and simulated points of the same objects: how far apart they are."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

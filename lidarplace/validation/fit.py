@@ -6,8 +6,6 @@ times the share that the LiDAR's own shadow leaves. The fit minimises the mean o
 for poor objects, and single boxes do not decide it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -82,7 +80,7 @@ class Problem:
     simulated: NDArray[np.float64]
 
     @classmethod
-    def of(cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]) -> Problem:
+    def of(cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]) -> "Problem":
         """From objects, whose index is the row of the box, and what is simulated of them."""
         near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
         size = int(max(objects.index.max(), returns.box.max(initial=0))) + 1

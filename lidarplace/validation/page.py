@@ -1,7 +1,5 @@
 """The page of a validation: the decision first, then what it rests on."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Sequence

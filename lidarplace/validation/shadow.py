@@ -5,8 +5,6 @@ something to return from: the ground nearby, or what another LiDAR of the rig se
 direction. Each sector counts with its best frame.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Rays end at the static world of the log, where it has one. The log's ground is n
 ego frame: boxes far away stand metres above or below it. Where it has no ground, there is none.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

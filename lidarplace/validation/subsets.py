@@ -1,7 +1,5 @@
 """Every subset of a rig's LiDARs is a placement: ranked by real and by simulated values."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Validate the simulator on a log: simulate, fit on some routes, judge on the others."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

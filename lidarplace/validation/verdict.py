@@ -1,7 +1,5 @@
 """May the simulator be believed for this vehicle?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,9 +1,7 @@
 """Collect box logs and clouds from CARLA: `lidarplace carla SETTINGS OUT`."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import typer
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
@@ -44,7 +42,7 @@ class Collection(Settings):
     )
 
     @model_validator(mode="after")
-    def _possible(self) -> Collection:
+    def _possible(self) -> Self:
         self.rigs()
         return self
 

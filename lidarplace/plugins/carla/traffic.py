@@ -4,8 +4,6 @@ Poses are kept as CARLA gives them, left-handed, metres and degrees, so that a r
 everybody back exactly. They become the box log's in `box_log`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,7 +48,7 @@ class Traffic:
             getattr(self, name).to_parquet(folder / f"{name}.parquet", index=False)
 
     @classmethod
-    def read(cls, folder: Path) -> Traffic:
+    def read(cls, folder: Path) -> "Traffic":
         """Read what `write` wrote."""
         names = ("actors", "poses", "frames")
         return cls(*(pd.read_parquet(folder / f"{name}.parquet") for name in names))

@@ -1,12 +1,11 @@
 """What is known of a LiDAR that can be bought, by name."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
+from typing import Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, model_validator
@@ -90,7 +89,7 @@ class Datasheet(BaseModel):
     approximate: tuple[str, ...] = ()
 
     @model_validator(mode="after")
-    def _beams_or_rosette(self) -> Datasheet:
+    def _beams_or_rosette(self) -> Self:
         if bool(self.elevations_deg) == (self.rosette is not None):
             raise ValueError(f"{self.name}: either beams or a rosette")
         if self.rosette is not None and self.points_per_second is None:

@@ -1,7 +1,5 @@
 """One table of a nuScenes database: a JSON file of rows with tokens that point at other tables."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -86,7 +84,7 @@ class Table:
                 raise ValueError(f"{self.row(index)}: {name} must be true or false, found {shown}")
         return np.array(self.columns[name], bool)
 
-    def rows_in(self, other: Table, name: str) -> NDArray[np.int64]:
+    def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
         """Which row of `other` the tokens in column `name` point at; (rows,), int64.
 
         Raises:
@@ -105,7 +103,7 @@ class Table:
             )
         return rows
 
-    def take(self, rows: NDArray[np.int64]) -> Table:
+    def take(self, rows: NDArray[np.int64]) -> "Table":
         """The rows with these numbers."""
         chosen = rows.tolist()
         return Table(

@@ -3,10 +3,8 @@
 Terms are those of the JSON schema of OpenLABEL 1.0.0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +33,7 @@ class Transform(BaseModel):
     sequence: Annotated[str, Field(pattern="^[XYZ]{3}$")] = "ZYX"
 
     @model_validator(mode="after")
-    def _is_one(self) -> Transform:
+    def _is_one(self) -> Self:
         turned = self.quaternion is not None or self.euler_angles is not None
         if self.matrix4x4 is None and (self.translation is None or not turned):
             raise ValueError(
@@ -74,7 +72,7 @@ class Cuboid(BaseModel):
         return _rigid(Rotation.from_euler("ZYX", turned[::-1]), self.val[:3])
 
     @model_validator(mode="after")
-    def _is_one(self) -> Cuboid:
+    def _is_one(self) -> Self:
         if min(self.val[-3:]) < 0:
             raise ValueError("sizes must be at least 0")
         if len(self.val) == 10 and not np.linalg.norm(self.val[3:7]) > 0:
@@ -161,7 +159,7 @@ class Systems:
     known: dict[tuple[str, str], Matrix] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, content: Content, frame: Frame) -> Systems:
+    def of(cls, content: Content, frame: Frame) -> "Systems":
         """Those of a frame win over those that hold throughout."""
         systems = cls()
         for name, system in content.coordinate_systems.items():

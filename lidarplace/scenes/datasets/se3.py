@@ -1,7 +1,5 @@
 """Rigid motions in space, many at once: where vehicles and objects are in a data set."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -26,14 +24,14 @@ class Poses:
     rotation: Rotation
 
     @classmethod
-    def of_boxes(cls, boxes: pd.DataFrame) -> Poses:
+    def of_boxes(cls, boxes: pd.DataFrame) -> "Poses":
         """Those of boxes: their `GEOMETRY`."""
         turns = np.zeros((len(boxes), 3))
         turns[:, 2] = boxes[GEOMETRY[6]]
         return cls(boxes[list("xyz")].to_numpy(np.float64), Rotation.from_rotvec(turns))
 
     @classmethod
-    def of_ego(cls, table: pd.DataFrame) -> Poses:
+    def of_ego(cls, table: pd.DataFrame) -> "Poses":
         """Those of `ego_columns`."""
         turns = table[["ego_yaw", "ego_pitch", "ego_roll"]].to_numpy(np.float64)
         position = table[["ego_x", "ego_y", "ego_z"]].to_numpy(np.float64)
@@ -44,15 +42,15 @@ class Poses:
         """w, x, y, z; (N, 4)."""
         return np.asarray(self.rotation.as_quat().reshape(-1, 4)[:, [3, 0, 1, 2]])
 
-    def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Poses:
+    def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Poses":
         # Not self.rotation[rows], which refuses to take nothing from nothing.
         return Poses(self.position[rows], Rotation.from_quat(self.rotation.as_quat()[rows]))
 
-    def moved(self, offset: Sequence[float]) -> Poses:
+    def moved(self, offset: Sequence[float]) -> "Poses":
         """The same directions, the origins at `offset` (3 metres, in the posed frames)."""
         return Poses(self.position + self.rotation.apply(offset), self.rotation)
 
-    def seen_from(self, frames: Poses) -> Poses:
+    def seen_from(self, frames: "Poses") -> "Poses":
         """Pose n in the frame that `frames` poses n-th in the same outer frame."""
         back = frames.rotation.inv()
         return Poses(back.apply(self.position - frames.position), back * self.rotation)

@@ -1,7 +1,5 @@
 """A data set in KITTI's object layout, as OpenPCDet reads it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Collection, Iterable
 from pathlib import Path

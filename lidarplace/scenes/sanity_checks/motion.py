@@ -1,7 +1,5 @@
 """Do vehicles move where they head? They hardly slide: it shows what a yaw means."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
