@@ -16,12 +16,19 @@ from lidarplace.files.json_file import read_json
 from lidarplace.files.tables import read_feather, read_parquet
 from lidarplace.logs.boxes import GEOMETRY, SOURCE, full_poses
 from lidarplace.scenes.datasets import argoverse, nuscenes, waymo
-from lidarplace.scenes.datasets.class_maps import ARGOVERSE, BOX_LOG, NUSCENES, WAYMO, ClassMap
+from lidarplace.scenes.datasets.class_maps import (
+    ARGOVERSE,
+    BOX_LOG,
+    KITTI,
+    NUSCENES,
+    WAYMO,
+    ClassMap,
+)
 from lidarplace.scenes.datasets.nuscenes_tables import Table
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.kitti.calibration import STANDARD, camera_to_ego, read_calibration
 from lidarplace.scenes.kitti.folder import frame_name
-from lidarplace.scenes.kitti.read import KITTI, in_ego, read_labels
+from lidarplace.scenes.kitti.read import in_ego, read_labels
 
 CATEGORIES = {
     "barrier": "movable_object.barrier",

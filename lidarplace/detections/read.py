@@ -21,9 +21,8 @@ from lidarplace.detections.layouts import (
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.logs.plausible import MOST_YAW
-from lidarplace.scenes.datasets.class_maps import ClassMap, classify, merged
+from lidarplace.scenes.datasets.class_maps import KITTI, ClassMap, classify, merged
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
-from lidarplace.scenes.kitti.read import KITTI
 
 Layout = Literal["kitti", "nuscenes", "argoverse", "waymo", "parquet"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)

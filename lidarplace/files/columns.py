@@ -2,7 +2,7 @@
 
 import math
 import reprlib
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from decimal import Decimal
 from typing import Any
 
@@ -39,10 +39,7 @@ def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[n
     values = np.empty((len(table), len(names)))
     for column, name in enumerate(names):
         values[:, column] = _numeric(table[name]).to_numpy(np.float64, na_value=np.nan)
-    bad = ~np.isfinite(values)
-    if bad.any():
-        row, column = np.argwhere(bad)[0].tolist()
-        raise _wrong(table, names[column], row, "a finite number", source)
+    _check(table, names, ~np.isfinite(values), "a finite number", source)
     return values
 
 
@@ -56,8 +53,7 @@ def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.
     values = np.full(len(table), np.nan)
     values[~missing] = _numeric(table[name][~missing]).to_numpy(np.float64, na_value=np.nan)
     bad = ~np.isfinite(values) & ~missing
-    if bad.any():
-        raise _wrong(table, name, int(np.argmax(bad)), "a finite number, or missing", source)
+    _check(table, [name], bad, "a finite number, or missing", source)
     return values
 
 
@@ -68,9 +64,7 @@ def counts_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.f
         InputError: a value is something else.
     """
     values = numbers_if_known(table, name, source)
-    if (values < 0).any():
-        row = int(np.argmax(values < 0))
-        raise _wrong(table, name, row, "at least 0, or missing", source)
+    _check(table, [name], values < 0, "at least 0, or missing", source)
     return values
 
 
@@ -81,9 +75,7 @@ def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.
         InputError: a value is something else.
     """
     values = numbers(table, names, source)
-    if (values < 0).any():
-        row, column = np.argwhere(values < 0)[0].tolist()
-        raise _wrong(table, names[column], row, "at least 0", source)
+    _check(table, names, values < 0, "at least 0", source)
     return values
 
 
@@ -97,9 +89,7 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
     good = values.notna() & (values % 1 == 0)
     if values.dtype.kind != "i":
         good &= (values >= -_INT64) & (values < _INT64)
-    bad = ~good.fillna(False).to_numpy(bool)
-    if bad.any():
-        raise _wrong(table, name, int(np.argmax(bad)), "a whole number", source)
+    _check(table, [name], ~good.fillna(False).to_numpy(bool), "a whole number", source)
     return values.to_numpy(np.int64)
 
 
@@ -111,9 +101,7 @@ def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
     """
     values = integers(table, "frame", source)
     bad = (values > FRAME.high) | (values < FRAME.low)
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise _wrong(table, "frame", row, f"a whole number up to ±{FRAME.high}", source)
+    _check(table, ["frame"], bad, f"a whole number up to ±{FRAME.high}", source)
     return values
 
 
@@ -128,9 +116,8 @@ def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
     if missing.any():
         raise InputError("missing value", place=f"{source}: row {np.argmax(missing)}", key=name)
     if pd.api.types.infer_dtype(column) not in ("string", "empty"):
-        bad = ~column.map(lambda value: isinstance(value, str | int | np.integer)).to_numpy(bool)
-        if bad.any():
-            raise _wrong(table, name, int(np.argmax(bad)), "text", source)
+        good = column.map(lambda value: isinstance(value, str | int | np.integer))
+        _check(table, [name], ~good.to_numpy(bool), "text", source)
         column = column.map(str)
     return column.to_numpy(object)
 
@@ -152,14 +139,8 @@ def one_of(
     known = (
         table[name].astype(object).map(lambda value: isinstance(value, str) and value in allowed)
     )
-    if not known.all():
-        row = int(np.argmin(known.to_numpy(bool)))
-        found = table[name].iloc[row]
-        shown = reprlib.repr(found) if isinstance(found, str) else str(found)[:_LONGEST]
-        expected = f"{' or '.join(allowed)}{hint}"
-        raise InputError(
-            "invalid value", place=f"{source}: row {row}", key=name, expected=expected, found=shown
-        )
+    expected = f"{' or '.join(allowed)}{hint}"
+    _check(table, [name], ~known.to_numpy(bool), expected, source, reprlib.repr)
 
 
 def _numeric(column: pd.Series) -> pd.Series:
@@ -182,7 +163,19 @@ def _number(value: Any) -> Any:
 _NUMBERS = (str, int, float, Decimal, np.integer, np.floating)
 
 
-def _wrong(table: pd.DataFrame, name: str, row: int, allowed: str, source: str) -> InputError:
-    found = str(table[name].iloc[row])[:_LONGEST]
-    place = f"{source}: row {row}"
-    return InputError("invalid value", place=place, key=name, expected=allowed, found=found)
+def _check(
+    table: pd.DataFrame,
+    names: Sequence[str],
+    bad: NDArray[np.bool_],
+    expected: str,
+    source: str,
+    text: Callable[[str], str] = str,
+) -> None:
+    """Raise InputError for the first value that is `bad`, (rows,) or (rows, names)."""
+    if bad.any():
+        row, column = np.argwhere(bad.reshape(len(table), -1))[0].tolist()
+        value, place = table[names[column]].iloc[row], f"{source}: row {row}"
+        found = (text(value) if isinstance(value, str) else str(value))[:_LONGEST]
+        raise InputError(
+            "invalid value", place=place, key=names[column], expected=expected, found=found
+        )

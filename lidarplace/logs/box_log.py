@@ -184,7 +184,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
             names file and row.
     """
     if most_frames is None:
-        boxes, frames = _boxes(folder / "boxes.parquet"), read_frames(folder)
+        boxes, frames = read_boxes(folder), read_frames(folder)
     else:
         frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
         boxes = read_boxes(folder, frames["frame"].tolist())
@@ -239,28 +239,34 @@ def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: P
 
 def read_frames(folder: Path) -> pd.DataFrame:
     """The table of frames alone. Raises ValueError as `read_box_log` does."""
-    path = folder / "frames.parquet"
-    frames = _frames(path)
+    source = str(folder / "frames.parquet")
+    frames = read_parquet(folder / "frames.parquet")
+    check_columns(list(frames.columns), FRAME_COLUMNS, source)
+    one_of(frames, "split", SPLITS, source)
+    frames["frame"] = frame_numbers(frames, source)
+    frames["route"] = groups(frames, "route", source)
+    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
+    for name in ("timestamp_s", *poses):
+        frames[name] = numbers_if_known(frames, name, source)
+    frames = _with_texts(frames, ("scene", *([SOURCE] if SOURCE in frames else [])), source)
     twice = frames["frame"].duplicated().to_numpy()
     if twice.any():
         row = int(twice.argmax())
         raise ValueError(
-            f"{path}: row {row}: frame {frames['frame'].iloc[row]} is there twice; a frame has a "
+            f"{source}: row {row}: frame {frames['frame'].iloc[row]} is there twice; a frame has a "
             "number of its own in the whole log, whatever its scene"
         )
     return frames
 
 
-def read_boxes(folder: Path, frames: Sequence[int]) -> pd.DataFrame:
-    """The boxes of these frames alone; those of others are not kept in memory.
+def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
+    """The boxes alone; if `frames` are given those of others are not kept in memory.
 
     Raises ValueError as `read_box_log` does.
     """
-    return _boxes(folder / "boxes.parquet", frames)
-
-
-def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
-    boxes, source = _table(path, BOX_COLUMNS, frames), str(path)
+    source = str(folder / "boxes.parquet")
+    boxes = read_parquet(folder / "boxes.parquet", None if frames is None else {"frame": frames})
+    check_columns(list(boxes.columns), BOX_COLUMNS, source)
     check_boxes(boxes, source)
     check_classes(boxes, source)
     boxes["frame"] = frame_numbers(boxes, source)
@@ -269,18 +275,6 @@ def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
     for name in count_columns(boxes):
         boxes[name] = counts_if_known(boxes, name, source)
     return _with_texts(boxes, ("scene", "object_id"), source)
-
-
-def _frames(path: Path) -> pd.DataFrame:
-    frames, source = _table(path, FRAME_COLUMNS), str(path)
-    one_of(frames, "split", SPLITS, source)
-    frames["frame"] = frame_numbers(frames, source)
-    frames["route"] = groups(frames, "route", source)
-    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
-    for name in ("timestamp_s", *poses):
-        frames[name] = numbers_if_known(frames, name, source)
-    named = [SOURCE] if SOURCE in frames else []
-    return _with_texts(frames, ("scene", *named), source)
 
 
 def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
@@ -298,9 +292,3 @@ def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
 def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.DataFrame:
     """The table with names that are numbers as text, which joins with other tables."""
     return table.assign(**{name: texts(table, name, source) for name in names})
-
-
-def _table(path: Path, columns: Sequence[str], frames: Sequence[int] | None = None) -> pd.DataFrame:
-    table = read_parquet(path) if frames is None else read_parquet(path, {"frame": frames})
-    check_columns(list(table.columns), columns, str(path))
-    return table

@@ -137,12 +137,14 @@ class LogScene(Settings):
         return f"column split of {self.folder / 'frames.parquet'} has to name some"
 
     def digest(self) -> str:
-        """Hash of the log's tables, rigs and static worlds."""
+        """Hash of the tables, rigs and static worlds, and of the class map `paper` if it counts."""
         digest = hashlib.sha256()
         extra = [path for name in (RIG_FILE, WORLD_FILE) for path in self.folder.glob(name)]
         for path in sorted([*self.folder.glob("*.parquet"), *extra]):
             with reading(path):
                 digest.update(path.name.encode() + regular(path).read_bytes())
+        if self.class_map == PAPER:  # whose content is data of the package
+            digest.update(repr(sorted(PAPER_GROUPS.items())).encode())
         return digest.hexdigest()
 
     def read(self) -> BoxLog:

@@ -1,31 +1,14 @@
 """Which class of the box log a CARLA blueprint belongs to."""
 
 from collections.abc import Mapping
+from pathlib import Path
+
+from lidarplace.configuration.yaml import read_yaml_file
 
 BOX_TRUCK_M = (5.2, 2.4, 2.6)
 """Length, width and height over which the paper counts a van as *Van and Cyclist*."""
 
-CLASS_OF: dict[str, str] = {
-    # Appendix A of the paper: its Van and Cyclist.
-    "vehicle.carlamotors.carlacola": "Cyclist",
-    "vehicle.harley-davidson.low_rider": "Cyclist",
-    "vehicle.diamondback.century": "Cyclist",
-    "vehicle.yamaha.yzf": "Cyclist",
-    "vehicle.bh.crossbike": "Cyclist",
-    "vehicle.kawasaki.ninja": "Cyclist",
-    "vehicle.gazelle.omafiets": "Cyclist",
-    # Later than the paper: a scooter, and what is a truck, a bus or a large van.
-    "vehicle.vespa.zx125": "Cyclist",
-    "vehicle.carlamotors.firetruck": "Cyclist",
-    "vehicle.carlamotors.european_hgv": "Cyclist",
-    "vehicle.mitsubishi.fusorosa": "Cyclist",
-    "vehicle.ford.ambulance": "Cyclist",
-    "vehicle.mercedes.sprinter": "Cyclist",
-    # Vans that the paper counts as cars.
-    "vehicle.volkswagen.t2": "Car",
-    "vehicle.volkswagen.t2_2021": "Car",
-    "vehicle.tesla.cybertruck": "Car",
-}
+CLASS_OF: Mapping[str, str] = read_yaml_file(Path(__file__).with_name("classes.yaml"))
 """Blueprints whose class is fixed, whatever their wheels and size."""
 
 

@@ -24,84 +24,21 @@ from lidarplace.logs.boxes import CLASSES
 ClassMap = Mapping[str, str]
 """Category -> class, or `IGNORE`."""
 
-
-def _by_class(**categories: str) -> ClassMap:
-    """A class map from the categories of each class, separated by spaces."""
-    return MappingProxyType({one: name for name, own in categories.items() for one in own.split()})
-
-
 BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
 """A log that already has our classes."""
 
-NUSCENES = _by_class(
-    Car="vehicle.car vehicle.emergency.police",
-    # Trucks are pickups, too: nuScenes does not distinguish them.
-    Cyclist="vehicle.bicycle vehicle.emergency.ambulance vehicle.motorcycle vehicle.truck",
-    Pedestrian=(
-        "human.pedestrian.adult human.pedestrian.child human.pedestrian.construction_worker "
-        "human.pedestrian.police_officer"
-    ),
-    ignore=(
-        "animal human.pedestrian.personal_mobility human.pedestrian.stroller "
-        "human.pedestrian.wheelchair movable_object.barrier movable_object.debris "
-        "movable_object.pushable_pullable movable_object.trafficcone static_object.bicycle_rack "
-        "vehicle.bus.bendy vehicle.bus.rigid vehicle.construction vehicle.trailer"
-    ),
+_SHIPPED = read_yaml_file(Path(__file__).with_name("class_maps.yaml"))
+NUSCENES, ARGOVERSE, WAYMO, KITTI, NO_ROAD_USERS = (
+    MappingProxyType(_SHIPPED[name])
+    for name in ("nuscenes", "argoverse", "waymo", "kitti", "no_road_users")
 )
-"""The 23 categories of nuScenes v1.0."""
+"""Those of data sets, and what is ignored where all others keep their own names: `_SHIPPED`."""
 
-ARGOVERSE = _by_class(
-    Car="REGULAR_VEHICLE",
-    Cyclist="BICYCLE BICYCLIST BOX_TRUCK LARGE_VEHICLE MOTORCYCLE MOTORCYCLIST TRUCK TRUCK_CAB",
-    Pedestrian="OFFICIAL_SIGNALER PEDESTRIAN",
-    # EGO_VEHICLE has the sensors; the guide calls MOBILE_PEDESTRIAN_SIGN the other way.
-    ignore=(
-        "ANIMAL ARTICULATED_BUS BOLLARD BUS CONSTRUCTION_BARREL CONSTRUCTION_CONE DOG EGO_VEHICLE "
-        "MESSAGE_BOARD_TRAILER MOBILE_PEDESTRIAN_CROSSING_SIGN MOBILE_PEDESTRIAN_SIGN "
-        "RAILED_VEHICLE SCHOOL_BUS SIGN STOP_SIGN STROLLER TRAFFIC_LIGHT_TRAILER VEHICULAR_TRAILER "
-        "WHEELCHAIR WHEELED_DEVICE WHEELED_RIDER"
-    ),
-)
-"""The 30 categories of the Argoverse 2 sensor data set, one under two names, and the ego itself."""
-
-WAYMO: ClassMap = MappingProxyType(
-    {
-        "TYPE_UNKNOWN": IGNORE,
-        "TYPE_VEHICLE": "Car",  # trucks, buses and motorcycles too: Waymo does not tell them apart
-        "TYPE_PEDESTRIAN": "Pedestrian",
-        "TYPE_SIGN": IGNORE,
-        "TYPE_CYCLIST": "Cyclist",
-    }
-)
-"""The types of Waymo's 3D boxes, in the order of their numbers."""
-
-
-NO_ROAD_USERS = _by_class(
-    ignore=(
-        "ANIMAL BOLLARD CONSTRUCTION_BARREL CONSTRUCTION_CONE DOG DontCare EGO_VEHICLE "
-        "MOBILE_PEDESTRIAN_CROSSING_SIGN MOBILE_PEDESTRIAN_SIGN Misc SIGN STOP_SIGN TYPE_SIGN "
-        "TYPE_UNKNOWN animal movable_object.barrier movable_object.debris "
-        "movable_object.pushable_pullable movable_object.trafficcone static_object.bicycle_rack"
-    )
-)
-"""Categories that are ignored where all others keep their own names."""
-
-
-PAPER_GROUPS: ClassMap = MappingProxyType(
-    {
-        **NUSCENES,
-        **ARGOVERSE,
-        "Bicycle": "Cyclist",
-        "Motorcycle": "Cyclist",
-        "Truck": "Cyclist",
-        "Van": "Car",
-    }
-)
+PAPER_GROUPS: ClassMap = ChainMap(_SHIPPED["usual"], _SHIPPED["argoverse"], _SHIPPED["nuscenes"])
 """The paper's grouping of names that data sets have, and of usual ones."""
 
 PAPER, OWN = "paper", "own"
 """Class maps that have a name."""
-
 
 OTHER = "Other"
 """Class of ignored categories whose boxes are kept: they hide what is behind them, and count in no

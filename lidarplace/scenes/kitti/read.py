@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -20,7 +19,7 @@ from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS, SOURCE
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.scenes.datasets.class_maps import ClassMap, merged
+from lidarplace.scenes.datasets.class_maps import KITTI, ClassMap, merged
 from lidarplace.scenes.datasets.recorded_rig import kitti_lidar
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
@@ -29,21 +28,6 @@ from lidarplace.scenes.kitti.calibration import (
     read_calibration,
 )
 from lidarplace.scenes.kitti.folder import fault, frame_name, part
-
-KITTI: ClassMap = MappingProxyType(
-    {
-        "Car": "Car",
-        "Van": "Car",
-        "Truck": "Cyclist",
-        "Pedestrian": "Pedestrian",
-        "Person_sitting": "Pedestrian",
-        "Cyclist": "Cyclist",
-        "Tram": IGNORE,
-        "Misc": IGNORE,
-        "DontCare": IGNORE,
-    }
-)
-"""KITTI's types. As in the paper a van is a Car, and a truck belongs to *Van and Cyclist*."""
 
 SETS = {"train": "train", "val": "test"}
 """Lists in `ImageSets` -> split of the box log."""

@@ -2,70 +2,34 @@
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import SIZE
 from lidarplace.scenes.label_tables.units import RADIANS, guess_angle, plain, without_unit
-
-USUAL = {
-    "drive": "drive recording recording_id sequence session log run trip scene route clip segment",
-    "time": "time timestamp stamp t time_stamp timestamp_s timestamp_us timestamp_ns utc epoch",
-    "frame": "frame frame_id frame_index frame_number sample image_id",
-    "object": "object_id track_id track object id instance_id instance uuid target_id",
-    "category": "class category label type kind cls",
-    "x": "x pos_x position_x center_x centre_x cx loc_x location_x tx translation_x",
-    "y": "y pos_y position_y center_y centre_y cy loc_y location_y ty translation_y",
-    "z": "z pos_z position_z center_z centre_z cz loc_z location_z tz translation_z",
-    "length": "length l len size_x size_l dim_l dim_x extent_x dx",
-    "width": "width w wid size_y size_w dim_w dim_y extent_y dy",
-    "height": "height h hgt size_z size_h dim_h dim_z extent_z dz",
-    "yaw": "yaw heading rotation_z rot_z orientation theta psi yaw_angle angle direction",
-    "points": "points num_points num_lidar_pts num_interior_pts point_count lidar_points n_points",
-    "poses.x": "ego_x ego_pos_x ego_position_x vehicle_x host_x ego_east",
-    "poses.y": "ego_y ego_pos_y ego_position_y vehicle_y host_y ego_north",
-    "poses.z": "ego_z ego_pos_z ego_position_z vehicle_z host_z ego_up",
-    "poses.yaw": "ego_yaw ego_heading vehicle_yaw vehicle_heading host_yaw host_heading",
-}
-"""Key of the mapping -> names that it has in label files."""
 
 ALIKE = 0.8
 """Names less alike than this share of their letters are not taken for each other."""
 
 
-STEMS = {
-    "length": "laeng|lange|longueur",
-    "width": "breit|largeur",
-    "height": "hoeh|hohe|hauteur",
-    "yaw": "gier|drehwinkel|kurs|lacet|^cap$",
-    "class": "klass|kategor|classe|categor",
-    "time": "zeit|temps|horodat",
-    "drive": "fahrt|aufnahm|sequenz|trajet|enregistr",
-    "frame": "bild|trame",
-    "object": "objekt|objet|spur|piste",
-    "vehicle": "fahrzeug|eigen|vehicule",
-    "center": "mitte",
-}
-"""English word -> German and French stems of it, as a regular expression."""
-_STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in STEMS.items()))
-
-CLASS_NAMES = {
-    "Pedestrian": r"pedestrian|person(?!al)|human|walker|fu(ss|ß)g|pi[eé]ton",
-    "Cyclist": r"cycl|bike(?!.?rack)|rider|fahrrad|radfahr|v[eé]lo(?!c)",
-    "Car": r"car(?![a-z])|sedan|suv|taxi|pkw|voiture",
-}
-"""What in the name of a category tells the class; the guess leaves out all others."""
+_NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
+USUAL: Mapping[str, str] = _NAMES["usual"]
+"""Key of the mapping -> names that it has in label files."""
+_STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["stems"].items()))
+"""Of German and French words, in groups called by the English one."""
 
 
 def class_in(category: str) -> str | None:
     """The class that the name of a category tells."""
-    found = (c for c, told in CLASS_NAMES.items() if re.search(told, category, re.IGNORECASE))
+    found = (c for c, told in _NAMES["classes"].items() if re.search(told, category, re.IGNORECASE))
     return next(found, None)
 
 
