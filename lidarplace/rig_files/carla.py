@@ -77,6 +77,17 @@ def attributes(lidar: Lidar, fan: Fan, seed: int) -> dict[str, str]:
     return {n: str(v) if isinstance(v, int) else f"{v:.9g}" for n, v in values.items()}
 
 
+def check_possible(lidar: Lidar, where: str) -> None:
+    """Raise ValueError for what no LiDAR of CARLA's has."""
+    for key, value, fix in (
+        ("pattern of rays", lidar.pattern, "beams of CARLA's LiDARs turn"),
+        ("correction", lidar.correction, "CARLA's LiDARs have none; leave it out"),
+        ("offsets_m", lidar.offsets, "CARLA's LiDARs have none; set it to null"),
+    ):
+        if value is not None:
+            raise ValueError(f"{where}: {key}: {fix}")
+
+
 _Positive = Annotated[Number, Field(gt=0)]
 
 
@@ -187,12 +198,7 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
         if each.model is None:
             raise ValueError(f"{each.name}: no LiDAR model; --lidar names one of the catalogue")
         lidar = each.model.lidar()
-        if lidar.pattern is not None:
-            raise ValueError(f"{each.name}: has a pattern of rays; beams of CARLA's LiDARs turn")
-        if lidar.correction is not None:
-            raise ValueError(f"{each.name}: correction: CARLA's LiDARs have none; leave it out")
-        if lidar.offsets is not None:
-            raise ValueError(f"{each.name}: offsets_m: CARLA's LiDARs have none; set it to null")
+        check_possible(lidar, each.name)
         if abs(sum(lidar.azimuth)) > 1e-9:
             low, high = (math.degrees(end) for end in lidar.azimuth)
             raise ValueError(

@@ -60,7 +60,7 @@ def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> 
     sections = [_overview(found), _by_distance(found), _correction(found), _subsets(found)]
     if found.shadows is not None:
         sections.append(_shadow(found))
-    sections += [_worst(found), _method(found)]
+    sections.append(_worst(found))
     page = environment.get_template("page.html").render(
         title=title,
         answer=_ANSWERS[decision.answer],
@@ -272,20 +272,6 @@ def _worst(found: Validation) -> Section:
     )
     return Section(
         "Worst objects", (notes,), (), (Table("Farthest off after the correction", head, rows),)
-    )
-
-
-def _method(found: Validation) -> Section:
-    return Section(
-        "How it was done",
-        (
-            "Every frame was simulated with the rig as recorded, without flat ground, because "
-            "labels of real logs are above or below a plane. Rays that meet a labelled object "
-            "count, unless the static world of the log (convert --world) stops them before.",
-            "Spread and bias are of objects with real and simulated points. Intervals resample "
-            "objects, not boxes. Simulated shares of objects with at least 5 or 20 points are "
-            "probabilities: every ray returns or not by itself.",
-        ),
     )
 
 

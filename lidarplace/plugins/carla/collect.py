@@ -29,6 +29,7 @@ from lidarplace.plugins.carla.seen import unhit
 from lidarplace.plugins.carla.server import connect
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.plugins.carla.traffic import Traffic, box_log
+from lidarplace.rig_files.carla import check_possible
 from lidarplace.rigs.placement import Placement
 
 # What says where the server is, but not what is seen.
@@ -54,9 +55,9 @@ def collect(
     Raises:
         ImportError: the client is not installed.
         OSError: no server answers, a LiDAR does not deliver, or a file cannot be written.
-        ValueError: `out` holds another scene, or another placement of a name; a LiDAR has a
-            correction; client and server
-            have different versions; the server lacks a map, blueprint or room.
+        ValueError: `out` holds another scene, or another placement of a name; a LiDAR has what
+            none of CARLA's has; client and server have different versions; the server lacks a map,
+            blueprint or room.
         RuntimeError: the server failed.
     """
     _check_rigs(placements)
@@ -102,14 +103,8 @@ def collect(
 
 def _check_rigs(placements: Mapping[str, Placement]) -> None:
     for name, placement in placements.items():
-        if any(lidar.correction is not None for lidar in placement.lidars):
-            raise ValueError(
-                f"placement {name!r}: lidar.correction: CARLA's LiDARs have none; leave it out"
-            )
-        if any(lidar.offsets is not None for lidar in placement.lidars):
-            raise ValueError(
-                f"placement {name!r}: lidar.offsets_m: CARLA's LiDARs have none; set it to null"
-            )
+        for lidar in placement.lidars:
+            check_possible(lidar, f"placement {name!r}: lidar")
         if not name or Path(name).name != name or name.startswith("."):
             raise ValueError(f"placement {name!r}: its name must do for a folder")
 

@@ -14,6 +14,7 @@ from lidarplace.configuration.settings import Name, Settings, fault
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.plugins.carla.collect import collect
 from lidarplace.plugins.carla.settings import CarlaScene
+from lidarplace.rig_files.carla import check_possible
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 
@@ -47,8 +48,8 @@ class Collection(Settings):
         return self
 
     def rigs(self) -> dict[str, Placement]:
-        """The placements. Raises ValueError for a name without mounts that is not the paper's,
-        and for LiDARs with a pattern."""
+        """The placements. Raises ValueError for a name without mounts that is not the paper's, and
+        for LiDARs with what none of CARLA's has."""
         lidar = self.lidar or Lidar.paper()
         rigs = {}
         for name, settings in self.placements.items():
@@ -61,10 +62,8 @@ class Collection(Settings):
                     f"placements: {name} has no mounts; allowed without are "
                     f"{', '.join(PAPER_PLACEMENTS)}"
                 )
-            if any(own.pattern is not None for own in rigs[name].lidars):
-                raise ValueError(
-                    f"placements: {name}: a LiDAR has a pattern of rays; beams of CARLA's turn"
-                )
+            for own in rigs[name].lidars:
+                check_possible(own, f"placements: {name}")
         return rigs
 
 
