@@ -198,9 +198,8 @@ def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool
     boxes = dict(zip(GEOMETRY, values.T, strict=True))
     found = _rows(path, frames, names, table["class"], boxes, table, BOX_LOG)
     if world:
-        turned = Rotation.from_rotvec(values[:, 6:] * [0.0, 0.0, 1.0])
         ego = frames.ego(found.table["frame"].to_numpy(np.int64), found.row)
-        posed = Poses(values[:, :3], turned).seen_from(ego)
+        posed = Poses.of_boxes(found.table).seen_from(ego)
         boxes = dict(zip("xyz", posed.position.T, strict=True)) | {"yaw": posed.yaw}
         return found._replace(table=found.table.assign(**boxes))
     return found

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.logs.boxes import GEOMETRY
 
 NEAR_M = 15.0
@@ -31,19 +32,10 @@ def unhit(boxes: pd.DataFrame, models: pd.Series, clouds: PointClouds) -> tuple[
     index_of = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
     close = np.hypot(boxes["x"], boxes["y"]) <= NEAR_M
     for frame, own in boxes[close].assign(model=models).groupby("frame"):
-        points = clouds[index_of[frame]][:, :3].astype(np.float64)
-        for model, geometry in zip(own["model"], own[list(GEOMETRY)].to_numpy(), strict=True):
-            near[model] += 1
-            hit[model] += _holds_a_point(geometry, points)
+        near.update(own["model"])
+        solid = own[list(GEOMETRY)].to_numpy(np.float64, copy=True)
+        solid[:, 2] += (FOOT_M + MARGIN_M) / 2
+        solid[:, 3:6] += [2 * MARGIN_M, 2 * MARGIN_M, MARGIN_M - FOOT_M]
+        hit.update(own["model"][count_points(clouds[index_of[frame]], solid) > 0])
     never = sorted(model for model, count in near.items() if count >= ENOUGH and not hit[model])
     return never, near.total() >= ENOUGH and not hit.total()
-
-
-def _holds_a_point(box: np.ndarray, points: np.ndarray) -> bool:
-    """Whether a point lies in the box, up to a margin, and well above its bottom."""
-    x, y, z, length, width, height, yaw = box
-    c, s = np.cos(yaw), np.sin(yaw)
-    dx, dy, dz = (points - [x, y, z]).T
-    along, across = np.abs(c * dx + s * dy), np.abs(c * dy - s * dx)
-    inside = (along <= length / 2 + MARGIN_M) & (across <= width / 2 + MARGIN_M)
-    return bool((inside & (dz > FOOT_M - height / 2) & (dz <= height / 2 + MARGIN_M)).any())

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
-from lidarplace.rigs.pose import from_carla, rotation
+from lidarplace.rigs.pose import from_carla
+from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.routes import KEEP_M
-
-Array = NDArray[np.float64]
 
 EGO = 0
 """The ego's number among the actors."""
@@ -63,63 +63,30 @@ def box_log(traffic: Traffic) -> BoxLog:
     where = traffic.poses.merge(traffic.actors, on="actor").merge(
         traffic.frames[["scene", "frame", "timestamp_s", "route"]], on="frame"
     )
-    turn, place = _pose(where)
-    centre, length = _boxes(where)
-    # CARLA's origin is on the ground, but not quite under the middle of the vehicle.
-    ground = centre * [1, 1, 0]
-
+    actor = _poses(where[list(POSE)].to_numpy(np.float64))
+    of_box = np.zeros((len(where), len(POSE)))
+    of_box[:, [0, 1, 2, 5]] = where[list(BOX[:4])]
+    box = _poses(of_box)
     own = (where["actor"] == EGO).to_numpy()
     rows = pd.Series(np.flatnonzero(own), index=where.loc[own, "frame"])
-    ego = rows.loc[where["frame"]].to_numpy()  # the ego's row in the frame of each row
-    origin = place[ego] + _turned(turn[ego], ground[ego])
-    back = turn[ego].transpose(0, 2, 1)
-    local = _turned(back, place + _turned(turn, centre) - origin)
-    ahead = _turned(back, _turned(turn, length))
-
+    # CARLA's origin is on the ground, but not quite under the middle of the vehicle.
+    ego = actor.moved(box.position * [1, 1, 0])[rows.loc[where["frame"]].to_numpy()]
+    local = box.posed_by(actor).seen_from(ego)
     boxes = where.assign(
         object_id=where["route"].astype(str) + "-" + where["actor"].astype(str),
-        x=local[:, 0],
-        y=local[:, 1],
-        z=local[:, 2],
-        yaw=np.arctan2(ahead[:, 1], ahead[:, 0]),
+        **dict(zip("xyz", local.position.T, strict=True)),
+        yaw=local.yaw,
     )
-    near = ~own & (np.hypot(local[:, 0], local[:, 1]) <= KEEP_M)
-    forward = turn[own][:, :, 0]
-    pose = (*origin[own][:, :2].T, np.arctan2(forward[:, 1], forward[:, 0]))
-    frames = traffic.frames.merge(
-        pd.DataFrame(
-            {"frame": where.loc[own, "frame"], **dict(zip(POSE_COLUMNS, pose, strict=True))}
-        ),
-        on="frame",
-    )
+    near = ~own & (np.hypot(*local.position[:, :2].T) <= KEEP_M)
+    poses = where[["frame"]].assign(**ego.ego_columns())[own]
+    frames = traffic.frames.merge(poses[["frame", *POSE_COLUMNS]], on="frame")
     boxes = boxes.loc[near, list(BOX_COLUMNS)].sort_values(["frame", "object_id"])
     return BoxLog(boxes.astype(dict.fromkeys(GEOMETRY, float)).reset_index(drop=True), frames)
 
 
-def _turned(rotations: Array, vectors: Array) -> Array:
-    """Every vector (N, 3) turned by its rotation (N, 3, 3)."""
-    return np.asarray(np.einsum("nij,nj->ni", rotations, vectors))
-
-
-def _right_handed(position: Array, degrees: Array) -> tuple[Array, Array]:
-    """`from_carla` on arrays: metres and degrees, (N, 3) each, to metres and radians."""
+def _poses(carla: NDArray[np.float64]) -> Poses:
+    """Poses in a right-handed world from rows of `POSE`, left-handed, metres and degrees."""
     convert: Any = from_carla  # written for numbers, but its arithmetic is elementwise
-    pose = np.stack(convert(*position.T, *np.radians(degrees.T)), axis=1)
-    return pose[:, :3], pose[:, 3:]
-
-
-def _pose(poses: pd.DataFrame) -> tuple[Array, Array]:
-    """Rotations (N, 3, 3) and places (N, 3) in a right-handed world, of CARLA's poses."""
-    place, angles = np.split(poses[list(POSE)].to_numpy(np.float64), 2, axis=1)
-    place, angles = _right_handed(place, angles)
-    turn: Any = rotation  # (3, 3, N) for arrays of angles
-    return np.moveaxis(turn(*angles.T), -1, 0), place
-
-
-def _boxes(where: pd.DataFrame) -> tuple[Array, Array]:
-    """Centres of the boxes and directions of their lengths in their actors' frames, (N, 3) each."""
-    degrees = np.zeros((len(where), 3))
-    degrees[:, 2] = where["box_yaw"]
-    centre, angles = _right_handed(where[list(BOX[:3])].to_numpy(np.float64), degrees)
-    yaw = angles[:, 2]
-    return centre, np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=1)
+    x, y, z, roll, pitch, yaw = convert(*carla[:, :3].T, *np.radians(carla[:, 3:].T))
+    turned = Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=1))
+    return Poses(np.stack([x, y, z], axis=1), turned)

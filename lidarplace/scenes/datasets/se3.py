@@ -1,11 +1,11 @@
 """Rigid motions in space, many at once: where vehicles and objects are in a data set."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.boxes import FULL_POSE_COLUMNS, GEOMETRY, POSE_COLUMNS
@@ -46,14 +46,19 @@ class Poses:
         # Not self.rotation[rows], which refuses to take nothing from nothing.
         return Poses(self.position[rows], Rotation.from_quat(self.rotation.as_quat()[rows]))
 
-    def moved(self, offset: Sequence[float]) -> "Poses":
-        """The same directions, the origins at `offset` (3 metres, in the posed frames)."""
+    def moved(self, offset: ArrayLike) -> "Poses":
+        """The same directions, origins at `offset`: metres in the posed frames, (3,) or (N, 3)."""
         return Poses(self.position + self.rotation.apply(offset), self.rotation)
 
     def seen_from(self, frames: "Poses") -> "Poses":
         """Pose n in the frame that `frames` poses n-th in the same outer frame."""
         back = frames.rotation.inv()
         return Poses(back.apply(self.position - frames.position), back * self.rotation)
+
+    def posed_by(self, frames: "Poses") -> "Poses":
+        """Pose n of the frame that `frames` poses n-th, in its outer frame: undoes `seen_from`."""
+        position = frames.position + frames.rotation.apply(self.position)
+        return Poses(position, frames.rotation * self.rotation)
 
     def ego_columns(self) -> dict[str, NDArray[np.float64]]:
         """`POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each.

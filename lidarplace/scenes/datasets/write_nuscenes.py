@@ -102,8 +102,7 @@ def _samples(frames: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 def _annotations(boxes: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Boxes in the world, the objects that they are of, and their categories."""
-    own, ego = Poses.of_boxes(boxes), Poses.of_ego(boxes)
-    world = Poses(ego.position + ego.rotation.apply(own.position), ego.rotation * own.rotation)
+    world = Poses.of_boxes(boxes).posed_by(Poses.of_ego(boxes))
     objects = boxes.groupby(["scene", "object_id", "class"])
     instance = _tokens(objects.ngroup())
     token = _tokens(pd.Series(range(len(boxes)), boxes.index))

@@ -8,49 +8,28 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POINTS, SIZE, count_columns
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    FRAME_COLUMNS,
+    GEOMETRY,
+    POINTS,
+    POSE_COLUMNS,
+    SIZE,
+    count_columns,
+)
 from lidarplace.logs.plausible import MOST_YAW
+from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
-from lidarplace.scenes.label_tables.mapping import EgoPoses, Origin, TableMapping
+from lidarplace.scenes.label_tables.mapping import EgoPoses, TableMapping
 from lidarplace.scenes.label_tables.units import METRES, RADIANS, SECONDS
 
 SLACK_S = 0.1
 """Boxes may be by so much earlier than the first pose, or later than the last."""
-
-
-@dataclass(frozen=True)
-class VehiclePoses:
-    """Poses of the label file's vehicle frame, level, at given times.
-
-    Attributes:
-        position: x, y, z in the world, metres, shape (n, 3).
-        yaw: radians within a turn, shape (n,).
-    """
-
-    position: NDArray[np.float64]
-    yaw: NDArray[np.float64]
-
-    def seen(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Box n of the world, rows of `GEOMETRY`, shape (n, 7), in the frame of pose n."""
-        x, y, z = (boxes[:, :3] - self.position).T
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        place = np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1)
-        return np.column_stack([place, boxes[:, 3:6], boxes[:, 6] - self.yaw])
-
-    def ego(self, origin: Origin) -> pd.DataFrame:
-        """Poses of our ego frame, columns `POSE_COLUMNS`."""
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        return pd.DataFrame(
-            {
-                "ego_x": self.position[:, 0] - cos * origin.x + sin * origin.y,
-                "ego_y": self.position[:, 1] - sin * origin.x - cos * origin.y,
-                "ego_yaw": self.yaw,
-            }
-        )
 
 
 @dataclass(frozen=True)
@@ -62,8 +41,8 @@ class Track:
     source: str
     slack: float
 
-    def at(self, stamps: Stamps) -> VehiclePoses:
-        """Poses at these times, straight lines between those that are known.
+    def at(self, stamps: Stamps) -> Poses:
+        """Level poses of the file's vehicle frame at these times, by straight lines between.
 
         Raises ValueError: a time is not within those of its drive.
         """
@@ -84,7 +63,7 @@ class Track:
             pose = self.pose[own][first]
             pose[:, 3] = np.unwrap(pose[:, 3])
             found[asked] = np.stack([np.interp(value, time, column) for column in pose.T], 1)
-        return VehiclePoses(found[:, :3], np.arctan2(np.sin(found[:, 3]), np.cos(found[:, 3])))
+        return Poses(found[:, :3], Rotation.from_rotvec(found[:, 3:] * [0.0, 0.0, 1.0]))
 
 
 def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, source: str) -> Track:
@@ -151,7 +130,9 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
         track = read_track(table, mapping, mapping.poses, source)
         poses = track.at(Stamps(frames["scene"].to_numpy(), frames["stamp"].to_numpy()))
         if mapping.coordinates == "world":
-            boxes[list(GEOMETRY)] = track.at(stamps).seen(boxes.to_numpy())
+            vehicle = track.at(stamps)
+            boxes[list("xyz")] = Poses.of_boxes(boxes).seen_from(vehicle).position
+            boxes["yaw"] -= vehicle.yaw
     for axis in "xyz":
         boxes[axis] += getattr(mapping.origin, axis)
     boxes["class"] = _classes(table, mapping, source)
@@ -170,7 +151,8 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     kept = kept[[*BOX_COLUMNS, *count_columns(kept)]]
     frames = frames[list(FRAME_COLUMNS)]
     if poses is not None:
-        frames = pd.concat([frames, poses.ego(mapping.origin)], axis=1)
+        ego = poses.moved([-mapping.origin.x, -mapping.origin.y, -mapping.origin.z]).ego_columns()
+        frames = frames.assign(**{name: ego[name] for name in POSE_COLUMNS})
     return BoxLog(kept, frames)
 
 
