@@ -1,7 +1,8 @@
 """One table of a nuScenes database: a JSON file of rows with tokens that point at other tables."""
 
+import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -13,19 +14,7 @@ from numpy.typing import NDArray
 
 from lidarplace.files.json_file import read_json
 
-TEXTS = frozenset(
-    (
-        *("token", "name", "log_token", "scene_token", "sample_token", "instance_token"),
-        *(
-            "category_token",
-            "sensor_token",
-            "calibrated_sensor_token",
-            "ego_pose_token",
-            "channel",
-            "filename",
-        ),
-    )
-)
+TEXT = re.compile(r"(\w+_)?token|name|channel|modality|filename")
 """Columns of text, in whichever table."""
 
 
@@ -57,31 +46,23 @@ class Table:
         values = self.columns[name]
         if not values:
             return np.empty((0, *shape))
-        array = _floats(values)
-        if array is not None and array.shape == (len(values), *shape) and np.isfinite(array).all():
-            return array
-        for index, value in enumerate(values):
-            one = _floats(value)
-            if one is None or one.shape != shape or not np.isfinite(one).all():
-                wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
-                raise ValueError(
-                    f"{self.row(index)}: {name} must be {wanted}, found {reprlib.repr(value)}"
-                )
-        raise AssertionError("unreachable")
+        array = _floats(values, (len(values), *shape))
+        if array is None:
+            wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
+            self.check(name, lambda value: _floats(value, shape) is not None, wanted)
+            raise AssertionError("unreachable")
+        return array
 
-    def check_texts(self, name: str) -> None:
-        """Raise ValueError that names the first row whose value is no text."""
+    def check(self, name: str, good: Callable[[Any], bool], wanted: str) -> None:
+        """Raise ValueError that names the first row whose value is not `good`."""
         for index, value in enumerate(self.columns[name]):
-            if not isinstance(value, str):
+            if not good(value):
                 where = f"{self.path}: row {index}" if name == "token" else self.row(index)
-                raise ValueError(f"{where}: {name} must be text, found {reprlib.repr(value)}")
+                raise ValueError(f"{where}: {name} must be {wanted}, found {reprlib.repr(value)}")
 
     def flags(self, name: str) -> NDArray[np.bool_]:
         """A column of true and false: (rows,), bool. Raises ValueError."""
-        for index, value in enumerate(self.columns[name]):
-            if not isinstance(value, bool):
-                shown = reprlib.repr(value)
-                raise ValueError(f"{self.row(index)}: {name} must be true or false, found {shown}")
+        self.check(name, lambda value: isinstance(value, bool), "true or false")
         return np.array(self.columns[name], bool)
 
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
@@ -111,14 +92,16 @@ class Table:
         )
 
 
-def _floats(value: Any) -> NDArray[np.float64] | None:
+def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Finite numbers of a shape; None for something else."""
     found = np.array(value, object)
     if bool in set(map(type, found.ravel().tolist())):
         return None
     try:
-        return found.astype(np.float64)
+        numbers = found.astype(np.float64)
     except (TypeError, ValueError):
         return None
+    return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
 
 
 def read_table(path: Path, names: Sequence[str]) -> Table:
@@ -137,8 +120,8 @@ def read_table(path: Path, names: Sequence[str]) -> Table:
         raise ValueError(f"{path}: must be a JSON list of objects")
     table = Table(path, {name: [row[i] for row in rows] for i, name in enumerate(names)})
     for name in names:
-        if name in TEXTS:
-            table.check_texts(name)
+        if TEXT.fullmatch(name):
+            table.check(name, lambda value: isinstance(value, str), "text")
     return table
 
 

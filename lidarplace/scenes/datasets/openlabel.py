@@ -6,6 +6,7 @@ https://www.asam.net/standards/detail/openlabel has the standard.
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -121,24 +122,11 @@ def _time(stamp: str | float | None, seconds: float, path: Path) -> float:
     """A time stamp in seconds, NaN if there is none."""
     if stamp is None:
         return math.nan
-    try:
-        return _finite(stamp) * seconds
-    except ValueError:
-        pass
-    try:
-        return _finite(pd.Timestamp(stamp).timestamp())
-    except (ValueError, TypeError, OverflowError):
-        raise ValueError(
-            f"{path}: timestamp must be a number or a date of ISO 8601, found {stamp!r}"
-        ) from None
-
-
-def _finite(value: str | float) -> float:
-    """A number; raises ValueError if it is none."""
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{number} is not finite")
-    return number
+    for unit, read in ((seconds, float), (1.0, lambda date: pd.Timestamp(date).timestamp())):
+        with suppress(ValueError, TypeError, OverflowError):
+            if math.isfinite(time := float(read(stamp))):
+                return time * unit
+    raise ValueError(f"{path}: timestamp must be a number or a date of ISO 8601, found {stamp!r}")
 
 
 def _poses(
