@@ -108,7 +108,8 @@ class SimulatedClouds:
         self._placement, self._errors = placement, errors
         self._vehicle, self._body = vehicle, body_parts(vehicle)
         self._patterns = any(lidar.pattern is not None for lidar in lidars)
-        self._ends = [] if errors or self._patterns else ends_in_rig(placement, vehicle)
+        moves = bool(errors) or self._patterns
+        self._ends = None if moves else ends_in_rig(placement, vehicle)
         self._crop, self._seed = crop, seed
         self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
@@ -143,13 +144,12 @@ class SimulatedClouds:
         frame = int(self.frames[index])
         parts = self._body.and_(self._surroundings.parts(frame, self._reach))
         ground, world = self._surroundings.ground(frame), self._surroundings.world(frame)
-        rig, ends = self._placement, self._ends
+        rig = self._placement
         if self._errors:
             rig = self._errors.drawn(rig, self._seed, frame)
         if self._patterns:
             rig = _in_frame(rig, self._seed, frame)
-        if rig is not self._placement:
-            ends = ends_in_rig(rig, self._vehicle)
+        ends = ends_in_rig(rig, self._vehicle) if self._ends is None else self._ends
         corrected = any(lidar.correction is not None for lidar in rig.lidars)
         classes = self._surroundings.classes(frame) if corrected else []
         counts = np.zeros(len(rig.mounts), np.int32)

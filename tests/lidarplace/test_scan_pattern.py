@@ -242,6 +242,15 @@ def test_clouds_show_another_part_in_every_frame_and_for_every_lidar_whatever_th
     assert len(set.union(*parts)) > 4
 
 
+def test_a_pattern_of_one_frame_is_fired_in_every_frame():
+    angles = np.linspace(-0.5, 0.5, 200)
+    lidar = Lidar.patterned(ScanPattern(angles, np.full(200, -0.2), 200))
+    log = log_of(*((frame, *ROWS[0][1:]) for frame in range(2)))
+    rig = Placement("one", [Mount(z=2.2)], lidar)
+    clouds = collect(log, [0, 1], rig, (-40.0, -40.0, -1.0, 40.0, 40.0, 4.0))
+    assert (clouds.counts > 100).all()
+
+
 def fired(lidar: Lidar, number: int, rays: np.ndarray) -> bool:
     """Whether all of `rays` are of that part of the pattern, up to the rounding of points."""
     nearest, _ = KDTree(lidar.in_frame(number).directions()).query(rays)
