@@ -26,11 +26,6 @@ from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap,
 from lidarplace.scenes.parts import ScenePart
 
 
-def _is_none(value: object) -> bool:
-    """Scenes without a class map are told as they were before there was one."""
-    return value is None
-
-
 class LogScene(Settings):
     """A box log on disk, as `lidarplace.logs.box_log.write_box_log` writes it."""
 
@@ -54,7 +49,7 @@ class LogScene(Settings):
     )
     class_map: dict[Name, Name] | Literal["paper"] | None = Field(
         None,
-        exclude_if=_is_none,
+        exclude_if=lambda value: value is None,  # told as before there was one
         description="classes of the log that count as others, such as {Truck: Cyclist}, or paper "
         "for its grouping of the names of data sets; ignore leaves boxes out; null: as they are",
     )

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from lidarplace.clouds.clouds import read_clouds
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.placement import Mount
-from lidarplace.validation.shadow import sectors
-from lidarplace.validation.simulation import Recording
+from lidarplace.validation.simulation import Recording, sectors_of
 
 FATES = ("in the box", "hidden", "passed beyond", "lost")
 """What a real LiDAR did where a simulated ray meets an object: it met the object, too; something
@@ -100,11 +99,12 @@ def seen_in(
         found.real.append(_cells(*_inside(points, boxes), boxes, cell))
         own = lidar.in_frame(cloud.frame)
         met = every[number]
-        rays, target = own.directions()[met.ray] @ mount.rotation.T, met.target
+        directions, target = own.directions()[met.ray], met.target
+        rays = directions @ mount.rotation.T
         at = mount.position + rays * met.range[:, None]
         found.shipped.append(_cells(at, target, boxes, cell))
         chance = factor[rows][target] * np.exp(-met.range * loss)
-        chance *= share[number][sectors(at, mount.position, mount.rotation)]
+        chance *= share[number][sectors_of(directions)]
         kept = random.random(len(at)) < chance
         found.corrected.append(_cells(at[kept], target[kept], boxes, cell))
         found.fates[:] += _fates(points - mount.position, rays, met.range, target, boxes, mount)

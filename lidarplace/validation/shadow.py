@@ -31,13 +31,6 @@ _OPEN = 0.9  # quantile over sectors: the share of rays that return where nothin
 _AROUND_M = 0.2  # what returns so near to the vehicle is the vehicle
 
 
-def sectors(
-    points: NDArray[np.floating], position: NDArray[np.float64], rotation: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Sector of each of points (n, 3) in the ego frame, in the frame of a LiDAR; shape (n,)."""
-    return sectors_of((points.astype(np.float64) - position) @ rotation)
-
-
 def returned(
     points: NDArray[np.floating],
     lidar: NDArray[np.integer],

@@ -14,8 +14,7 @@ from lidarplace.logs.boxes import BOX_COLUMNS
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.validation.shadow import sectors
-from lidarplace.validation.simulation import SECTORS, rays_on_objects
+from lidarplace.validation.simulation import SECTORS, rays_on_objects, sectors_of
 
 NAMES = ("up", "down")
 RIG = RecordedRig(
@@ -94,7 +93,7 @@ def recorded(
                 away, target = np.full(lidar.rays, 80.0), np.zeros(lidar.rays, int)
                 away[hits.ray], target[hits.ray] = hits.range, hits.target  # the rest is walls
                 at = mount.position + lidar.directions() @ mount.rotation.T * away[:, None]
-                share = mask[n][sectors(at, mount.position, mount.rotation)]
+                share = mask[n][sectors_of(lidar.directions())]
                 own_share = factor[rows][target]
                 share = share * np.where(met, own_share * np.exp(-away / loss.distance), 1.0)
                 kept = random.random(len(at)) < share
