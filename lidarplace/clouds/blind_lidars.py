@@ -5,11 +5,11 @@ import numpy as np
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.own_body import sedan
-from lidarplace.clouds.raycast import Beams, along, beams_of
+from lidarplace.clouds.raycast import Beams, along, rays_of, turned
 from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.rigs.placement import Placement, blocks
+from lidarplace.rigs.placement import Placement
 
 OBJECTS_M = 2.0
 """Height above the ground up to which objects count: higher up are only the tops of trucks."""
@@ -35,18 +35,9 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
         frames = range(1 if lidar.pattern is None else lidar.pattern.frames)
         if not any(
-            _sees(
-                own_mount.position,
-                own_mount.rotation,
-                beams_of(own.in_frame(frame)),
-                lidar.reach,
-                low,
-                high,
-                obstacles,
-                number,
-            )
-            for own_mount, own, _ in blocks(mount, lidar)
+            _sees(*rays, lidar.reach, low, high, obstacles, number)
             for frame in frames
+            for rays, _ in rays_of(mount, lidar.in_frame(frame))
         ):
             found.append(number)
     return found
@@ -71,10 +62,7 @@ def _sees(
         _, ce, se = beams.elevations[beam]
         cosines, sines = along(beams, beam)
         for step in range(len(cosines)):
-            x, y = ce * cosines[step], ce * sines[step]
-            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
-            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
-            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+            dx, dy, dz = turned(rotation, ce * cosines[step], ce * sines[step], se)
             enter, leave = beams.nearest, np.inf
             for axis, d in enumerate((dx, dy, dz)):
                 to_low, to_high = low[axis] - origin[axis], high[axis] - origin[axis]

@@ -88,21 +88,11 @@ def cast(
         ends: inverse distances at which rays end at the rig, of `lidarplace.clouds.shade`.
         level: whether the ground is flat, at z = 0; else there is none.
     """
-    rays = lidar.rays
-    hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
-    for own_mount, own, numbers in blocks(mount, lidar):
-        cast_compiled(
-            own_mount.position,
-            own_mount.rotation,
-            beams_of(own),
-            parts.geometry,
-            parts.owner,
-            parts.reflectivity,
-            np.array(crop, np.float64),
-            ends[numbers],
-            hits.of(numbers),
-            level,
-        )
+    number = lidar.rays
+    hits = into or Hits(np.empty(number), np.empty(number, np.int32), np.empty(number))
+    surfaces = parts.geometry, parts.owner, parts.reflectivity, np.array(crop, np.float64)
+    for rays, numbers in rays_of(mount, lidar):
+        cast_compiled(*rays, *surfaces, ends[numbers], hits.of(numbers), level)
     return hits
 
 
@@ -138,6 +128,10 @@ class Beams(NamedTuple):
     loss: float
 
 
+Rays = tuple[NDArray[np.float64], NDArray[np.float64], Beams]
+"""As compiled code takes them: position and rotation of the sensor in the ego frame, and beams."""
+
+
 @lru_cache(maxsize=64)
 def beams_of(lidar: Lidar) -> Beams:
     """The rays of `lidar`, in read-only arrays."""
@@ -170,11 +164,29 @@ def beams_of(lidar: Lidar) -> Beams:
     )
 
 
+def rays_of(mount: Mount, lidar: Lidar) -> list[tuple[Rays, slice]]:
+    """The rays of each of the `blocks` of a LiDAR, and which of its rays they are."""
+    return [
+        ((own_mount.position, own_mount.rotation, beams_of(own)), numbers)
+        for own_mount, own, numbers in blocks(mount, lidar)
+    ]
+
+
 @inner
 def along(beams, beam):  # pragma: no cover - compiled
     """Cosines and sines of the azimuths at which a beam fires."""
     own = beams.azimuths[beam if len(beams.aimed) else 0]
     return own[0], own[1]
+
+
+@inner
+def turned(rotation, x, y, z):  # pragma: no cover - compiled
+    """The vector (x, y, z), turned."""
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
 
 
 @inner

@@ -19,13 +19,13 @@ from lidarplace.clouds.raycast import (
     NOTHING,
     Hits,
     along,
-    beams_of,
     lost_share,
+    rays_of,
     returns_light,
 )
 from lidarplace.clouds.shapes import WORLD
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, blocks
+from lidarplace.rigs.placement import Mount
 
 ATTENUATION_PER_M = 0.004
 """Fall of the intensity with range, CARLA's default `atmosphere_attenuation_rate`."""
@@ -70,11 +70,9 @@ def sample_points(
         level: whether the ground is flat, at z = 0.
     """
     correction, count = lidar.correction, 0
-    for own_mount, own, numbers in blocks(mount, lidar):
+    for rays, numbers in rays_of(mount, lidar):
         count += _sample(
-            own_mount.position,
-            own_mount.rotation,
-            beams_of(own),
+            *rays,
             np.array(crop, np.float64),
             lift,
             hits.of(numbers),
@@ -233,22 +231,17 @@ def _sample(
         for n in range(steps):
             steps_kept[kept] = n
             kept += inside[n]
-        if corrected:
+        if corrected or drop_off > 0.0:
             candidates, kept = kept, 0
             for i in range(candidates):
                 n = steps_kept[i]
                 steps_kept[kept] = n
-                factor, away = 1.0, 0.0
-                if 0 <= target[n] < len(factors):
-                    factor, away = factors[target[n]], distance[n]
-                lost = lost_share(first + n, away, factor, drop_off, beams)
+                lost, factor, away = drop_off, 1.0, 0.0
+                if corrected:
+                    if 0 <= target[n] < len(factors):
+                        factor, away = factors[target[n]], distance[n]
+                    lost = lost_share(first + n, away, factor, drop_off, beams)
                 kept += uniform(stream, np.uint64(2 * (start_ray + first + n))) > lost
-        elif drop_off > 0.0:
-            candidates, kept = kept, 0
-            for i in range(candidates):
-                n = steps_kept[i]
-                steps_kept[kept] = n
-                kept += uniform(stream, np.uint64(2 * (start_ray + first + n))) > drop_off
         if range_noise > 0.0:
             for i in range(kept):
                 ray = start_ray + first + steps_kept[i]

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.clouds.raycast import HAIR, NO_ENDS, Beams, along, beams_in, beams_of, runs
+from lidarplace.clouds.raycast import HAIR, NO_ENDS, Beams, along, beams_in, rays_of, runs, turned
 from lidarplace.mounting.housing import enter_housing, housings_in, without
 from lidarplace.mounting.mesh import first_hit
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, Placement, blocks
+from lidarplace.rigs.placement import Mount, Placement
 
 
 def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -26,10 +26,7 @@ def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArra
     """
     if not len(housings):
         return housings
-    seen = [
-        _windows(own_mount.position, own_mount.rotation, beams_of(own), housings)[:, 0] > 0
-        for own_mount, own, _ in blocks(mount, lidar)
-    ]
+    seen = [_windows(*rays, housings)[:, 0] > 0 for rays, _ in rays_of(mount, lidar)]
     return housings[np.logical_or.reduce(seen)]
 
 
@@ -53,8 +50,7 @@ def ends_of(
     if mesh is None and not len(near):
         return NO_ENDS
     ends = np.zeros(lidar.rays)
-    for own_mount, own, numbers in blocks(mount, lidar):
-        rays = own_mount.position, own_mount.rotation, beams_of(own)
+    for rays, numbers in rays_of(mount, lidar):
         _end_at_housings(*rays, near, ends[numbers])
         if mesh is not None:
             _end_at_mesh(*rays, mesh.tree, ends[numbers])
@@ -74,10 +70,7 @@ def _end_at_mesh(origin, rotation, beams, tree, ends):  # pragma: no cover - com
         _, ce, se = beams.elevations[beam]
         cosines, sines = along(beams, beam)
         for step in range(steps):
-            x, y = ce * cosines[step], ce * sines[step]
-            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
-            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
-            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+            dx, dy, dz = turned(rotation, ce * cosines[step], ce * sines[step], se)
             t = first_hit(origin, dx, dy, dz, beams.reach, tree)
             if t < beams.reach:
                 ray = beam * steps + step
@@ -131,15 +124,7 @@ def _end_at_housings(origin, rotation, beams, housings, ends):  # pragma: no cov
             cosines, sines = along(beams, beam)
             for first, last in runs(beams, beam, windows[n, 1], windows[n, 2], windows[n, 2]):
                 for step in range(first, last):
-                    x, y = ce * cosines[step], ce * sines[step]
-                    t = enter_housing(
-                        place[0],
-                        place[1],
-                        place[2],
-                        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * se,
-                        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * se,
-                        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * se,
-                        housing,
-                    )
+                    dx, dy, dz = turned(turn, ce * cosines[step], ce * sines[step], se)
+                    t = enter_housing(place[0], place[1], place[2], dx, dy, dz, housing)
                     ray = beam * steps + step
                     ends[ray] = max(ends[ray], 1.0 / t)

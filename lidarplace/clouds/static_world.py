@@ -27,9 +27,10 @@ from lidarplace.clouds.raycast import (
     Hits,
     along,
     beams_in,
-    beams_of,
     cast,
+    rays_of,
     runs,
+    turned,
 )
 from lidarplace.clouds.shapes import WORLD, Parts
 from lidarplace.logs.world import (
@@ -45,7 +46,7 @@ from lidarplace.logs.world import (
     cells_of_keys,
 )
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, blocks
+from lidarplace.rigs.placement import Mount
 
 _EDGE = BLOCK * CELL_M
 _COLUMNS = TILE * TILE
@@ -122,17 +123,9 @@ def cast_in_world(
     hits = cast(mount, lidar, parts, crop, into, ends, level=level and world is None)
     if world is None:
         return hits
-    for own_mount, own, numbers in blocks(mount, lidar):
-        stop_at_world(
-            own_mount.position,
-            own_mount.rotation,
-            beams_of(own),
-            *world,
-            np.array(crop, np.float64),
-            only_objects,
-            level,
-            hits.of(numbers),
-        )
+    region = np.array(crop, np.float64)
+    for rays, numbers in rays_of(mount, lidar):
+        stop_at_world(*rays, *world, region, only_objects, level, hits.of(numbers))
     return hits
 
 
@@ -360,9 +353,7 @@ def _seen_under(centre, half, origin, rotation):  # pragma: no cover - compiled
     the axis.
     """
     ex, ey, ez = centre[0] - origin[0], centre[1] - origin[1], centre[2] - origin[2]
-    x = rotation[0, 0] * ex + rotation[1, 0] * ey + rotation[2, 0] * ez
-    y = rotation[0, 1] * ex + rotation[1, 1] * ey + rotation[2, 1] * ez
-    z = rotation[0, 2] * ex + rotation[1, 2] * ey + rotation[2, 2] * ez
+    x, y, z = turned(rotation.T, ex, ey, ez)
     hx = hy = hz = 0.0
     for k in range(3):
         hx += abs(rotation[k, 0]) * half[k]
@@ -415,10 +406,7 @@ def _render(  # pragma: no cover - compiled
                 if most < near or targets[ray] < least:
                     continue
                 most = min(most, fired.reach)
-                x, y = ce * cosines[step], ce * sines[step]
-                dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
-                dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
-                dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+                dx, dy, dz = turned(rotation, ce * cosines[step], ce * sines[step], se)
                 ox, oy, oz = origin[0], origin[1], origin[2]
                 if block < 0:
                     t = _meet_patch(ox, oy, oz, dx, dy, dz, patch, most)
@@ -515,12 +503,11 @@ def stop_at_world(  # pragma: no cover - compiled
             if only_objects and targets[ray] < 0:
                 continue
             x, y = ce * cosines[step], ce * sines[step]
-            down = -(turn_in_ego[2, 0] * x + turn_in_ego[2, 1] * y + turn_in_ego[2, 2] * se)
+            down = -turned(turn_in_ego, x, y, se)[2]
             if down * min(ranges[ray], fired.reach) <= place[2]:
                 continue
-            t = place[2] / down
-            px = origin[0] + t * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se)
-            py = origin[1] + t * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se)
+            t, (dx, dy, _) = place[2] / down, turned(rotation, x, y, se)
+            px, py = origin[0] + t * dx, origin[1] + t * dy
             i, j = math.floor(px / PATCH_M), math.floor(py / PATCH_M)
             tile = _tile_at(worlds, scene, i, j)
             if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Interval
 from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
+from lidarplace.clouds.raycast import turned
 from lidarplace.clouds.shapes import PANE, Parts
 from lidarplace.clouds.static_world import WorldAround, stopped, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
@@ -168,10 +169,8 @@ def _visible_share(  # pragma: no cover - compiled
         for ray in range(height * width if scene >= 0 else 0):
             j, i = ray // width, ray % width
             if own[j, i] > 0.0:
-                x, y = elevations[j, 0] * cosines[i], elevations[j, 0] * sines[i]
-                dx = into[0, 0] * x + into[0, 1] * y + into[0, 2] * elevations[j, 1]
-                dy = into[1, 0] * x + into[1, 1] * y + into[1, 2] * elevations[j, 1]
-                dz = into[2, 0] * x + into[2, 1] * y + into[2, 2] * elevations[j, 1]
+                ce, se = elevations[j]
+                dx, dy, dz = turned(into, ce * cosines[i], ce * sines[i], se)
                 most = 1.0 / own[j, i]
                 if stopped(eye[0], eye[1], eye[2], dx, dy, dz, most, ray, worlds, scene, patch):
                     own[j, i] = -1.0
