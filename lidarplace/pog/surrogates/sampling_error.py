@@ -146,7 +146,7 @@ def pog_sampling_error(
                 entropy=entropy,
                 h_pog=math.fsum(of_level * entropy),
                 crossings=partial(_crossings, histories, rays[here], counts),
-                points=partial(_points, met_rays, counts, total),
+                points=partial(float, int(met_rays @ counts) / total),
                 information=partial(gain, counts, total),
             )
             result = Surrogates(
@@ -218,11 +218,6 @@ def _crossings(
     return Crossings(count[met], rays[met].astype(np.int64), np.ones(met.sum(), np.int64))
 
 
-def _points(rays: NDArray[np.int64], counts: NDArray[np.int64], frames: int) -> float:
-    """expected_points from the rays and the counts of the histories."""
-    return int(np.dot(rays, counts)) / frames
-
-
 _Gain = Callable[[NDArray[np.int64], int], float]
 """expected_ig from the counts of the histories and the number of frames."""
 
@@ -266,7 +261,7 @@ def _gain_by_voxel(histories: BlockCounts, log_misses: NDArray[np.float64]) -> _
 
 
 @njit(cache=True, nogil=True)
-def _histogram(counts, history, crossing, number, result):  # pragma: no cover - compiled
+def _histogram(counts, history, crossing, number, result):
     """Add up `number` by count and rays."""
     for n in range(len(history)):
         result[counts[history[n]], crossing[n]] += number[n]
