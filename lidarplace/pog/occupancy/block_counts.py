@@ -60,7 +60,7 @@ class BlockCounts:
 
 
 @njit(cache=True, nogil=True)
-def _counts(parent, block, count, multiplicity) -> NDArray[np.int64]:  # pragma: no cover - compiled
+def _counts(parent, block, count, multiplicity) -> NDArray[np.int64]:
     result = np.zeros(len(parent), np.int64)
     for n in range(1, len(parent)):
         result[n] = result[parent[n]] + multiplicity[block[n]] * count[n]
