@@ -26,7 +26,6 @@ from lidarplace.configuration.settings import (
 )
 from lidarplace.rigs.catalogue.datasheet import datasheet, metres
 from lidarplace.rigs.lidar import Lidar, pattern_in
-from lidarplace.rigs.scan_pattern import ScanPattern
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 """Of a LiDAR, millimetres; metres are below."""
@@ -221,7 +220,11 @@ class SensorSettings(Settings):
             raise ValueError(f"correction: {error}") from None
 
     def _uncorrected(self) -> Lidar:
-        pattern = self._pattern()
+        pattern = None
+        if self.pattern is not None:
+            pattern = read_pattern(self.pattern, self.pattern_rays)
+        elif self.name is not None:
+            pattern = pattern_in(datasheet(self.name))
         degrees = self.elevations_deg
         if degrees is None:
             low, high = self.elevation_deg
@@ -243,8 +246,3 @@ class SensorSettings(Settings):
             pattern=pattern,
             offsets=self.offsets_m,
         )
-
-    def _pattern(self) -> ScanPattern | None:
-        if self.pattern is not None:
-            return read_pattern(self.pattern, self.pattern_rays)
-        return None if self.name is None else pattern_in(datasheet(self.name))

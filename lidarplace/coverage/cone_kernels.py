@@ -303,16 +303,10 @@ def _patch_meets(low, high, s, frame, azimuth, planes, reach):
         dz = ca * frame[0, 2] + sa * frame[1, 2] + s * frame[2, 2]
         if _segment_meets(low[0], high[0], low[1], high[1], low[2], high[2], dx, dy, dz, reach):
             return True
-    if _farthest_squared(low, high) <= reach * reach:  # the arc is beyond
+    x, y, z = max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2])
+    if x * x + y * y + z * z <= reach * reach:  # the arc is beyond
         return False
     return _arc_meets(low, high, s, frame, azimuth, reach)
-
-
-@_inner
-def _farthest_squared(low, high):
-    """Square of the distance to the farthest corner of a box."""
-    x, y, z = max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2])
-    return x * x + y * y + z * z
 
 
 @_inner

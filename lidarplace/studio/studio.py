@@ -79,11 +79,7 @@ class Studio:
     """
 
     def __init__(
-        self,
-        file: RigsFile,
-        log: BoxLog,
-        roi: Roi = PAPER_ROI,
-        folder: Path | None = None,
+        self, file: RigsFile, log: BoxLog, roi: Roi = PAPER_ROI, folder: Path | None = None
     ) -> None:
         if log.frames.empty:
             raise ValueError("the log has no frame")

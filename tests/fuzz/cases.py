@@ -116,8 +116,10 @@ def run_cases(
 
 def table(results: Sequence[Result]) -> str:
     """Counts: rows of targets, columns of outcomes."""
-    names, kinds = zip(*((result.target, result.outcome.kind) for result in results), strict=True)
-    return str(pd.crosstab(names, kinds, margins=True, margins_name="all").to_string())
+    rows = [(result.target, result.outcome.kind) for result in results]
+    found = pd.DataFrame(rows, columns=["target", "outcome"])
+    counts = pd.crosstab(found["target"], found["outcome"], margins=True, margins_name="all")
+    return str(counts.to_string())
 
 
 def faults(

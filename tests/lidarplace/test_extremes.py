@@ -310,29 +310,6 @@ def test_rays_from_a_corner_fill_the_octants_by_their_signs():
         assert rays[1 + octant[0], 2 + octant[1], octant[2]] == expected
 
 
-@pytest.mark.parametrize(
-    ("mount", "lower", "upper", "axis"),
-    [
-        (Mount(0.5, 0.1, 0.3), (1, 3, 1), (2, 3, 1), 0),
-        (Mount(0.6, 0.0, 0.3), (2, 2, 1), (2, 3, 1), 1),
-        (Mount(0.6, 0.1, 0.5), (2, 3, 1), (2, 3, 2), 2),
-    ],
-)
-def test_rays_from_a_face_go_to_one_side_or_the_other(mount, lower, upper, axis):
-    lidar = Lidar((-0.6, -0.1, 0.0, 0.2), azimuth_steps=360)
-    rays = ray_counts(Placement("face", [mount], lidar=lidar), ROI, "dda")
-    falls = np.count_nonzero(lidar.directions()[:, axis] < 0)
-    assert rays[lower] == falls
-    assert rays[upper] == lidar.rays - falls
-
-
-def test_vertical_rays_all_pass_one_column():
-    up = one_sensor(Mount(0.6, 0.1, -5.0), [RIGHT_ANGLE], steps=1000)
-    rays = ray_counts(up, ROI, "dda")
-    assert (rays[2, 3] == 1000).all()
-    assert rays.sum() == 4000
-
-
 # Sums.
 
 

@@ -102,7 +102,9 @@ def pog_sampling_error(
     every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
     computed = {name: of_seen for name, of_seen in every if of_seen is not None}
     draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
-    block_of_box = _block_of_box(boxes, frames, of_frame)
+    keys = frame_keys(boxes, frames)
+    blocked = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")
+    block_of_box = blocked["block"].to_numpy()  # NaN for a box of another frame
     covered = coverage(placement, roi, method).reshape(-1)
     ray_method = rays_of(method)
     rays = ray_counts(placement, roi, ray_method).reshape(-1)
@@ -192,15 +194,6 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
         result[rows] = first + np.arange(len(rows)) * parts // len(rows)
         first += parts
     return result
-
-
-def _block_of_box(
-    boxes: pd.DataFrame, frames: pd.DataFrame, of_frame: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Block of every box, shape (boxes,); -1 for a box of another frame."""
-    keys = frame_keys(boxes, frames)
-    found = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")["block"]
-    return found.fillna(-1).to_numpy(np.int64)
 
 
 def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[np.int64]:
