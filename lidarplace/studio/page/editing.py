@@ -52,6 +52,10 @@ class Editing:
         """Choose the LiDAR of that label."""
         self.chosen = None if label == NO_LIDAR else int(label.partition(":")[0])
 
+    def typed(self, name: str, value: float) -> None:
+        """Give the chosen LiDAR another coordinate."""
+        self._studio.pose(self.one(), **{name: float(value)})
+
     def model_to_add(self) -> str | None:
         """Of a LiDAR that is added; None: the file's."""
         return model_named(self._panel.to_add.value)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Callable, Coroutine, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,7 +70,7 @@ class Page:
         panel, editing, studio = self.panel, self.editing, self.studio
         one = editing.one
         for name, field in panel.pose.items():
-            field.on_update(self._edit(lambda v, name=name: studio.pose(one(), **{name: float(v)})))
+            field.on_update(self._edit(partial(editing.typed, name)))
         panel.rig.on_update(self._edit(editing.choose_rig))
         panel.lidar.on_update(self._edit(editing.choose_lidar))
         panel.history.on_click(self._edit(lambda value: getattr(studio, value)()))
