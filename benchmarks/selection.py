@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, OccupancyGrid, Placement, Roi
-from lidarplace.pog.selection import Exposure, Limits, greedy, upper_bound
+from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
 from lidarplace.pog.selection.tracing import Objective
 
 SIZES = {"Car": (4.4, 1.8, 1.6), "Cyclist": (1.8, 0.7, 1.8)}
@@ -76,7 +76,8 @@ def measure(resolution: float, surrogate: Objective, seconds: float) -> None:
     options = {"surrogate": surrogate, "azimuth_stride": STRIDES[surrogate]}
     few = Limits.at_most(2, 9)  # compiles
     compiled = Exposure.of_candidates(grids, WEIGHTS, mounts[:9], **options)  # type: ignore[arg-type]
-    upper_bound(compiled, few, greedy(compiled, few).chosen, seconds=1.0)
+    nine = VoxelChoice(compiled)
+    nine.upper_bound(few, nine.greedy(few).chosen, seconds=1.0)
     rigs = list(PAPER_PLACEMENTS.values())
     paper = Exposure.of_candidates(grids, WEIGHTS, rigs, **options)  # type: ignore[arg-type]
 
@@ -93,8 +94,9 @@ def measure(resolution: float, surrogate: Objective, seconds: float) -> None:
     limits = Limits(
         np.ones((1, len(mounts))), np.array([float(LIDARS)]), compatible=apart(mounts, 0.2)
     )
+    choice = VoxelChoice(exposure)
     start = time.perf_counter()
-    found = greedy(exposure, limits)
+    found = choice.greedy(limits)
     taken = time.perf_counter() - start
     plain = sum(len(mounts) - n for n in range(LIDARS))
     print(
@@ -102,7 +104,7 @@ def measure(resolution: float, surrogate: Objective, seconds: float) -> None:
         f"value {found.value:.2f}, best of the paper's eight "
         f"{max(paper.value([e]) for e in range(len(rigs))):.2f}"
     )
-    bound = upper_bound(exposure, limits, found.chosen, seconds=seconds)
+    bound = choice.upper_bound(limits, found.chosen, seconds=seconds)
     print(f"  bound by gains: {100 * (bound.by_gains / found.value - 1):.2f} % above greedy")
     history = bound.history.assign(gap=100 * (bound.history["bound"] / found.value - 1))
     print("  seconds  gap %")

@@ -62,6 +62,7 @@ NAMES = {
             "Surrogates",
             "ExpectedRecall",
         ),
+        "lidarplace.pog.selection.submodular": ("SubmodularChoice",),
         "lidarplace.recall.choice": ("RecallChoice",),
         "lidarplace.recall.counted_objects": ("CountedObjects",),
         "lidarplace.recall.surface_cells": ("SurfaceCells",),

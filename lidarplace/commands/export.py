@@ -36,6 +36,7 @@ from lidarplace.logs.boxes import SPLITS
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
+from lidarplace.viewing.frame import centres_in
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
@@ -143,19 +144,12 @@ def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
         yield replace(log, boxes=boxes, frames=frames)
 
 
-def _within(boxes: pd.DataFrame, roi: Crop) -> pd.Series:
-    """Whether the centre of each box is in the region."""
-    x0, y0, z0, x1, y1, z1 = roi
-    inside = boxes["x"].between(x0, x1) & boxes["y"].between(y0, y1)
-    return inside & boxes["z"].between(z0, z1)
-
-
 def _played(
     log: BoxLog, clouds_of: CloudsOf, roi: Crop, counts: Counter[str]
 ) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
     """Boxes of the ROI and clouds of some frames at a time; counts what is in them."""
     for some in _some_at_a_time(log):
-        boxes, clouds = some.boxes[_within(some.boxes, roi)], clouds_of(some)
+        boxes, clouds = some.boxes[centres_in(roi, some.boxes)], clouds_of(some)
         counts["boxes"] += len(boxes)
         counts["points"] += int(clouds.counts.sum())
         yield boxes, clouds
@@ -171,7 +165,7 @@ def _portions(
         clouds = clouds_of(some)
         labels = to_labels(objects)
         shown = in_image(labels)
-        counts["hidden"] += int(_within(some.boxes, roi).sum()) - len(objects)
+        counts["hidden"] += int(centres_in(roi, some.boxes).sum()) - len(objects)
         counts["outside"] += int((~shown).sum())
         counts["points"] += int(clouds.counts.sum())
         labels = labels if all_around else labels[shown]

@@ -14,7 +14,6 @@ from lidarplace.configuration.correction import Offset, is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
-    Degrees,
     Distance,
     Elevation,
     FileBeside,
@@ -22,11 +21,11 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
     Text,
+    Turn,
     beside_the_file,
 )
 from lidarplace.rigs.catalogue.datasheet import datasheet, metres
 from lidarplace.rigs.lidar import Lidar, pattern_in
-from lidarplace.rigs.scan_pattern import ScanPattern
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 """Of a LiDAR, millimetres; metres are below."""
@@ -94,7 +93,7 @@ class SensorSettings(Settings):
         description="length, width and height of the housing, by which it hides what is behind it "
         "from other LiDARs, millimetres; the diameter twice for a cylinder; null: it hides nothing",
     )
-    azimuth_deg: tuple[Degrees, Degrees] = Field(
+    azimuth_deg: Turn = Field(
         (-180.0, 180.0),
         description="horizontal field of view in the sensor's frame, degrees, from min up to, not "
         "with, max; 0 is its x axis, growing to the left, and the interval may cross 180",
@@ -153,13 +152,6 @@ class SensorSettings(Settings):
             "size_mm": sheet.size_mm,
         }
         return known | data
-
-    @field_validator("azimuth_deg")
-    @classmethod
-    def _at_most_one_turn(cls, interval: tuple[float, float]) -> tuple[float, float]:
-        if not 0 < interval[1] - interval[0] <= 360:
-            raise ValueError("allowed is [min, max] with min < max and max - min <= 360")
-        return interval
 
     @field_validator("elevation_deg", "elevations_deg")
     @classmethod
@@ -221,7 +213,11 @@ class SensorSettings(Settings):
             raise ValueError(f"correction: {error}") from None
 
     def _uncorrected(self) -> Lidar:
-        pattern = self._pattern()
+        pattern = None
+        if self.pattern is not None:
+            pattern = read_pattern(self.pattern, self.pattern_rays)
+        elif self.name is not None:
+            pattern = pattern_in(datasheet(self.name))
         degrees = self.elevations_deg
         if degrees is None:
             low, high = self.elevation_deg
@@ -243,8 +239,3 @@ class SensorSettings(Settings):
             pattern=pattern,
             offsets=self.offsets_m,
         )
-
-    def _pattern(self) -> ScanPattern | None:
-        if self.pattern is not None:
-            return read_pattern(self.pattern, self.pattern_rays)
-        return None if self.name is None else pattern_in(datasheet(self.name))

@@ -53,6 +53,16 @@ Angle = Annotated[float, Strict(), Field(ge=ANGLE.low, le=ANGLE.high, allow_inf_
 """Radians, a turn to either side. Degrees that were taken for radians are mostly beyond."""
 Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
 """Degrees, a turn to either side."""
+
+
+def _up_to_a_turn(interval: tuple[float, float]) -> tuple[float, float]:
+    if not 0 < interval[1] - interval[0] <= 360:
+        raise ValueError("allowed is [min, max] with min < max and max - min <= 360")
+    return interval
+
+
+Turn = Annotated[tuple[Degrees, Degrees], AfterValidator(_up_to_a_turn)]
+"""Azimuths from one to another, growing to the left; they may cross 180."""
 Elevation = Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)]
 """Degrees above the horizon."""
 Probability = Annotated[float, Strict(), Field(ge=SHARE.low, le=SHARE.high, allow_inf_nan=False)]

@@ -44,7 +44,7 @@ def turned(bits: Bits, length: int) -> Bits:
 
 
 @njit(cache=True, nogil=True)
-def _turn(bits, result):  # pragma: no cover - compiled
+def _turn(bits, result):
     """Transpose blocks of 64 × 64 bits by exchanging ever smaller halves (Warren, 7-3)."""
     block = np.empty(64, np.uint64)
     for word in range(len(result)):

@@ -8,31 +8,12 @@ from lidarplace.base.kernel_cache import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walk_bresenham(
-    origin, directions, spans, reach, first, grid, voxels, offsets
-):  # pragma: no cover - compiled
-    """Write the voxels of the lines along the rays from `first` on, as many as there is room for.
+def walk_bresenham(origin, direction, far, grid, voxels, size):
+    """Append the voxels of one line to the first `size` of `voxels`; returns the new size.
 
-    A line goes from the sensor's voxel to the one where its ray leaves the grid, or ends after
-    `reach` metres. The sensor's voxel may lie outside the grid; only voxels inside are written.
-
-    Arguments and result as in `walk_dda`.
+    It goes from the sensor's voxel, which may lie outside of the grid, to that of the ray at `far`;
+    only voxels inside are written.
     """
-    size, rays = np.uint64(0), 0
-    room = len(voxels) - grid.shape.sum()
-    offsets[0] = 0
-    while first + rays < len(directions) and rays + 1 < len(offsets) and size <= room:
-        near, far = spans[first + rays, 0], min(spans[first + rays, 1], reach)
-        if near < far:
-            size = _line(origin, directions[first + rays], far, grid, voxels, size)
-        rays += 1
-        offsets[rays] = size
-    return rays
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _line(origin, direction, far, grid, voxels, size):  # pragma: no cover - compiled
-    """Append the voxels of one line to the first `size` of `voxels`; returns the new size."""
     shape, strides = grid.shape, grid.strides
     # The axis along which the line is longest comes first.
     main, longest = 0, -1
@@ -69,7 +50,7 @@ def _line(origin, direction, far, grid, voxels, size):  # pragma: no cover - com
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ends(axis, origin, direction, far, grid):  # pragma: no cover - compiled
+def _ends(axis, origin, direction, far, grid):
     """First and last cell of a line on one axis: the sensor's, and the ray's at `far`."""
     minimum, resolution = grid.minimum[axis], grid.resolution
     start = math.floor((origin[axis] - minimum) / resolution)

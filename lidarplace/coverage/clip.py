@@ -26,7 +26,7 @@ class VoxelGrid(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clip_rays(origin, directions, reach, grid):  # pragma: no cover
+def clip_rays(origin, directions, reach, grid):
     """Ray parameters between which rays are in the grid; (inf, -inf) for those that miss it.
 
     Args:

@@ -74,27 +74,24 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
     run = int(np.argmax(np.abs(sensor.frame[2])))
     axes = list(_AXES[run])
     nx, ny, nz = (roi.shape[axis] for axis in axes)
-    if sensor.frame[2, run] < 0:
-        sensor = _upside_down(sensor)
+    if sensor.frame[2, run] < 0:  # the same sensor with the opposite axis: all but x turns round
+        turned_frame = sensor.frame * np.array([[1.0], [-1.0], [-1.0]])
+        sines, azimuth = -sensor.sines[::-1], -sensor.azimuth[::-1]
+        sensor = sensor._replace(frame=turned_frame, sines=sines, azimuth=azimuth)
     frame = np.ascontiguousarray(sensor.frame[:, axes])
     sensor = sensor._replace(origin=sensor.origin[axes], frame=frame)
     part = tiles.along(run, roi.shape)
     grid = Columns(roi.minimum[axes], roi.resolution, nz, part.lowest, part.highest)
     bits = empty((nx, ny, nz))
     cover_tiles(sensor, grid, bits)
-    if not lidar.full_turn or lidar.reach < _farthest(mount, roi):
+    corners = np.array([roi.x, roi.y, roi.z]) - mount.position[:, None]
+    if not lidar.full_turn or lidar.reach < np.linalg.norm(np.abs(corners).max(axis=1)):
         keep_seen(sensor, grid, bits)
     if run != 2:
         bits = turned(bits, nz)  # from (y, z, x) to (y, x, z), or from (x, z, y) to (x, y, z)
         bits = np.ascontiguousarray(bits.swapaxes(1, 2)) if run == 0 else bits
     bits.flags.writeable = False
     return bits
-
-
-def _farthest(mount: Mount, roi: Roi) -> float:
-    """Distance from the mount to the farthest corner of the ROI, metres."""
-    corners = np.array([roi.x, roi.y, roi.z]) - mount.position[:, None]
-    return float(np.linalg.norm(np.abs(corners).max(axis=1)))
 
 
 def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
@@ -111,12 +108,3 @@ def _sensor(lidar: Lidar, mount: Mount) -> Sensor:
     azimuth = np.array((-np.pi, np.pi) if lidar.full_turn else lidar.azimuth)
     frame = np.ascontiguousarray(mount.rotation.T)
     return Sensor(mount.position, frame, sines, azimuth, lidar.reach)
-
-
-def _upside_down(sensor: Sensor) -> Sensor:
-    """The same sensor described with the opposite axis: y, elevations and azimuths turn round."""
-    return sensor._replace(
-        frame=sensor.frame * np.array([[1.0], [-1.0], [-1.0]]),
-        sines=-sensor.sines[::-1],
-        azimuth=-sensor.azimuth[::-1],
-    )

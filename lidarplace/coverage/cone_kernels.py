@@ -73,7 +73,7 @@ _inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=Tru
 
 
 @_inner
-def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):  # pragma: no cover - compiled
+def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):
     """Widen (low, high) by f = n.d/|d| at the start and the stationary point of d = a + t e."""
     na = n0 * ax + n1 * ay + n2 * az
     aa = ax * ax + ay * ay + az * az
@@ -99,7 +99,7 @@ def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):  # pragma: no cover - 
 
 
 @_inner
-def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):  # pragma: no cover - compiled
+def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):
     """Whether the segment from the sensor along the unit vector d meets the box."""
     near, far = 0.0, length
     for a, b, d in ((x0, x1, dx), (y0, y1, dy), (z0, z1, dz)):
@@ -113,7 +113,7 @@ def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):  # pragma: no co
 
 
 @_inner
-def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):  # pragma: no cover - compiled
+def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):
     """Range of n.d/|d| over a box, relative to the sensor."""
     if x0 <= 0 <= x1 and y0 <= 0 <= y1 and z0 <= 0 <= z1:
         return -1.0, 1.0
@@ -139,7 +139,7 @@ def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):  # pragma: no cover - compi
 
 
 @_inner
-def _between(sines, low, high):  # pragma: no cover - compiled
+def _between(sines, low, high):
     """First and past the last of the sorted sines within [low, high]."""
     first = 0
     while first < len(sines) and sines[first] < low:
@@ -154,7 +154,7 @@ def _between(sines, low, high):  # pragma: no cover - compiled
 
 
 @_inner
-def _planes(frame, azimuth):  # pragma: no cover - compiled
+def _planes(frame, azimuth):
     """Normals of the planes that bound the field of view, towards the inside, shape (2, 3)."""
     planes = np.empty((2, 3))
     for axis in range(3):
@@ -165,7 +165,7 @@ def _planes(frame, azimuth):  # pragma: no cover - compiled
 
 
 @_inner
-def _seen(x, y, z, planes, width, reach):  # pragma: no cover - compiled
+def _seen(x, y, z, planes, width, reach):
     """Whether a point is within the range and a field of view of that width."""
     if x * x + y * y + z * z > reach * reach:
         return False
@@ -177,7 +177,7 @@ def _seen(x, y, z, planes, width, reach):  # pragma: no cover - compiled
 
 
 @_inner
-def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):  # pragma: no cover - compiled
+def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):
     """1: all of the box is in range and field of view; -1: nothing of it; 0: not decided."""
     x, y, z = max(x0, -x1, 0.0), max(y0, -y1, 0.0), max(z0, -z1, 0.0)
     if x * x + y * y + z * z > reach * reach:
@@ -198,12 +198,12 @@ def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):  # pragma: no c
 
 
 @_inner
-def _side_of_box(low, high, planes, width, reach):  # pragma: no cover - compiled
+def _side_of_box(low, high, planes, width, reach):
     return _side_of_view(low[0], high[0], low[1], high[1], low[2], high[2], planes, width, reach)
 
 
 @_inner
-def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):  # pragma: no cover - compiled
+def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):
     """Whether some and whether all of a box is on the inner side of a plane through the sensor."""
     a, b, c = normal
     middle = (a * (x0 + x1) + b * (y0 + y1) + c * (z0 + z1)) / 2
@@ -212,7 +212,7 @@ def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):  # pragma: no cover - compil
 
 
 @_inner
-def _arc_meets(low, high, s, frame, azimuth, reach):  # pragma: no cover - compiled
+def _arc_meets(low, high, s, frame, azimuth, reach):
     """Whether the arc on which a beam ends at its range meets the box.
 
     A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one
@@ -254,7 +254,7 @@ def _arc_meets(low, high, s, frame, azimuth, reach):  # pragma: no cover - compi
 
 
 @_inner
-def _edge_crosses(low, high, s, n, planes, width, reach):  # pragma: no cover - compiled
+def _edge_crosses(low, high, s, n, planes, width, reach):
     """Whether an edge of the box crosses the part of the cone that is seen."""
     for axis in range(3):
         other, third = (axis + 1) % 3, (axis + 2) % 3
@@ -285,7 +285,7 @@ def _edge_crosses(low, high, s, n, planes, width, reach):  # pragma: no cover - 
 
 
 @_inner
-def _patch_meets(low, high, s, frame, azimuth, planes, reach):  # pragma: no cover - compiled
+def _patch_meets(low, high, s, frame, azimuth, planes, reach):
     """Whether the seen part of the cone of one beam meets a closed box.
 
     The part is bounded by the rays at the ends of the field of view and by the arc at the range.
@@ -303,22 +303,14 @@ def _patch_meets(low, high, s, frame, azimuth, planes, reach):  # pragma: no cov
         dz = ca * frame[0, 2] + sa * frame[1, 2] + s * frame[2, 2]
         if _segment_meets(low[0], high[0], low[1], high[1], low[2], high[2], dx, dy, dz, reach):
             return True
-    if _farthest_squared(low, high) <= reach * reach:  # the arc is beyond
+    x, y, z = max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2])
+    if x * x + y * y + z * z <= reach * reach:  # the arc is beyond
         return False
     return _arc_meets(low, high, s, frame, azimuth, reach)
 
 
 @_inner
-def _farthest_squared(low, high):  # pragma: no cover - compiled
-    """Square of the distance to the farthest corner of a box."""
-    x, y, z = max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2])
-    return x * x + y * y + z * z
-
-
-@_inner
-def _cube_is_covered(
-    low, high, sines, frame, azimuth, planes, reach
-):  # pragma: no cover - compiled
+def _cube_is_covered(low, high, sines, frame, azimuth, planes, reach):
     """Whether the seen part of some beam's cone meets a closed box."""
     side = _side_of_box(low, high, planes, azimuth[1] - azimuth[0], reach)
     if side < 0:
@@ -350,7 +342,7 @@ class _View(NamedTuple):
 
 
 @_inner
-def _view(frame, azimuth, planes, reach):  # pragma: no cover - compiled
+def _view(frame, azimuth, planes, reach):
     return _View(
         (frame[2, 0], frame[2, 1], frame[2, 2]),
         (planes[0, 0], planes[0, 1], planes[0, 2]),
@@ -361,12 +353,12 @@ def _view(frame, azimuth, planes, reach):  # pragma: no cover - compiled
 
 
 @_inner
-def _dot(a, x, y, z):  # pragma: no cover - compiled
+def _dot(a, x, y, z):
     return a[0] * x + a[1] * y + a[2] * z
 
 
 @_inner
-def _side_of_cube(x, y, z, half, view):  # pragma: no cover - compiled
+def _side_of_cube(x, y, z, half, view):
     """`_side_of_view` of a cube by its middle; not decided near the range."""
     radius = math.sqrt(3.0) * half
     square = x * x + y * y + z * z
@@ -388,7 +380,7 @@ def _side_of_cube(x, y, z, half, view):  # pragma: no cover - compiled
 
 
 @_inner
-def _near_beams(x, y, z, half, sines, view):  # pragma: no cover - compiled
+def _near_beams(x, y, z, half, sines, view):
     """First and past the last of the sines that a cube may hold."""
     away = math.sqrt(x * x + y * y + z * z)
     if away <= 2.0 * half:
@@ -399,7 +391,7 @@ def _near_beams(x, y, z, half, sines, view):  # pragma: no cover - compiled
 
 
 @_inner
-def _corners_span(x, y, z, half, beams, sines, view):  # pragma: no cover - compiled
+def _corners_span(x, y, z, half, beams, sines, view):
     """Whether a cone of `sines[beams[0]:beams[1]]` passes between corners of a cube that are seen.
 
     What of the cube is in range and on the inner side of a plane is convex: a cone that has two
@@ -436,7 +428,7 @@ def _corners_span(x, y, z, half, beams, sines, view):  # pragma: no cover - comp
 
 
 @_inner
-def _set_run(scratch, row, column, one_end, other_end, slack, nz):  # pragma: no cover - compiled
+def _set_run(scratch, row, column, one_end, other_end, slack, nz):
     """Set the voxels between two heights, in voxels."""
     low, high = min(one_end, other_end) - slack, max(one_end, other_end) + slack
     if high < 0 or low >= nz:
@@ -472,7 +464,7 @@ def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
 
 
 @_inner
-def _add_tilted_beam(tile, axis, s, words, lines, scratch):  # pragma: no cover - compiled
+def _add_tilted_beam(tile, axis, s, words, lines, scratch):
     """Add the run of every column for a beam of a tilted sensor.
 
     The height is homogeneous of degree one in (x, y), and convex or concave. Over a square its
@@ -547,14 +539,14 @@ def _add_tilted_beam(tile, axis, s, words, lines, scratch):  # pragma: no cover 
 
 
 @_inner
-def _height(x, y, k, n0, n1, by_root, by_tilt):  # pragma: no cover - compiled
+def _height(x, y, k, n0, n1, by_root, by_tilt):
     """Height of the cone over (x, y), in voxels above the sensor."""
     a = n0 * x + n1 * y
     return by_root * math.sqrt(a * a + k * (x * x + y * y)) - by_tilt * a
 
 
 @_inner
-def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):  # pragma: no cover - compiled
+def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):
     """Test the beams but `sines[graphs[0]:graphs[1]]`, whose cone is no graph, by voxel."""
     xs, ys, rows, columns, bottom, resolution, _ = tile
     n0, n1, n2 = axis
@@ -575,14 +567,14 @@ def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):  # pragma: no 
 
 
 @_inner
-def _steep_between(sines, graphs, low, high):  # pragma: no cover - compiled
+def _steep_between(sines, graphs, low, high):
     """Whether a sine outside `sines[graphs[0]:graphs[1]]` lies within [low, high]."""
     first, last = _between(sines, low, high)
     return first < last and (first < graphs[0] or last > graphs[1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover_tiles(sensor, grid, bits):  # pragma: no cover - compiled
+def cover_tiles(sensor, grid, bits):
     """Set the bits of the voxels that the beams of one sensor cover, by columns.
 
     Where range or field of view end within a tile the whole cones are taken; see `keep_seen`.
@@ -649,7 +641,7 @@ def cover_tiles(sensor, grid, bits):  # pragma: no cover - compiled
 
 
 @_inner
-def _distances(xs, ys, near, far):  # pragma: no cover - compiled
+def _distances(xs, ys, near, far):
     """Least and largest distance from the axis over the square of every column of a tile."""
     for row in range(TILE_X):
         least_x = max(xs[row], -xs[row + 1], 0.0)
@@ -662,7 +654,7 @@ def _distances(xs, ys, near, far):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep_seen(sensor, grid, bits):  # pragma: no cover - compiled
+def keep_seen(sensor, grid, bits):
     """Clear the bits that range and field of view exclude; arguments of `cover_tiles`."""
     origin, frame, _, azimuth, reach = sensor
     minimum, resolution, _, lowest, highest = grid
@@ -701,7 +693,7 @@ def keep_seen(sensor, grid, bits):  # pragma: no cover - compiled
 
 
 @_inner
-def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):  # pragma: no cover
+def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):
     """`keep_seen` voxel by voxel: most are decided by their run, their middle or their corners."""
     _, frame, sines, azimuth, reach = sensor
     i0, i1, j0, j1, k0, k1 = block
@@ -744,14 +736,14 @@ def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):  # prag
 
 
 @_inner
-def _span(low, high, axis, start, first, last, resolution, grow):  # pragma: no cover - compiled
+def _span(low, high, axis, start, first, last, resolution, grow):
     """Let a box reach along an axis from one grid line to another."""
     low[axis] = start[axis] + first * resolution - grow
     high[axis] = start[axis] + last * resolution + grow
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover_voxels(sensor, minimum, resolution, covered):  # pragma: no cover - compiled
+def cover_voxels(sensor, minimum, resolution, covered):
     """Set the voxels that the beams of one sensor cover, one by one.
 
     covered: shape (nx, ny, nz), bool.

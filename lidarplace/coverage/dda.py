@@ -14,34 +14,7 @@ from lidarplace.base.kernel_cache import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walk_dda(
-    origin, directions, spans, reach, first, grid, voxels, offsets
-):  # pragma: no cover - compiled
-    """Write the voxels of the rays from `first` on, as many rays as there is room for.
-
-    Args:
-        origin, directions, reach, grid: as in `clip_rays`.
-        spans: from `clip_rays`.
-        voxels: indices go here, unsigned; room for `sum(grid.shape)` is enough for a ray.
-        offsets: those of ray `first + n` are `voxels[offsets[n]:offsets[n + 1]]`.
-
-    Returns:
-        The number of rays written, at most `len(offsets) - 1`.
-    """
-    size, rays = np.uint64(0), 0
-    room = len(voxels) - grid.shape.sum()
-    offsets[0] = 0
-    while first + rays < len(directions) and rays + 1 < len(offsets) and size <= room:
-        start = spans[first + rays, 0]
-        if start < math.inf:
-            size = _walk(origin, directions[first + rays], start, reach, grid, voxels, size)
-        rays += 1
-        offsets[rays] = size
-    return rays
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _crossing(cell, origin, d, minimum, resolution):  # pragma: no cover - compiled
+def _crossing(cell, origin, d, minimum, resolution):
     """Ray parameter at which a ray leaves `cell` along one axis.
 
     From the grid line, not by adding up: errors do not grow along the ray, and equal parameters
@@ -53,7 +26,7 @@ def _crossing(cell, origin, d, minimum, resolution):  # pragma: no cover - compi
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _first_cell(start, origin, d, minimum, resolution, cells):  # pragma: no cover - compiled
+def _first_cell(start, origin, d, minimum, resolution, cells):
     """Cell on one axis just before the ray enters the grid, or just after it starts inside.
 
     -1 or `cells` on the side through which it enters.
@@ -74,14 +47,14 @@ def _first_cell(start, origin, d, minimum, resolution, cells):  # pragma: no cov
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_past(line, start, origin, d, minimum, resolution):  # pragma: no cover - compiled
+def _is_past(line, start, origin, d, minimum, resolution):
     """Whether a grid line is crossed before the ray enters the grid, or where it starts."""
     crossing = (minimum + line * resolution - origin) / d
     return crossing < start or crossing <= 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(origin, direction, start, reach, grid, voxels, size):  # pragma: no cover - compiled
+def walk_dda(origin, direction, start, reach, grid, voxels, size):
     """Append the voxels of one ray to the first `size` of `voxels`; returns the new size."""
     minimum, resolution, shape, strides = grid
     ox, oy, oz = origin[0], origin[1], origin[2]

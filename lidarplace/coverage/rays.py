@@ -1,7 +1,7 @@
 """What single rays give a voxel: coverage, the number of rays, and the chance to be detected."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from itertools import chain, starmap
 from typing import Any, Literal
@@ -18,7 +18,6 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement, blocks
 
 RayMethod = Literal["dda", "bresenham"]
-_WALKS: dict[str, Callable[..., int]] = {"dda": walk_dda, "bresenham": walk_bresenham}
 _CHUNK = 2**16  # voxels listed before they are used: 256 kB, which stays in a core's own cache
 
 
@@ -138,27 +137,63 @@ def _chunks(
         directions, spans = directions[hit], spans[hit]
         first = 0
         while first < len(directions):
-            rays = _WALKS[method](
-                mount.position, directions, spans, reach, first, grid, voxels, offsets
+            rays = walk_rays(
+                method == "bresenham",
+                mount.position,
+                directions[first:],
+                spans[first:],
+                reach,
+                grid,
+                voxels,
+                offsets,
             )
             yield voxels[: offsets[rays]], offsets[: rays + 1]
             first += rays
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def walk_rays(bresenham, origin, directions, spans, reach, grid, voxels, offsets):
+    """Write the voxels of the first rays, as many rays as there is room for.
+
+    Args:
+        bresenham: whether the paper's integer lines are followed, to where a ray leaves the grid or
+            ends.
+        origin, directions, reach, grid: as in `clip_rays`.
+        spans: from `clip_rays`.
+        voxels: indices go here, unsigned; room for `sum(grid.shape)` is enough for a ray.
+        offsets: those of ray n are `voxels[offsets[n]:offsets[n + 1]]`.
+
+    Returns:
+        The number of rays written, at most `len(offsets) - 1`.
+    """
+    size, rays = np.uint64(0), 0
+    room = len(voxels) - grid.shape.sum()
+    offsets[0] = 0
+    while rays < min(len(directions), len(offsets) - 1) and size <= room:
+        near, far = spans[rays, 0], min(spans[rays, 1], reach)
+        if bresenham and near < far:
+            size = walk_bresenham(origin, directions[rays], far, grid, voxels, size)
+        elif not bresenham and near < math.inf:
+            size = walk_dda(origin, directions[rays], near, reach, grid, voxels, size)
+        rays += 1
+        offsets[rays] = size
+    return rays
+
+
 @njit(cache=True, nogil=True)
-def _cover(voxels, covered):  # pragma: no cover - compiled
+def _cover(voxels, covered):
     for v in voxels:
         covered[v] = True
 
 
 @njit(cache=True, nogil=True)
-def _count(voxels, counts):  # pragma: no cover - compiled
+def _count(voxels, counts):
     for v in voxels:
         counts[v] += 1
 
 
 @njit(cache=True, nogil=True)
-def _add_log_miss(voxels, offsets, counts, frames, q, result):  # pragma: no cover - compiled
+def _add_log_miss(voxels, offsets, counts, frames, q, result):
     for r in range(len(offsets) - 1):
         reach = 1.0
         term = math.log1p(-q) if q < 1 else -math.inf

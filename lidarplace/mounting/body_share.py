@@ -47,7 +47,7 @@ def body_share(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count_hits(origin, directions, reach, obstacles):  # pragma: no cover - compiled
+def _count_hits(origin, directions, reach, obstacles):
     """Number of rays that are stopped closer than `reach`."""
     hits = 0
     for ray in range(len(directions)):

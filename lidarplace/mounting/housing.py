@@ -49,7 +49,7 @@ def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enter_housing(px, py, pz, vx, vy, vz, housing):  # pragma: no cover - compiled
+def enter_housing(px, py, pz, vx, vy, vz, housing):
     """Where a ray p + t v, in the frame of a housing, is inside of it first, t >= 0.
 
     0 for one that starts inside, inf for one that never is; a touch does not count.
@@ -81,7 +81,7 @@ def enter_housing(px, py, pz, vx, vy, vz, housing):  # pragma: no cover - compil
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def behind_housing(origin, dx, dy, dz, reach, housings, own):  # pragma: no cover - compiled
+def behind_housing(origin, dx, dy, dz, reach, housings, own):
     """Whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach).
 
     Args:

@@ -127,7 +127,7 @@ def winding_numbers(mesh: Mesh, places: NDArray[np.float64]) -> NDArray[np.float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def distances(tree: Tree, places):  # pragma: no cover - compiled
+def distances(tree: Tree, places):
     """From each place to the nearest triangle; shapes (P, 3) and (P,), metres."""
     found = np.empty(len(places))
     for p in range(len(places)):
@@ -155,7 +155,7 @@ def distances(tree: Tree, places):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_hit(origin, dx, dy, dz, reach, tree: Tree):  # pragma: no cover - compiled
+def first_hit(origin, dx, dy, dz, reach, tree: Tree):
     """The least t in (0, reach) at which origin + t (dx, dy, dz) meets a triangle, or `reach`.
 
     A triangle is met from either side, its edges belong to it, and one in whose plane the ray lies
@@ -177,7 +177,7 @@ def first_hit(origin, dx, dy, dz, reach, tree: Tree):  # pragma: no cover - comp
 
 
 @njit(cache=True, error_model="numpy")
-def _next(node):  # pragma: no cover - compiled
+def _next(node):
     """The node after all that a node holds; 1 after the last."""
     node += 1
     while node & 1 == 0:
@@ -186,13 +186,13 @@ def _next(node):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def _triangles_of(tree: Tree, leaf):  # pragma: no cover - compiled
+def _triangles_of(tree: Tree, leaf):
     first = _LEAF * (leaf - len(tree.bounds) // 2)
     return tree.triangles[first : first + _LEAF]
 
 
 @njit(cache=True, error_model="numpy")
-def _enters(bounds, origin, dx, dy, dz, reach):  # pragma: no cover - compiled
+def _enters(bounds, origin, dx, dy, dz, reach):
     """Whether a ray is in a box, its surface included, for some t in [0, reach]."""
     if bounds[0] > bounds[3]:  # it holds nothing
         return False
@@ -211,7 +211,7 @@ def _enters(bounds, origin, dx, dy, dz, reach):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def _meets(triangle, origin, dx, dy, dz):  # pragma: no cover - compiled
+def _meets(triangle, origin, dx, dy, dz):
     """The t at which a ray meets a triangle, -1 if not (Möller and Trumbore 1997)."""
     ax, ay, az = triangle[0]
     bx, by, bz = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
@@ -232,7 +232,7 @@ def _meets(triangle, origin, dx, dy, dz):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def _square_distance(triangle, place):  # pragma: no cover - compiled
+def _square_distance(triangle, place):
     """Of a point from a triangle: from its plane above the inside, else from an edge."""
     a, b, c = triangle[0], triangle[1], triangle[2]
     nx = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
@@ -257,7 +257,7 @@ def _square_distance(triangle, place):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:  # pragma: no cover - compiled
+def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:
     found = np.zeros(len(places))
     for p in range(len(places)):
         place, angle, node = places[p], 0.0, 1
@@ -282,7 +282,7 @@ def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:  # pragma: no c
 
 
 @njit(cache=True, error_model="numpy")
-def _solid_angle(triangle, place):  # pragma: no cover - compiled
+def _solid_angle(triangle, place):
     """Under which a triangle is seen, signed (Van Oosterom and Strackee 1983)."""
     a, b, c = triangle[0] - place, triangle[1] - place, triangle[2] - place
     la, lb, lc = math.sqrt((a * a).sum()), math.sqrt((b * b).sum()), math.sqrt((c * c).sum())

@@ -64,7 +64,7 @@ def seen_in_columns(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_seen(
     bits, numbers, origins, xs, ys, zs, inside, obstacles
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # pragma: no cover - compiled
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Voxels that are covered and in sight of a sensor, and voxels outside of the body."""
     seen = np.zeros((len(xs), len(ys)), np.int64)
     outside = np.zeros((len(xs), len(ys)), np.int64)

@@ -32,7 +32,7 @@ def obstacles_of(vehicle: Vehicle, housings: NDArray[np.float64]) -> Obstacles:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):  # pragma: no cover - compiled
+def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):
     """Whether the ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach).
 
     Args:

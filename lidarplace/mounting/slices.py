@@ -31,7 +31,7 @@ def slices_of(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # pragma: no cover
+def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Clip by Sutherland and Hodgman."""
     polygons = np.zeros((len(triangles), _MOST, 2))
     corners = np.zeros(len(triangles), np.int64)
@@ -55,9 +55,7 @@ def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def meets_slices(
-    points, half_length, half_width, heading, polygons, corners
-):  # pragma: no cover - compiled
+def meets_slices(points, half_length, half_width, heading, polygons, corners):
     """Whether the rectangle at each point meets one of the polygons; a touch is not.
 
     Args:
@@ -94,7 +92,7 @@ def meets_slices(
 
 
 @njit(cache=True, error_model="numpy")
-def _apart(polygon, number, x, y, half_length, half_width):  # pragma: no cover - compiled
+def _apart(polygon, number, x, y, half_length, half_width):
     """Whether a side of a convex polygon parts it from an upright rectangle."""
     for k in range(number):
         px, py = polygon[k]

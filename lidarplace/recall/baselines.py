@@ -53,7 +53,7 @@ def baselines(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
 
 
 @njit(cache=True, nogil=True)
-def _spans(offsets, cells, slices):  # pragma: no cover - compiled
+def _spans(offsets, cells, slices):
     """Slices from the first to the last one hit along each axis; 0 where nothing is hit."""
     spans = np.zeros((len(slices), 3))
     for b in range(len(slices)):

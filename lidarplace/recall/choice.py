@@ -21,20 +21,14 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.pog.selection.cuts import Cut
-from lidarplace.pog.selection.greedy import Added, Greedy, lazy_greedy
-from lidarplace.pog.selection.limits import Limits
-from lidarplace.pog.selection.upper_bound import UpperBound, bound_by_cuts
+from lidarplace.pog.selection.submodular import Added, SubmodularChoice, check_weights
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 
-BLOCKS = 32
-"""Parts of the objects that have cuts of their own: the sum of their least cuts is lower than the
-least of their sums."""
-
 
 @dataclass(frozen=True, eq=False)
-class RecallChoice:
-    """A finite set of candidates, and what sets of them are worth.
+class RecallChoice(SubmodularChoice):
+    """Candidates by the objects that they find.
 
     Attributes:
         model: the objects and their curves.
@@ -50,64 +44,23 @@ class RecallChoice:
     weights: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        for name, weight in self.weights.items():
-            if name not in self.model.classes:
-                known = ", ".join(self.model.classes)
-                raise ValueError(f"weights has {name!r}, but the classes are {known}")
-            if not 0 <= weight < np.inf:
-                raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
+        check_weights(self.weights, self.model.classes)
+
+    @property
+    def candidates(self) -> int:
+        """Number of candidates."""
+        return len(self.seen)
 
     def value(self, chosen: Sequence[int]) -> float:
         """The value of a set of candidates."""
         return float(self._found(self._cells(self._hit(self._all_of(chosen)))).sum())
 
-    def gains(self, chosen: Sequence[int] = ()) -> NDArray[np.float64]:
-        """What each candidate adds to the set `chosen`, shape (candidates,)."""
-        return np.asarray(self._cut_of_set(chosen).slopes.sum(axis=0))
-
-    def greedy(self, limits: Limits) -> Greedy:
-        """Choose candidates one by one; `lidarplace.pog.selection.greedy` tells how good that is.
-
-        Raises:
-            ValueError: `limits` are of another number of candidates.
-        """
-        self._check(limits)
-
-        def added_to(chosen: Sequence[int]) -> Added:
-            hit = self._hit(self._all_of(chosen))
-            cells = self._cells(hit)
-            before = self._found(cells).sum()
-            return lambda one: float(self._found(cells + self._further(one, hit)).sum() - before)
-
-        return lazy_greedy(self.gains(), added_to, limits)
-
-    def upper_bound(
-        self,
-        limits: Limits,
-        chosen: Sequence[int] = (),
-        seconds: float = 60.0,
-        relative_gap: float = 1e-4,
-    ) -> UpperBound:
-        """No set that `limits` allow is worth more.
-
-        Args:
-            chosen: candidates in the order of `greedy`. Of each of its prefixes, what all others
-                add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular
-                set functions: formulations and analysis of algorithms).
-            seconds, relative_gap: as of `lidarplace.pog.selection.upper_bound`.
-
-        Raises:
-            ValueError: `limits` are of another number of candidates.
-        """
-        self._check(limits)
-        first = (self._cut_of_set(chosen[:size]) for size in range(len(chosen) + 1))
-        return bound_by_cuts(first, self._tangent, limits, seconds, relative_gap)
-
-    def _check(self, limits: Limits) -> None:
-        if limits.candidates != len(self.seen):
-            raise ValueError(
-                f"limits are for {limits.candidates} candidates, there are {len(self.seen)}"
-            )
+    def _added_to(self, chosen: Sequence[int]) -> Added:
+        """What a further candidate adds to a set."""
+        hit = self._hit(self._all_of(chosen))
+        cells = self._cells(hit)
+        before = self._found(cells).sum()
+        return lambda one: float(self._found(cells + self._further(one, hit)).sum() - before)
 
     @cached_property
     def _first_cell(self) -> NDArray[np.int64]:
@@ -150,39 +103,43 @@ class RecallChoice:
         """What the objects contribute to the value, by their distinct cells, shape (objects,)."""
         return self._worth * self.model.found(cells)
 
-    def _cut_of_set(self, chosen: Sequence[int]) -> Cut:
+    def _cut_of_set(self, chosen: Sequence[int], blocks: int) -> Cut:
         """What each candidate adds to a set, and what the set is worth, by blocks."""
         hit = self._hit(self._all_of(chosen))
         cells = self._cells(hit)
         before = self._found(cells)
-        slopes = self._by_all(lambda one: self._found(cells + self._further(one, hit)) - before)
-        return Cut(_in_blocks(before), slopes)
+        return self._cut(
+            before, lambda one: self._found(cells + self._further(one, hit)) - before, blocks
+        )
 
-    def _tangent(self, share: NDArray[np.float64]) -> Cut:
+    def _tangent(self, share: NDArray[np.float64], blocks: int) -> Cut:
         """The cut that touches the value where `share` of each candidate is chosen."""
         hit = self._hit(share)
         cells = self._cells(hit)
         slope = self._worth * self.model.most * self.model.rate * np.exp(-self.model.rate * cells)
         whole = self._cells(np.floor(hit))
         constant = self._found(cells) + slope * (whole - cells)
-        slopes = self._by_all(lambda one: slope * self._further(one, hit))
-        return Cut(_in_blocks(constant), slopes)
+        return self._cut(constant, lambda one: slope * self._further(one, hit), blocks)
 
-    def _by_all(self, of_one: Callable[[int], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """A quantity of the objects for every candidate, by blocks, shape (blocks, candidates)."""
+    def _cut(
+        self,
+        constant: NDArray[np.float64],
+        of_one: Callable[[int], NDArray[np.float64]],
+        blocks: int,
+    ) -> Cut:
+        """From a constant of the objects, and a slope of them for every candidate."""
+        block = np.arange(len(constant)) * blocks // max(1, len(constant))
+
+        def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.bincount(block, values, blocks).astype(np.float64)
+
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-            rows = threads.map(lambda one: _in_blocks(of_one(one)), range(len(self.seen)))
-            return np.array(list(rows)).reshape(-1, BLOCKS).T
-
-
-def _in_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums over `BLOCKS` parts of the objects."""
-    block = np.arange(len(values)) * BLOCKS // max(1, len(values))
-    return np.bincount(block, values, BLOCKS).astype(np.float64)
+            rows = list(threads.map(lambda one: sums(of_one(one)), range(len(self.seen))))
+        return Cut(sums(constant), np.array(rows).reshape(-1, blocks).T)
 
 
 @njit(cache=True, nogil=True)
-def _add(offsets, cells, first_cell, share, hit):  # pragma: no cover - compiled
+def _add(offsets, cells, first_cell, share, hit):
     """Add a share to each cell of a candidate."""
     for row in range(len(offsets) - 1):
         for n in range(offsets[row], offsets[row + 1]):
@@ -190,7 +147,7 @@ def _add(offsets, cells, first_cell, share, hit):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _not_hit(offsets, cells, first_cell, hit) -> NDArray[np.float64]:  # pragma: no cover - compiled
+def _not_hit(offsets, cells, first_cell, hit) -> NDArray[np.float64]:
     """Number of a candidate's cells of every object of which less than 1 is hit."""
     further = np.zeros(len(offsets) - 1)
     for row in range(len(further)):

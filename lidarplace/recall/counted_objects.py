@@ -121,7 +121,9 @@ class CountedObjects:
             raise ValueError(f"frames must be at least 1, found {frames}")
         if not 0 < azimuth_share <= 1:
             raise ValueError(f"azimuth_share must be within (0, 1], found {azimuth_share}")
-        log = _some_frames(log, frames)
+        some = evenly(log.frames.reset_index(drop=True), frames)
+        boxes = log.boxes[log.boxes["frame"].isin(some["frame"])].reset_index(drop=True)
+        log = replace(log, boxes=boxes, frames=some)
         table = ground_truth(log, roi.x, roi.y, roi.z, seed)
         table = table[table["class"].isin(list(classes))].sort_values("frame", kind="stable")
         return cls(
@@ -248,10 +250,3 @@ def _around(
     return np.concatenate(
         [np.minimum.reduceat(low, edges[:-1]), np.maximum.reduceat(high, edges[:-1])], axis=1
     )
-
-
-def _some_frames(log: BoxLog, most: int | None) -> BoxLog:
-    """At most so many frames of a log, spread evenly; boxes are numbered from 0."""
-    frames = evenly(log.frames.reset_index(drop=True), most)
-    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-    return replace(log, boxes=boxes.reset_index(drop=True), frames=frames)

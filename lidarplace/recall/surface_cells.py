@@ -173,15 +173,13 @@ def surface_cells(
 
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _slice(position, size, cell, number):  # pragma: no cover - compiled
+def _slice(position, size, cell, number):
     """Which slice holds a position from the middle; rounding does not lead out of the box."""
     return min(max(math.floor((position + 0.5 * size) / cell), 0), number - 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cells_in_frames(
-    origin, rotation, beams, frames, crop, cell, ends, loss
-):  # pragma: no cover - compiled
+def _cells_in_frames(origin, rotation, beams, frames, crop, cell, ends, loss):
     """Offsets, cells and points of `SurfaceCells`."""
     elevations = beams.elevations
     geometry, slices = frames.geometry, frames.slices
@@ -262,7 +260,7 @@ def _cells_in_frames(
 
 
 @njit(cache=True, nogil=True)
-def _union(offsets, cells, other_offsets, other_cells):  # pragma: no cover - compiled
+def _union(offsets, cells, other_offsets, other_cells):
     """Merge sorted rows."""
     both = np.zeros(len(offsets), np.int64)
     merged = np.empty(len(cells) + len(other_cells), np.uint32)

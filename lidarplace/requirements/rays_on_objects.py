@@ -2,15 +2,15 @@
 
 Each object is alone there: others hide nothing. Exact, every ray is tested that can meet it.
 
-Where drop-off or a correction loses returns, numbers are expected ones: a ray counts as a point
-with the probability p that it returns, and a cell with `1 - product of (1 - p)` over the rays that
-hit it.
+Numbers are expected ones: a ray counts as a point with the probability p that it returns, and a
+cell with `1 - product of (1 - p)` over the rays that hit it. They are whole where neither drop-off
+nor a correction loses returns.
 """
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -42,11 +42,6 @@ _PORTION = 1024
 """Objects that a thread takes at a time."""
 _MOST_BYTES = 2**27
 """Of who hits which cell, in one portion."""
-_NOBODY, _SEVERAL = -1, -2
-
-
-Numbers = NDArray[np.number[Any]]
-"""int64 or float64."""
 
 
 class Sight(NamedTuple):
@@ -102,15 +97,13 @@ def at_class(sights: list[Sight], placement: Placement, object_class: str | None
 class Counts:
     """What a rig has on each of B objects: points, or distinct cells of the surface.
 
-    Whole numbers, int64, where no LiDAR loses returns at random; else expected ones, float64.
-
     Attributes:
         all: of all LiDARs together, shape (B,).
         alone: what would be lost without each LiDAR, shape (B, LiDARs).
     """
 
-    all: Numbers
-    alone: Numbers
+    all: NDArray[np.float64]
+    alone: NDArray[np.float64]
 
 
 def count_points(
@@ -123,17 +116,14 @@ def count_points(
         reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
     """
 
-    lossy, lidars = any(sight.lossy for sight in sights), sights[-1].number + 1
-
-    def points(part: NDArray[np.float64]) -> Numbers:
-        owners, missed = np.empty((len(part), 0), np.int16), np.empty((len(part), 0))
-        found: NDArray[Any] = np.zeros((len(part), lidars), np.float64 if lossy else np.int64)
+    def points(part: NDArray[np.float64]) -> NDArray[np.float64]:
+        no_cells = np.empty((len(part), 0))
+        found = np.zeros((len(part), sights[-1].number + 1))
         for sight in sights:
-            counts, expected = _hit(sight, part, reflectivity, 1.0, owners, missed)
-            found[:, sight.number] += expected if lossy else counts
+            found[:, sight.number] += _hit(sight, part, reflectivity, 1.0, no_cells)
         return found
 
-    alone: NDArray[Any] = np.concatenate(_in_threads(points, boxes, _PORTION))
+    alone = _in_threads(points, boxes, _PORTION)
     return Counts(alone.sum(axis=1), alone)
 
 
@@ -157,32 +147,32 @@ def count_cells(
             "smaller, or ask for points"
         )
 
-    lossy, lidars = any(sight.lossy for sight in sights), sights[-1].number + 1
+    lidars = sights[-1].number + 1
 
-    def shares(part: NDArray[np.float64]) -> Numbers:
-        owners = np.full((len(part), 0 if lossy else cells), _NOBODY, np.int16)
-        missed = np.ones((lidars, len(part), cells if lossy else 0))
+    def shares(part: NDArray[np.float64]) -> NDArray[np.float64]:
+        missed = np.ones((lidars, len(part), cells))
         for sight in sights:
-            _hit(sight, part, reflectivity, cell, owners, missed[sight.number])
-        return _expected(missed) if lossy else _tally(owners, lidars)
+            _hit(sight, part, reflectivity, cell, missed[sight.number])
+        return _expected(missed)
 
-    bytes_each = cells * (8 * lidars if lossy else 2)
-    portion = max(1, min(_PORTION, _MOST_BYTES // bytes_each))
-    found: NDArray[Any] = np.concatenate(_in_threads(shares, boxes, portion))
+    portion = max(1, min(_PORTION, _MOST_BYTES // (8 * lidars * cells)))
+    found = _in_threads(shares, boxes, portion)
     return Counts(found[:, -1].copy(), found[:, :-1])
 
 
 def _in_threads(
-    work: Callable[[NDArray[np.float64]], Numbers], boxes: NDArray[np.float64], portion: int
-) -> list[Numbers]:
+    work: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    boxes: NDArray[np.float64],
+    portion: int,
+) -> NDArray[np.float64]:
     """What `work` finds for the parts that boxes are, a portion after the other."""
     parts = [bricks(boxes[at : at + portion], 0).geometry for at in range(0, len(boxes), portion)]
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-        return list(threads.map(work, parts))
+        return np.concatenate(list(threads.map(work, parts)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shade(sight, body):  # pragma: no cover - compiled
+def _shade(sight, body):
     """Let rays end where they enter a part of the body."""
     origin, rotation, beams, least = sight.origin, sight.rotation, sight.beams, sight.least
     steps = beams.azimuths.shape[2]
@@ -209,21 +199,17 @@ def _shade(sight, body):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hit(sight, parts, reflectivity, cell, owners, missed):  # pragma: no cover - compiled
-    """Rays of one LiDAR that hit each of `parts`, and how many of them return, if it is lossy.
+def _hit(sight, parts, reflectivity, cell, missed):
+    """How many rays of one LiDAR hit each of `parts` and return.
 
     Args:
-        owners: the LiDAR that hits a cell, _NOBODY or _SEVERAL, shape (parts, cells); no cells if
-            points are all that is asked for, or `missed` is filled.
-        missed: probability that no ray returns from a cell, 1 before, of the same shape; no cells
-            where `owners` is filled.
+        missed: probability that no ray returns from a cell, 1 before, shape (parts, cells); no
+            cells if points are all that is asked for.
     """
     origin, rotation, beams, least = sight.origin, sight.rotation, sight.beams, sight.least
     steps = beams.azimuths.shape[2]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
-    counts, frame = np.zeros(len(parts), np.int64), np.empty((3, 4))
-    expected = np.zeros(len(parts))
-    keeps_cells = owners.shape[1] > 0 or missed.shape[1] > 0
+    expected, frame = np.zeros(len(parts)), np.empty((3, 4))
     most = 1.0 / beams.nearest if beams.nearest > 0.0 else np.inf  # nearer there is no return
     for p in range(len(parts)):
         framed, nx, ny, nz = False, 1, 1, 1
@@ -251,12 +237,13 @@ def _hit(sight, parts, reflectivity, cell, owners, missed):  # pragma: no cover 
                 for n in range(len(ends)):
                     enter[n] = enter[n] if enter[n] <= most else 0.0
                     met += enter[n] > ends[n]
-                counts[p] += met
-                if met > 0 and sight.lossy:
+                if sight.lossy and met > 0:
                     for n in range(len(ends)):
                         if enter[n] > ends[n]:
                             expected[p] += 1.0 - _lost(sight, beam * steps + first + n, enter[n])
-                if met == 0 or not keeps_cells:
+                else:
+                    expected[p] += met
+                if met == 0 or missed.shape[1] == 0:
                     continue
                 if not framed:
                     nx, ny, nz = _frame(sight, parts[p], cell, frame)
@@ -272,20 +259,13 @@ def _hit(sight, parts, reflectivity, cell, owners, missed):  # pragma: no cover 
                     i = _slice(frame[0, 3] + reach * (x0 * dx + x1 * dy + x2), nx)
                     j = _slice(frame[1, 3] + reach * (y0 * dx + y1 * dy + y2), ny)
                     k = _slice(frame[2, 3] + reach * (z0 * dx + z1 * dy + z2), nz)
-                    here = (i * ny + j) * nz + k
-                    if missed.shape[1] > 0:
-                        missed[p, here] *= _lost(sight, beam * steps + first + n, enter[n])
-                        continue
-                    owner = owners[p, here]
-                    if owner == _NOBODY:
-                        owners[p, here] = sight.number
-                    elif owner != sight.number:
-                        owners[p, here] = _SEVERAL
-    return counts, expected if sight.lossy else counts.astype(np.float64)
+                    lost = _lost(sight, beam * steps + first + n, enter[n])
+                    missed[p, (i * ny + j) * nz + k] *= lost
+    return expected
 
 
 @inner
-def _lost(sight, ray, inverse):  # pragma: no cover - compiled
+def _lost(sight, ray, inverse):
     """Probability that the return of a ray is lost, at this inverse distance."""
     if not sight.lossy:
         return 0.0
@@ -293,9 +273,7 @@ def _lost(sight, ray, inverse):  # pragma: no cover - compiled
 
 
 @inner
-def _put_out(
-    enter, ends, fired, planes, facing, ce, se, reflectivity, beams
-):  # pragma: no cover - compiled
+def _put_out(enter, ends, fired, planes, facing, ce, se, reflectivity, beams):
     """Let rays miss that meet too little light; Lambert's law at the face that each enters.
 
     `fired` has cosines and sines of their azimuths, `ce` and `se` are of the elevation.
@@ -314,7 +292,7 @@ def _put_out(
 
 
 @inner
-def _frame(sight, part, cell, frame):  # pragma: no cover - compiled
+def _frame(sight, part, cell, frame):
     """Fill `frame`: from the sensor's to that of the cells, whose edge is the unit of length.
 
     Its last column is where the sensor is. Returns the number of cells along each axis.
@@ -339,14 +317,17 @@ def _frame(sight, part, cell, frame):  # pragma: no cover - compiled
 
 
 @inner
-def _slice(place, number):  # pragma: no cover - compiled
+def _slice(place, number):
     """Which slice of an axis holds a place; rounding does not lead out of the box."""
     return min(max(int(np.floor(place)), 0), number - 1)
 
 
 @njit(cache=True, nogil=True)
-def _expected(missed) -> NDArray[np.float64]:  # pragma: no cover - compiled
-    """As `_tally`, of `missed` of every LiDAR, shape (LiDARs, parts, cells)."""
+def _expected(missed) -> NDArray[np.float64]:
+    """Cells that each LiDAR alone hits, and in the last column those that any hits.
+
+    `missed` is of every LiDAR, shape (LiDARs, parts, cells).
+    """
     lidars, parts, cells = missed.shape
     counts, before = np.zeros((parts, lidars + 1)), np.empty(lidars + 1)
     before[0] = 1.0
@@ -361,17 +342,4 @@ def _expected(missed) -> NDArray[np.float64]:  # pragma: no cover - compiled
             for number in range(lidars - 1, -1, -1):
                 counts[p, number] += before[number] * after * (1.0 - missed[number, p, c])
                 after *= missed[number, p, c]
-    return counts
-
-
-@njit(cache=True, nogil=True)
-def _tally(owners, lidars) -> NDArray[np.int64]:  # pragma: no cover - compiled
-    """Cells that each LiDAR alone hits, and in the last column those that any hits."""
-    counts = np.zeros((len(owners), lidars + 1), np.int64)
-    for p in range(len(owners)):
-        for owner in owners[p]:
-            if owner != _NOBODY:
-                counts[p, lidars] += 1
-                if owner >= 0:
-                    counts[p, owner] += 1
     return counts

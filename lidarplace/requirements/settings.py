@@ -11,12 +11,12 @@ from lidarplace.base.sectors import SECTORS, bounds_of
 from lidarplace.configuration.mounting_errors import OffsetSettings
 from lidarplace.configuration.settings import (
     CountFromOne,
-    Degrees,
     Distance,
     Length,
     Name,
     Probability,
     Settings,
+    Turn,
     short_for,
 )
 from lidarplace.configuration.weather import WeatherSettings
@@ -52,16 +52,8 @@ def _direction(value: Any) -> Any:
     return bounds_of(SECTORS.index(value))
 
 
-def _up_to_a_turn(interval: tuple[float, float]) -> tuple[float, float]:
-    if not 0 < interval[1] - interval[0] <= 360:
-        raise ValueError("allowed is [from, to] with from < to, at most 360 degrees")
-    return interval
-
-
 Interval = Annotated[tuple[Length, Length], AfterValidator(_ordered)]
-Sector = Annotated[
-    tuple[Degrees, Degrees], BeforeValidator(_direction), AfterValidator(_up_to_a_turn)
-]
+Sector = Annotated[Turn, BeforeValidator(_direction)]
 
 
 class WhereSettings(Settings):

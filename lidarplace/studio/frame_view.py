@@ -1,7 +1,7 @@
 """One frame of a log as a rig sees it: its cloud, and what is seen of every object."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,8 +24,7 @@ RESTING_POINTS = 300_000
 """The same at rest."""
 
 
-@dataclass(frozen=True)
-class SimulatedCloud:
+class SimulatedCloud(NamedTuple):
     """The points of a rig in one frame.
 
     Attributes:

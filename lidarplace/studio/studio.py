@@ -69,7 +69,6 @@ class Studio:
         file: the rigs, from `read_rigs`.
         log: traffic; all of its frames count.
         roi: for the surrogates and the pictures.
-        classes: of objects; those of the log by default.
         folder: of the log, if `log` has some of its frames alone: the others can be looked at, too.
 
     Attributes:
@@ -80,19 +79,14 @@ class Studio:
     """
 
     def __init__(
-        self,
-        file: RigsFile,
-        log: BoxLog,
-        roi: Roi = PAPER_ROI,
-        classes: Sequence[str] = (),
-        folder: Path | None = None,
+        self, file: RigsFile, log: BoxLog, roi: Roi = PAPER_ROI, folder: Path | None = None
     ) -> None:
         if log.frames.empty:
             raise ValueError("the log has no frame")
         there = set(log.boxes["class"])
         file.laid  # noqa: B018 - what is wrong with a requirement is told at the beginning
         self.file, self.log, self.roi = file, log, roi
-        self.classes = tuple(classes) or tuple(c for c in CLASSES if c in there) or CLASSES
+        self.classes = tuple(c for c in CLASSES if c in there) or CLASSES
         self.left_out = tuple(sorted(there.difference(self.classes)))
         self.lidar = file.settings.lidar.lidar()
         self.begun = {rig.name: rig for rig in file.rigs}
@@ -356,9 +350,7 @@ class Studio:
 
         Raises ValueError: there is no such object, or no LiDAR.
         """
-        if self.placement is None:
-            raise ValueError("no LiDAR works")
-        return why_unseen(self.view.frame, object_id, self.placement, self.file.carrier)
+        return why_unseen(self.view.frame, object_id, self._working(), self.file.carrier)
 
     def plot(self) -> go.Figure:
         """The frame as the rig sees it, in 3D, for a notebook or a page.
@@ -367,11 +359,14 @@ class Studio:
         """
         from lidarplace.viewing.scene import draw_frame
 
+        view, carrier = self.view, self.file.carrier
+        log = self._frames.log_of(view.number)
+        return draw_frame(log, view.number, self._working(), view.crop, vehicle=carrier)
+
+    def _working(self) -> Placement:
         if self.placement is None:
             raise ValueError("no LiDAR works")
-        view = self.view
-        log = self._frames.log_of(view.number)
-        return draw_frame(log, view.number, self.placement, view.crop, vehicle=self.file.carrier)
+        return self.placement
 
     # Files.
 

@@ -65,8 +65,8 @@ def _models(rig: Rig, file: RigsFile) -> list[str | None]:
 
 def violations(rig: Rig, file: RigsFile) -> tuple[Violation, ...]:
     """All that the rig does not keep of what the file says."""
-    found = [*_outside(rig, file), *_inside(rig, file), *_close(rig, file), *_blocked(rig, file)]
-    return (*found, *totals_above(rig, file))
+    parts = (_outside, _inside, _close, _blocked, totals_above)
+    return tuple(one for part in parts for one in part(rig, file))
 
 
 def totals_above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
@@ -87,18 +87,15 @@ def totals_above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
         yield Violation(name, (), total - limit, text)
 
 
-def _outside(rig: Rig, file: RigsFile) -> list[Violation]:
-    found = []
+def _outside(rig: Rig, file: RigsFile) -> Iterator[Violation]:
     for number, mount in enumerate(rig.mounts) if file.zones else ():
         away, name = min((distance(z, mount.x, mount.y, mount.z), z.name) for z in file.zones)
         if away > MICROMETRE:
             text = f"LiDAR {number}: {away:.3g} m outside of the nearest zone, {name}"
-            found.append(Violation("zone", (number,), away, text))
-    return found
+            yield Violation("zone", (number,), away, text)
 
 
-def _inside(rig: Rig, file: RigsFile) -> list[Violation]:
-    found = []
+def _inside(rig: Rig, file: RigsFile) -> Iterator[Violation]:
     places = np.array([mount.position for mount in rig.mounts]).reshape(-1, 3)
     for constraint, depths, what in (
         ("body", depth_in_body(file.vehicle, places), "the vehicle's body"),
@@ -107,26 +104,24 @@ def _inside(rig: Rig, file: RigsFile) -> list[Violation]:
         for number, depth in enumerate(depths.tolist()):
             if depth > 0:
                 text = f"LiDAR {number}: {depth:.3g} m inside of {what}"
-                found.append(Violation(constraint, (number,), depth, text))
-    return found
+                yield Violation(constraint, (number,), depth, text)
 
 
-def _close(rig: Rig, file: RigsFile) -> list[Violation]:
-    least, found = file.settings.constraints.distance, []
+def _close(rig: Rig, file: RigsFile) -> Iterator[Violation]:
+    least = file.settings.constraints.distance
     for i, j in combinations(range(len(rig.mounts)), 2):
         apart = math.dist(rig.mounts[i].position, rig.mounts[j].position)
         if apart < least - ROUNDING or apart == 0:
             text = f"LiDARs {i} and {j}: {apart:.3g} m apart, {least - apart:.3g} m too close"
             if apart == 0:
                 text = f"LiDARs {i} and {j}: in one place"
-            found.append(Violation("distance", (i, j), least - apart, text))
-    return found
+            yield Violation("distance", (i, j), least - apart, text)
 
 
-def _blocked(rig: Rig, file: RigsFile) -> list[Violation]:
-    limit, found = file.settings.constraints.body_share, []
+def _blocked(rig: Rig, file: RigsFile) -> Iterator[Violation]:
+    limit = file.settings.constraints.body_share
     if limit is None:
-        return []
+        return
     models = rig.models(file.settings.lidar.lidar())
     housings = housings_of(rig.mounts, models)
     for number, (mount, lidar) in enumerate(zip(rig.mounts, models, strict=True)):
@@ -136,8 +131,7 @@ def _blocked(rig: Rig, file: RigsFile) -> list[Violation]:
                 f"LiDAR {number}: {100 * share:.3g} % of its rays meet the vehicle, "
                 f"allowed are {100 * limit:g} %"
             )
-            found.append(Violation("body_share", (number,), share - limit, text))
-    return found
+            yield Violation("body_share", (number,), share - limit, text)
 
 
 def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
@@ -164,19 +158,25 @@ def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:
         raise ValueError(f"rig {rig.name!r}: {one.text}")
 
 
-def unmet(outcomes: Sequence[Outcome]) -> tuple[Violation, ...]:
+def unmet(outcomes: Sequence[Outcome]) -> Iterator[Violation]:
     """The requirements that are not met, where and by how much."""
-    return tuple(_unmet(outcome) for outcome in outcomes if not outcome.met)
-
-
-def unasked(laid: Sequence[Laid]) -> tuple[Violation, ...]:
-    """All requirements, of a rig without a LiDAR that works."""
-    return tuple(
-        Violation(
-            "requirement", (), own.requirement.least, f"{own.requirement.name}: no LiDAR works"
+    for outcome in outcomes:
+        wanted, worst = outcome.requirement, outcome.worst
+        lacks = wanted.least - worst.value
+        case = "" if worst.case == AS_BUILT else f", {worst.case}"
+        text = (
+            f"{wanted.name}: {worst.value:.3g} {wanted.measure}, {lacks:.3g} short of "
+            f"{wanted.least:g}{case}; worst at x {worst.x:.2f}, y {worst.y:.2f}"
         )
-        for own in laid
-    )
+        if not outcome.met:
+            yield Violation("requirement", (), lacks, text)
+
+
+def unasked(laid: Sequence[Laid]) -> Iterator[Violation]:
+    """All requirements, of a rig without a LiDAR that works."""
+    for own in laid:
+        text = f"{own.requirement.name}: no LiDAR works"
+        yield Violation("requirement", (), own.requirement.least, text)
 
 
 def unknown(rig: Rig, file: RigsFile) -> dict[str, Violation]:
@@ -204,14 +204,3 @@ def judged(rig: Rig, file: RigsFile, laid: Sequence[Laid]) -> list[Outcome]:
     left_out = unknown(rig, file)
     asked = [own for own in laid if own.requirement.name not in left_out]
     return judge(asked, placement, file.body)
-
-
-def _unmet(outcome: Outcome) -> Violation:
-    wanted, worst = outcome.requirement, outcome.worst
-    lacks = wanted.least - worst.value
-    case = "" if worst.case == AS_BUILT else f", {worst.case}"
-    text = (
-        f"{wanted.name}: {worst.value:.3g} {wanted.measure}, {lacks:.3g} short of "
-        f"{wanted.least:g}{case}; worst at x {worst.x:.2f}, y {worst.y:.2f}"
-    )
-    return Violation("requirement", (), lacks, text)

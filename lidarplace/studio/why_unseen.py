@@ -4,18 +4,24 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import cast, expected_share
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import BODY, BUILDING, PANE, SIGN, WORLD, Parts
-from lidarplace.clouds.static_world import WorldAround, cast_in_world
+from lidarplace.clouds.static_world import cast_in_world
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.placement import Placement
 from lidarplace.viewing.frame import Frame
+
+NAMES = {
+    BODY: "the vehicle itself",
+    BUILDING: "a building",
+    SIGN: "a sign",
+    WORLD: "what stands still and has no label",
+}
+"""Of what stops rays, besides objects and the ground."""
 
 
 @dataclass(frozen=True)
@@ -68,54 +74,26 @@ def why_unseen(
     if object_id not in ids:
         raise ValueError(f"no object {object_id!r} in frame {number}; there are {', '.join(ids)}")
     own = ids.index(object_id)
-    world = surroundings.world(number)
-    everything = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
-    ends = ends_in_rig(placement, vehicle)
     object_class = surroundings.classes(number)[own]
-    lidars = zip(placement.mounts, placement.lidars, ends, strict=True)
-    return tuple(
-        _aimed(mount, lidar, everything, world, own, object_class, ids, met)
-        for mount, lidar, met in lidars
-    )
-
-
-def _aimed(
-    mount: Mount,
-    lidar: Lidar,
-    parts: Parts,
-    world: WorldAround | None,
-    own: int,
-    object_class: str,
-    ids: list[str],
-    ends: NDArray[np.float64],
-) -> AimedRays:
+    names = NAMES | dict(enumerate(ids)) | {PANE - n: known for n, known in enumerate(ids)}
+    world = surroundings.world(number)
+    parts = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
     mine = (parts.owner == own) | (parts.owner == PANE - own)
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
-    aimed = cast(mount, lidar, alone, level=world is None).target == own
-    met = cast_in_world(mount, lidar, parts, world, ends=ends)
-    names = {
-        BODY: "the vehicle itself",
-        BUILDING: "a building",
-        SIGN: "a sign",
-        WORLD: "what stands still and has no label",
-    }
-    names |= dict(enumerate(ids))
-    names |= {PANE - number: object_id for number, object_id in enumerate(ids)}
-    targets = Counter(met.target[aimed].tolist())
-    reached = aimed & (met.target == own)
-    bright = lidar.sight(met.reflected[reached])
-    returned = (met.range[reached] >= lidar.min_range) & (met.range[reached] <= bright)
-    stopped = Counter[str]()
-    for target, rays in targets.items():
-        if target != own:
-            stopped[names.get(target, "the ground")] += rays
-    bright_enough = np.flatnonzero(reached)[returned]
-    kept = expected_share(lidar, object_class, bright_enough, met.range[bright_enough])
-    lost = round(float((1 - kept).sum()))
-    return AimedRays(
-        int(aimed.sum()),
-        len(kept) - lost,
-        int(reached.sum()) - len(kept),
-        lost,
-        dict(stopped.most_common()),
-    )
+    found = []
+    ends_of_each = ends_in_rig(placement, vehicle)
+    lidars = zip(placement.mounts, placement.lidars, ends_of_each, strict=True)
+    for mount, lidar, ends in lidars:
+        aimed = cast(mount, lidar, alone, level=world is None).target == own
+        met = cast_in_world(mount, lidar, parts, world, ends=ends)
+        reached = np.flatnonzero(aimed & (met.target == own))
+        away, bright = met.range[reached], lidar.sight(met.reflected[reached])
+        returned = reached[(away >= lidar.min_range) & (away <= bright)]
+        kept = expected_share(lidar, object_class, returned, met.range[returned])
+        lost = round(float((1 - kept).sum()))
+        others = met.target[aimed & (met.target != own)].tolist()
+        stopped = Counter(names.get(target, "the ground") for target in others)
+        dark = len(reached) - len(kept)
+        rays = int(aimed.sum()), len(kept) - lost, dark, lost, dict(stopped.most_common())
+        found.append(AimedRays(*rays))
+    return tuple(found)

@@ -11,9 +11,8 @@ from lidarplace.pog.surrogates.result import Surrogates
 from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes
-from lidarplace.viewing.lidars import add_lidars
 from lidarplace.viewing.solids import corners, edges
-from lidarplace.viewing.vehicle import vehicle_boxes
+from lidarplace.viewing.vehicle import add_lidars, vehicle_boxes
 
 
 @singledispatch

@@ -61,7 +61,7 @@ def busiest_frame(log: BoxLog, crop: Crop) -> int:
     """
     if log.frames.empty:
         raise ValueError("the log has no frame")
-    inside = _inside(log.boxes[list(GEOMETRY)].to_numpy(np.float64), crop)
+    inside = centres_in(crop, log.boxes)
     numbers = log.frames["frame"].to_numpy(np.int64)
     counts = log.boxes.loc[inside, "frame"].value_counts().reindex(numbers, fill_value=0)
     return int(numbers[np.argmax(counts.to_numpy())])
@@ -89,9 +89,8 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
     near = _near(geometry, crop)
     parts = Surroundings(own).parts(number, reach=np.inf)
     buildings = parts.geometry[parts.owner == BUILDING, : len(GEOMETRY)]
-    return Frame(
-        own, row, own.boxes[near], _inside(geometry[near], crop), buildings[_near(buildings, crop)]
-    )
+    objects = own.boxes[near]
+    return Frame(own, row, objects, centres_in(crop, objects), buildings[_near(buildings, crop)])
 
 
 def read_cloud(
@@ -123,9 +122,10 @@ def read_cloud(
     return Cloud(points[kept, :3], lidar[kept], len(points), count_points(points, grown))
 
 
-def _inside(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:
-    """Whether the centres of boxes (m, 7) are in the crop, faces included."""
-    return np.asarray(((boxes[:, :3] >= crop[:3]) & (boxes[:, :3] <= crop[3:])).all(axis=1))
+def centres_in(crop: Crop, boxes: pd.DataFrame) -> NDArray[np.bool_]:
+    """Whether the centres of boxes are in the crop, faces included."""
+    centres = boxes[list(GEOMETRY[:3])].to_numpy(np.float64)
+    return np.asarray(((centres >= crop[:3]) & (centres <= crop[3:])).all(axis=1))
 
 
 def _near(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:

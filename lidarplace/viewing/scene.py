@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 
 from lidarplace.clouds.clouds import Crop
 from lidarplace.logs.box_log import BoxLog
@@ -16,9 +15,8 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
-from lidarplace.viewing.lidars import add_lidars
 from lidarplace.viewing.solids import between, edges, headings, triangles
-from lidarplace.viewing.vehicle import Surface, vehicle_surface
+from lidarplace.viewing.vehicle import Surface, add_lidars, vehicle_surface
 
 POINTS = 160_000
 """Points drawn of a frame: 16 bytes each in a page, and still turned smoothly."""
@@ -66,7 +64,9 @@ def draw_frame(
     frame = read_frame(log, number, crop)
     cloud = read_cloud(frame, placement, crop, points, misaligned_heights, vehicle)
     body = vehicle_surface(vehicle)
-    axes = _axes(placement, crop, body[0])
+    mounts = [mount.position for mount in placement.mounts]
+    seen = np.concatenate([np.reshape(crop, (2, 3)), body[0], mounts])
+    axes = equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}
     figure = go.Figure(layout={"template": style.theme(False), "scene": axes})
     figure.update_layout(
         title={
@@ -162,11 +162,3 @@ def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface
             figure.add_mesh3d(
                 **xyz(vertices), i=i, j=j, k=k, name=name, opacity=opacity, flatshading=True, **grey
             )
-
-
-def _axes(placement: Placement, crop: Crop, vehicle: NDArray[np.floating]) -> dict[str, Any]:
-    """Axes of equal scale that hold ROI, vehicle and LiDARs; the camera looks from behind."""
-    seen = np.concatenate(
-        [np.reshape(crop, (2, 3)), vehicle, [mount.position for mount in placement.mounts]]
-    )
-    return equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}

@@ -1,10 +1,13 @@
-"""The body of the vehicle as boxes and as one surface, in the layout that plotly reads."""
+"""The vehicle in the layout that plotly reads: its body and its LiDARs."""
 
 import numpy as np
+import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.clouds.shapes import OWN_BODY
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.placement import Placement
+from lidarplace.viewing import style
 from lidarplace.viewing.solids import between, triangles
 
 Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
@@ -24,3 +27,30 @@ def vehicle_surface(vehicle: Vehicle | None) -> Surface:
         return vertices, faces
     of_mesh = vehicle.mesh.faces + len(vertices)
     return np.concatenate([vertices, vehicle.mesh.vertices]), np.concatenate([faces, of_mesh])
+
+
+def add_lidars(figure: go.Figure, placement: Placement, pointer: float = 0.0) -> None:
+    """Add a mark a mount that tells its pose, in the colour of its number.
+
+    Args:
+        pointer: length of a line along the sensor's x axis, metres.
+    """
+    for i, mount in enumerate(placement.mounts):
+        name, shade = f"LiDAR {i}", style.COLOURS[i % len(style.COLOURS)]
+        roll, pitch, yaw = np.degrees([mount.roll, mount.pitch, mount.yaw]) + 0.0
+        ends = np.stack([mount.position, mount.position + pointer * mount.rotation[:, 0]])
+        x, y, z = (ends if pointer else ends[:1]).T
+        figure.add_scatter3d(
+            x=x,
+            y=y,
+            z=z,
+            mode="lines+markers" if pointer else "markers",
+            marker={"size": [4, 0] if pointer else 4, "color": shade, "symbol": "diamond"},
+            line={"color": shade, "width": 4},
+            hovertext=f"{name}: x {mount.x:g}, y {mount.y:g}, z {mount.z:g} m<br>"
+            f"roll {roll:.1f}°, pitch {pitch:.1f}°, yaw {yaw:.1f}°",
+            hoverinfo="text",
+            name=name,
+            legendgroup=name,
+            showlegend=bool(pointer),
+        )

@@ -9,9 +9,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.fuzz.cases import Result, run_case, run_cases
-from tests.fuzz.lines import LINES, run_line, run_lines
-from tests.fuzz.table import table
+from tests.fuzz.cases import Result, run_case, run_cases, table
+from tests.fuzz.lines import LINES, run_line
 from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS, SETTINGS
 from tests.fuzz.world import write_world
 
@@ -34,8 +33,8 @@ def results_of(
     targets = GROUPS.get(named) or [target for target in every if target.name == named]
     verbs = [verb for verb in LINES if named in ("lines", f"lines {verb}")]
     if number is None:
-        yield from run_cases(targets, seed, count, world, place)
-        yield from run_lines(verbs, seed, count, world, place)
+        yield from run_cases(run_case, targets, seed, count, world, place)
+        yield from run_cases(run_line, verbs, seed, count, world, place / "lines")
     else:
         yield from (run_case(target, seed, number, world, place) for target in targets)
         yield from (run_line(verb, seed, number, world, place) for verb in verbs)

@@ -2,10 +2,13 @@
 
 import contextlib
 import shutil
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
+from typing import TypeVar
+
+import pandas as pd
 
 from tests.fuzz import (
     mutate_arrays,
@@ -18,6 +21,10 @@ from tests.fuzz import (
 from tests.fuzz.judge import DONE, Outcome, inside, judge_reader, judge_verb
 from tests.fuzz.mutate_bytes import Mutation
 from tests.fuzz.targets import Target, app_of, parts_of
+
+T = TypeVar("T")
+Run = Callable[[T, int, int, Path, Path], "Result"]
+"""Runs a case: of a target, by its seed and its number, of this world, in this new folder."""
 
 BY_SUFFIX: dict[str, Sequence[Mutation]] = {
     ".parquet": mutate_tables.ANY,
@@ -99,9 +106,27 @@ def _outcome(target: Target, path: Path, place: Path) -> Outcome:
 
 
 def run_cases(
-    targets: Sequence[Target], seed: int, count: int, world: Path, places: Path
+    run: Run[T], targets: Iterable[T], seed: int, count: int, world: Path, places: Path
 ) -> Iterator[Result]:
-    """`count` cases of each target."""
-    for target in targets:
+    """`count` cases of each target, by `run_case` or `run_line`."""
+    for place, target in enumerate(targets):
         for number in range(count):
-            yield run_case(target, seed, number, world, places / f"{target.name}-{number}")
+            yield run(target, seed, number, world, places / f"{place}-{number}")
+
+
+def table(results: Sequence[Result]) -> str:
+    """Counts: rows of targets, columns of outcomes."""
+    rows = [(result.target, result.outcome.kind) for result in results]
+    found = pd.DataFrame(rows, columns=["target", "outcome"])
+    counts = pd.crosstab(found["target"], found["outcome"], margins=True, margins_name="all")
+    return str(counts.to_string())
+
+
+def faults(
+    run: Run[T], targets: Sequence[T], seed: int, count: int, world: Path, folder: Path
+) -> list[str]:
+    """Cases that were neither done nor refused; the counts are printed."""
+    results = list(run_cases(run, targets, seed, count, world, folder))
+    print(table(results))
+    assert len(results) == count * len(targets)
+    return [str(result) for result in results if result.outcome.fault]

@@ -3,101 +3,85 @@
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from random import Random
+from typing import Any
 from unittest.mock import patch
 
 from tests.fuzz.cases import Result, copied
 from tests.fuzz.judge import Outcome, judge_verb
 from tests.fuzz.mutate_options import wrong_line
-from tests.fuzz.targets import MAPPED, QUICK, app_of, parts_of
+from tests.fuzz.targets import MAPPED, QUICK, Target, app_of, parts_of
 
 ACCEPTED = SystemExit(0)
 """A command line was taken; what would follow takes long, or starts servers."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """A right command line.
-
-    Attributes:
-        line: the verb and its arguments in the world.
-        needs: what is copied beside what they name.
-        stops_at: function whose call means that the command line was taken.
-        codes: exit codes that say no mistake of the input.
-    """
-
-    line: str
-    stops_at: str = ""
-    needs: str = ""
-    codes: tuple[int, ...] = (0,)
-
-    @property
-    def arguments(self) -> list[str]:
-        return self.line.split()[1:]
+def right(line: str, **known: Any) -> Target:
+    """A right command line."""
+    return Target(line, line=line, **known)
 
 
 LINES = {
-    "init": Line("init new"),
-    "run": Line("run sweep.yaml --dry-run"),
-    "search": Line("search search.yaml --dry-run"),
-    "status": Line("status sweep.yaml"),
-    "clean": Line("clean sweep.yaml", codes=(0, 1), needs="runs"),
-    "doctor": Line("doctor sweep.yaml", codes=(0, 1)),
-    "report": Line("report run", stops_at="tracking.report.build.build_report"),
-    "search-report": Line(
+    "init": right("init new"),
+    "run": right("run sweep.yaml --dry-run"),
+    "search": right("search search.yaml --dry-run"),
+    "status": right("status sweep.yaml"),
+    "clean": right("clean sweep.yaml", codes=(0, 1), needs="runs"),
+    "doctor": right("doctor sweep.yaml", codes=(0, 1)),
+    "report": right("report run", stops_at="tracking.report.build.build_report"),
+    "search-report": right(
         "search-report found", stops_at="tracking.search_report.build.build_search_report"
     ),
-    "dashboard": Line("dashboard runs/mlflow.db", stops_at="tracking.dashboard.connect"),
-    "record": Line("record sweep.yaml out", stops_at="sweeps.execution.runner.run_tasks"),
-    "pretrain": Line(
+    "dashboard": right("dashboard runs/mlflow.db", stops_at="tracking.dashboard.connect"),
+    "record": right("record sweep.yaml out", stops_at="sweeps.execution.runner.run_tasks"),
+    "pretrain": right(
         "pretrain sweep.yaml --out base.pt", stops_at="sweeps.execution.runner.run_tasks"
     ),
-    "calibrate": Line(
+    "calibrate": right(
         "calibrate sweep.yaml --out curves.json", stops_at="sweeps.calibration.observations.rigs_of"
     ),
-    "calibrate --log": Line(
+    "calibrate --log": right(
         "calibrate --log log --rig a=found.parquet --geometry a=rig.yaml --layout parquet",
         stops_at="sweeps.evaluation.asked.read_detections",
     ),
-    "evaluate": Line(
+    "evaluate": right(
         "evaluate log found.parquet --layout parquet --class Car --split test --counted visible",
         stops_at="sweeps.evaluation.asked.read_detections",
     ),
-    "failures": Line(
+    "failures": right(
         "failures run --rigs center,line --where seed=1 --out out",
         stops_at="sweeps.commands.failures._compared",
     ),
-    "convert table": Line("convert table csv out"),
-    "convert a table": Line("convert table csv/boxes.csv out --frames 9"),
-    "convert labels": Line(f"convert table labels/labels.csv {MAPPED}"),
-    "convert kitti": Line("convert kitti kitti out"),
-    "convert nuscenes": Line("convert nuscenes nuscenes out"),
-    "convert argoverse": Line("convert argoverse av2 out"),
-    "convert waymo": Line("convert waymo waymo out"),
-    "convert openlabel": Line("convert openlabel openlabel out --origin 0 0 0"),
-    "carla": Line(
+    "convert table": right("convert table csv out"),
+    "convert a table": right("convert table csv/boxes.csv out --frames 9"),
+    "convert labels": right(f"convert table labels/labels.csv {MAPPED}"),
+    "convert kitti": right("convert kitti kitti out"),
+    "convert nuscenes": right("convert nuscenes nuscenes out"),
+    "convert argoverse": right("convert argoverse av2 out"),
+    "convert waymo": right("convert waymo waymo out"),
+    "convert openlabel": right("convert openlabel openlabel out --origin 0 0 0"),
+    "carla": right(
         "carla carla.yaml out --host 127.0.0.1 --port 1 --timeout 0.1",
         stops_at="lidarplace.plugins.carla.command.collect",
     ),
-    "sensors": Line("sensors list vlp16"),
-    "sensors fit": Line("sensors fit cloud.parquet --like vlp16 --out lidar.yaml"),
-    "rig": Line("rig rig.yaml objects.json --format carla --lidar vlp16"),
-    "read a rig": Line("rig rigs/urdf.urdf new.yaml --origin 0 0 0 --only *"),
-    "describe": Line("describe log"),
-    "view": Line("view log --placement line"),
-    "studio": Line(
+    "sensors": right("sensors list vlp16"),
+    "sensors fit": right("sensors fit cloud.parquet --like vlp16 --out lidar.yaml"),
+    "rig": right("rig rig.yaml objects.json --format carla --lidar vlp16"),
+    "read a rig": right("rig rigs/urdf.urdf new.yaml --origin 0 0 0 --only *"),
+    "describe": right("describe log"),
+    "view": right("view log --placement line"),
+    "studio": right(
         "studio rig.yaml --log log --resolution 0.4",
         stops_at="lidarplace.studio.page.server.serving",
     ),
-    "export": Line("export log out --placement line"),
-    "requirements": Line("requirements needs.yaml", codes=(0, 1)),
-    "accuracy": Line(f"accuracy log {QUICK}"),
-    "accuracy of a table": Line(f"accuracy csv/boxes.csv --frames 9 {QUICK}"),
+    "export": right("export log out --placement line"),
+    "requirements": right("requirements needs.yaml", codes=(0, 1)),
+    "accuracy": right(f"accuracy log {QUICK}"),
+    "accuracy of a table": right(f"accuracy csv/boxes.csv --frames 9 {QUICK}"),
 }
 """By verb."""
 
@@ -122,7 +106,7 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
 
 
 def outcome_of_line(
-    line: Line, words: Sequence[str], places: Sequence[str], place: Path
+    line: Target, words: Sequence[str], places: Sequence[str], place: Path
 ) -> Outcome:
     """What the verb of a line says to `words` in the folder `place`."""
     stop: AbstractContextManager[object] = contextlib.nullcontext()
@@ -131,12 +115,3 @@ def outcome_of_line(
         stop = patch(line.stops_at, side_effect=ACCEPTED)
     with contextlib.chdir(place), stop:
         return judge_verb(app_of(line.line), words, places, line.codes)
-
-
-def run_lines(
-    names: Sequence[str], seed: int, count: int, world: Path, places: Path
-) -> Iterator[Result]:
-    """`count` wrong command lines of each verb."""
-    for name in names:
-        for number in range(count):
-            yield run_line(name, seed, number, world, places / f"{name}-{number}")

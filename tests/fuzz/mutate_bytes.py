@@ -11,42 +11,31 @@ Mutation = Callable[[Path, Random], str]
 """Makes one file wrong in place, and says what was done."""
 
 
-def cut(path: Path, random: Random) -> str:
-    data = path.read_bytes()
-    path.write_bytes(data[: random.randrange(max(len(data), 1))])
-    return "cut"
-
-
-def emptied(path: Path, random: Random) -> str:
-    path.write_bytes(b"")
-    return "emptied"
-
-
-def garbage(path: Path, random: Random) -> str:
-    path.write_bytes(random.randbytes(random.choice((1, 8, 300))))
-    return "garbage"
-
-
-def zeros(path: Path, random: Random) -> str:
-    path.write_bytes(bytes(len(path.read_bytes())))
-    return "zeros"
-
-
-def overwritten(path: Path, random: Random) -> str:
-    data = bytearray(path.read_bytes())
+def _overwritten(data: bytes, random: Random) -> bytes:
     start = random.randrange(max(len(data), 1))
-    data[start : start + random.randint(1, 16)] = random.randbytes(8)
-    path.write_bytes(data)
-    return "overwritten"
+    return data[:start] + random.randbytes(8) + data[start + random.randint(1, 16) :]
 
 
-def not_text(path: Path, random: Random) -> str:
-    data = path.read_bytes()
+def _not_text(data: bytes, random: Random) -> bytes:
     place = random.randrange(len(data) + 1)
-    path.write_bytes(
-        data[:place] + random.choice((b"\xff\xfe", b"\x00", b"\xed\xa0\x80")) + data[place:]
-    )
-    return "not text"
+    return data[:place] + random.choice((b"\xff\xfe", b"\x00", b"\xed\xa0\x80")) + data[place:]
+
+
+BYTES: dict[str, Callable[[bytes, Random], bytes]] = {
+    "cut": lambda data, random: data[: random.randrange(max(len(data), 1))],
+    "emptied": lambda data, random: b"",
+    "garbage": lambda data, random: random.randbytes(random.choice((1, 8, 300))),
+    "zeros": lambda data, random: bytes(len(data)),
+    "overwritten": _overwritten,
+    "not text": _not_text,
+}
+
+
+def other_bytes(path: Path, random: Random) -> str:
+    """Other content."""
+    what = random.choice(list(BYTES))
+    path.write_bytes(BYTES[what](path.read_bytes(), random))
+    return what
 
 
 def removed(path: Path, random: Random) -> str:
@@ -78,7 +67,4 @@ NO_FILES: dict[str, Callable[[Path], object]] = {
     "an empty device": lambda path: path.symlink_to("/dev/null"),
 }
 
-
-ANY: tuple[Mutation, ...] = (
-    *(cut, emptied, garbage, zeros, overwritten, not_text, removed, no_file, no_file, no_file),
-)
+ANY: tuple[Mutation, ...] = (*[other_bytes] * len(BYTES), removed, *[no_file] * 3)

@@ -52,17 +52,11 @@ def cell(path: Path, random: Random) -> str:
 def _numbers(values: list[Any]) -> pd.Series:
     """As integers if they fit, else as floats."""
     try:
-        return (
-            pd.Series(np.array(values, np.int64))
-            if _whole(values)
-            else pd.Series(values, dtype=float)
-        )
+        if all(isinstance(value, int) for value in values):
+            return pd.Series(np.array(values, np.int64))
     except OverflowError:
-        return pd.Series(values, dtype=float)
-
-
-def _whole(values: list[Any]) -> bool:
-    return all(isinstance(value, int) for value in values)
+        pass
+    return pd.Series(values, dtype=float)
 
 
 KINDS: dict[str, Any] = {

@@ -25,21 +25,28 @@ class Target:
 
     Attributes:
         name: for the table of counts; the verb and what it reads.
-        files: what is made wrong, patterns in the world.
+        files: what is made wrong, patterns in the world; "" where it is the command line.
         line: the verb's command line in the world, "" for a reader.
         needs: what is copied beside what `line` names.
         read: the reader, given the world.
         codes: exit codes that say no mistake of the input.
         check: of what was done; returns what is nonsense in it.
+        stops_at: function whose call means that the command line was taken.
     """
 
     name: str
-    files: str
+    files: str = ""
     line: str = ""
     needs: str = ""
     read: Callable[[Path], object] | None = None
     codes: tuple[int, ...] = (0,)
     check: Callable[[Path], str] = field(default=lambda world: "")
+    stops_at: str = ""
+
+    @property
+    def arguments(self) -> list[str]:
+        """Those of the command line."""
+        return self.line.split()[1:]
 
 
 def app_of(line: str) -> Any:
@@ -72,16 +79,10 @@ def _nonsense(name: str, world: Path) -> str:
     return ""
 
 
-def _box_log(world: Path) -> object:
+def _box_log(name: str, world: Path) -> object:
     from lidarplace.logs.box_log import read_box_log
 
-    return read_box_log(world / "log")
-
-
-def _recorded_log(world: Path) -> object:
-    from lidarplace.logs.box_log import read_box_log
-
-    return read_box_log(world / "recorded")
+    return read_box_log(world / name)
 
 
 def _kitti_clouds(world: Path) -> object:
@@ -189,9 +190,13 @@ QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 """A LiDAR of few rays, and large voxels."""
 
 DATA: tuple[Target, ...] = (
-    Target("box log", LOG, read=_box_log, check=SOUND),
+    Target("box log", LOG, read=partial(_box_log, "log"), check=SOUND),
     Target("sensors fit", "cloud.parquet", "sensors fit cloud.parquet --out lidar.yaml"),
-    Target("recorded log", "recorded/rig.json recorded/boxes.parquet", read=_recorded_log),
+    Target(
+        "recorded log",
+        "recorded/rig.json recorded/boxes.parquet",
+        read=partial(_box_log, "recorded"),
+    ),
     Target("validate", "recorded/rig.json recorded/boxes.parquet", "validate recorded --out out"),
     Target("describe", LOG, "describe log", check=SOUND),
     Target("view", LOG, "view log --placement line", check=SOUND),

@@ -4,22 +4,13 @@ import shutil
 
 import pytest
 
-from tests.fuzz.cases import outcome_of, run_cases
+from tests.fuzz.cases import faults, outcome_of, run_case
 from tests.fuzz.judge import DONE
-from tests.fuzz.table import table
 from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS
 
 
 def names(targets):
     return [target.name for target in targets]
-
-
-def faults(targets, seed, count, world, folder):
-    """Cases that were neither done nor refused; the counts are printed."""
-    results = list(run_cases(targets, seed, count, world, folder))
-    print(table(results))
-    assert len(results) == count * len(targets)
-    return [str(result) for result in results if result.outcome.fault]
 
 
 EVERY = (*DATA, *DETECTIONS, *REPORTS)
@@ -35,26 +26,26 @@ def test_right_data_is_done(target, world, tmp_path):
 
 @pytest.mark.parametrize("target", [*DATA, *DETECTIONS], ids=names((*DATA, *DETECTIONS)))
 def test_data(target, world, tmp_path):
-    assert not faults([target], 0, 5, world, tmp_path)
+    assert not faults(run_case, [target], 0, 5, world, tmp_path)
 
 
 @pytest.mark.parametrize("target", MAPS, ids=names(MAPS))
 def test_maps(target, world, tmp_path):
     pytest.importorskip("sumolib")
-    assert not faults([target], 0, 2, world, tmp_path)
+    assert not faults(run_case, [target], 0, 2, world, tmp_path)
 
 
 @pytest.mark.parametrize("target", REPORTS, ids=names(REPORTS))
 def test_reports(target, world, tmp_path):
-    assert not faults([target], 0, 2, world, tmp_path)
+    assert not faults(run_case, [target], 0, 2, world, tmp_path)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_much_data(seed, world, tmp_path):
-    assert not faults((*DATA, *DETECTIONS), seed, 100, world, tmp_path)
+    assert not faults(run_case, (*DATA, *DETECTIONS), seed, 100, world, tmp_path)
 
 
 @pytest.mark.long
 def test_many_maps_and_reports(world, tmp_path):
-    assert not faults((*MAPS, *REPORTS), 1, 60, world, tmp_path)
+    assert not faults(run_case, (*MAPS, *REPORTS), 1, 60, world, tmp_path)

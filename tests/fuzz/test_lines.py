@@ -2,18 +2,10 @@
 
 import pytest
 
-from tests.fuzz.cases import copied
+from tests.fuzz.cases import copied, faults
 from tests.fuzz.judge import DONE
-from tests.fuzz.lines import LINES, outcome_of_line, run_lines
-from tests.fuzz.table import table
+from tests.fuzz.lines import LINES, outcome_of_line, run_line
 from tests.fuzz.targets import parts_of
-
-
-def faults(names, seed, count, world, folder):
-    results = list(run_lines(names, seed, count, world, folder))
-    print(table(results))
-    assert len(results) == count * len(names)
-    return [str(result) for result in results if result.outcome.fault]
 
 
 @pytest.mark.parametrize("name", LINES)
@@ -26,9 +18,9 @@ def test_a_right_line_is_taken(name, world, tmp_path):
 
 @pytest.mark.parametrize("name", LINES)
 def test_lines(name, world, tmp_path):
-    assert not faults([name], 0, 4, world, tmp_path)
+    assert not faults(run_line, [name], 0, 4, world, tmp_path)
 
 
 @pytest.mark.long
 def test_many_lines(world, tmp_path):
-    assert not faults(list(LINES), 1, 100, world, tmp_path)
+    assert not faults(run_line, list(LINES), 1, 100, world, tmp_path)

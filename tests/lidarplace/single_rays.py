@@ -2,11 +2,8 @@
 
 import numpy as np
 
-from lidarplace.coverage.bresenham import walk_bresenham
 from lidarplace.coverage.clip import VoxelGrid, clip_rays
-from lidarplace.coverage.dda import walk_dda
-
-WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}
+from lidarplace.coverage.rays import walk_rays
 
 
 def voxels_of_rays(method, origin, directions, reach, grid):
@@ -20,5 +17,6 @@ def voxels_of_rays(method, origin, directions, reach, grid):
     spans = clip_rays(origin, directions, reach, voxel_grid)
     voxels = np.empty(len(directions) * sum(shape), np.uint64)
     offsets = np.zeros(len(directions) + 1, np.int64)
-    WALKS[method](origin, directions, spans, reach, 0, voxel_grid, voxels, offsets)
+    bresenham = method == "bresenham"
+    walk_rays(bresenham, origin, directions, spans, reach, voxel_grid, voxels, offsets)
     return voxels[: offsets[-1]], offsets

@@ -53,18 +53,6 @@ def test_traversal_converges_to_the_cones(azimuth, reach):
     assert missing[0] > 0.02 * exact
 
 
-def test_vertical_beams_and_beams_along_voxel_planes():
-    down = Placement("down", [Mount(0.6, 0.1, 1.9)], lidar=Lidar((-right_angle,), 4))
-    covered = coverage(down, ROI, "cone")
-    expected = np.zeros(ROI.shape, bool)
-    expected[2, 6, :8] = True
-    np.testing.assert_array_equal(covered, expected)
-    # A horizontal beam in the plane between two layers touches both.
-    level = Placement("level", [Mount(0.6, 0.1, 1.0)], lidar=Lidar((0.0,), 4))
-    layers = coverage(level, ROI, "cone").all(axis=(0, 1))
-    assert list(np.flatnonzero(layers)) == [3, 4]
-
-
 def test_a_beam_that_misses_the_roi_covers_nothing():
     up = Placement("up", [Mount(0.0, 0.0, 3.0)], lidar=Lidar((0.3, 0.6), 360))
     for method in ("cone", "dda", "bresenham"):

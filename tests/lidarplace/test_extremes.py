@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.coverage import coverage
-from lidarplace.coverage.bits import pack
 from lidarplace.coverage.cone import covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.logs.boxes import GEOMETRY
@@ -311,29 +310,6 @@ def test_rays_from_a_corner_fill_the_octants_by_their_signs():
         assert rays[1 + octant[0], 2 + octant[1], octant[2]] == expected
 
 
-@pytest.mark.parametrize(
-    ("mount", "lower", "upper", "axis"),
-    [
-        (Mount(0.5, 0.1, 0.3), (1, 3, 1), (2, 3, 1), 0),
-        (Mount(0.6, 0.0, 0.3), (2, 2, 1), (2, 3, 1), 1),
-        (Mount(0.6, 0.1, 0.5), (2, 3, 1), (2, 3, 2), 2),
-    ],
-)
-def test_rays_from_a_face_go_to_one_side_or_the_other(mount, lower, upper, axis):
-    lidar = Lidar((-0.6, -0.1, 0.0, 0.2), azimuth_steps=360)
-    rays = ray_counts(Placement("face", [mount], lidar=lidar), ROI, "dda")
-    falls = np.count_nonzero(lidar.directions()[:, axis] < 0)
-    assert rays[lower] == falls
-    assert rays[upper] == lidar.rays - falls
-
-
-def test_vertical_rays_all_pass_one_column():
-    up = one_sensor(Mount(0.6, 0.1, -5.0), [RIGHT_ANGLE], steps=1000)
-    rays = ray_counts(up, ROI, "dda")
-    assert (rays[2, 3] == 1000).all()
-    assert rays.sum() == 4000
-
-
 # Sums.
 
 
@@ -386,11 +362,6 @@ def test_the_order_of_voxels_changes_no_sum():
     first, second = evaluate(grid, placement), evaluate(mirrored, placement)
     assert 0 < first.covered_entropy < first.h_pog
     assert (first.h_pog, first.s_mig, first.ig) == (second.h_pog, second.s_mig, second.ig)
-    order, mask = rng.permutation(counts.size), rng.random(ROI.shape) < 0.4
-    shuffled = counts.ravel()[order].reshape(ROI.shape)
-    other = OccupancyGrid(ROI, "Car", shuffled, 10**5)
-    covered = other.levels.covered(pack(mask.ravel()[order].reshape(ROI.shape)))
-    np.testing.assert_array_equal(covered, grid.levels.covered(pack(mask)))
 
 
 def test_expected_points_are_exact(wide_range):

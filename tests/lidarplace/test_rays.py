@@ -78,19 +78,6 @@ def test_dda_lists_the_half_open_cubes_with_a_point_of_the_ray(origin, direction
     )
 
 
-def test_voxels_are_half_open():
-    """A face belongs to the voxel above it; a corner is passed from voxel to voxel."""
-    along_a_face = walk("dda", (0.25, 0.0, 1.0), (1.0, 0.0, 0.0), 0.5)
-    assert along_a_face == [(0, 2, 1), (1, 2, 1)]
-    along_the_top = walk("dda", (0.25, 0.0, 2.0), (1.0, 0.0, 0.0), 9.0)
-    assert along_the_top == []
-    same_sign = walk("dda", (0.0, -1.0, 0.75), (1.0, 1.0, 0.0), 9.0)
-    assert same_sign == [(0, 0, 0), (1, 1, 0), (2, 2, 0)]
-    # Where x grows and y falls the corner itself belongs to the voxel with both larger.
-    opposite = walk("dda", (0.25, -0.25, 0.75), (1.0, -1.0, 0.0), 0.5)
-    assert opposite == [(0, 1, 0), (1, 1, 0), (1, 0, 0)]
-
-
 coordinate = st.floats(-4, 6)
 unit = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)).filter(
     lambda d: np.linalg.norm(d) > 1e-3
@@ -137,12 +124,6 @@ def test_errors_do_not_grow_along_the_ray():
     middles = [(i, math.floor(Fraction(6, 10) + i * slope), 0) for i in range(n)]
     assert set(middles) <= set(cells)
     assert len(cells) == 1 + (n - 1) + cells[-1][1]  # one face at a time
-
-
-def test_a_voxel_is_reached_when_it_begins_before_the_end_of_the_range():
-    for reach, last in ((0.75, 1), (np.nextafter(0.75, 1), 2), (0.25, 0)):
-        cells = walk("dda", (0.25, 0.25, 0.75), (1.0, 0.0, 0.0), reach)
-        assert cells == [(i, 2, 0) for i in range(last + 1)]
 
 
 def textbook_line(start, end):

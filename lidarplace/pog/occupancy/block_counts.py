@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 
+_MOST = 2**31  # above any count of frames
+
 
 @dataclass(frozen=True, eq=False)
 class BlockCounts:
@@ -36,22 +38,21 @@ class BlockCounts:
     @classmethod
     def of_blocks(cls, blocks: Iterable[NDArray[np.int32]]) -> BlockCounts:
         """Histories from the counts of every block, arrays of one shape, read once in order."""
-        node = np.empty(0, np.int32)
-        nodes = np.zeros((4, 1), np.int32)  # parent, block, count; youngest child
-        size = 1
+        nodes = [np.zeros((3, 1), np.int64)]  # parent, block, count
+        node, size = np.empty(0, np.int64), 1
         for number, counts in enumerate(blocks):
             flat = counts.reshape(-1)
             if not len(node):
-                node = np.zeros(len(flat), np.int32)
-            room = size + np.count_nonzero(flat)
-            if room > nodes.shape[1]:
-                larger = np.zeros((4, 2 * room), np.int32)
-                larger[:, :size] = nodes[:, :size]
-                nodes = larger
-            size = _refine(flat, number, node, nodes[0], nodes[1], nodes[2], nodes[3], size)
+                node = np.zeros(len(flat), np.int64)
+            met = np.flatnonzero(flat)
+            pairs, child = np.unique(node[met] * _MOST + flat[met], return_inverse=True)
+            parent, count = np.divmod(pairs, _MOST)
+            nodes.append(np.stack([parent, np.full(len(pairs), number), count]))
+            node[met] = size + child
+            size += len(pairs)
         voxels = np.flatnonzero(node)
-        parent, block, count = (row[:size].copy() for row in nodes[:3])
-        return cls(voxels, node[voxels], parent, block, count)
+        parent, block, count = np.concatenate(nodes, axis=1).astype(np.int32)
+        return cls(voxels, node[voxels].astype(np.int32), parent, block, count)
 
     def counts(self, multiplicity: NDArray[np.integer]) -> NDArray[np.int64]:
         """Count of every node when block b is taken `multiplicity[b]` times, shape (nodes,)."""
@@ -59,34 +60,7 @@ class BlockCounts:
 
 
 @njit(cache=True, nogil=True)
-def _refine(counts, number, node, parent, block, count, youngest, size):  # pragma: no cover
-    """Move the voxels of `counts` to children of their nodes; returns the new number of nodes.
-
-    The siblings of one block follow each other: `youngest` of a child is its next older sibling
-    until the block ends, so few are looked at.
-    """
-    first = size
-    older = np.zeros(len(parent) - first, np.int32)
-    for v in range(len(counts)):
-        c = counts[v]
-        if c == 0:
-            continue
-        mother = node[v]
-        child = youngest[mother]
-        while child >= first and count[child] != c:
-            child = older[child - first]
-        if child < first:
-            child = size
-            parent[child], block[child], count[child] = mother, number, c
-            older[child - first] = youngest[mother]
-            youngest[mother] = child
-            size += 1
-        node[v] = child
-    return size
-
-
-@njit(cache=True, nogil=True)
-def _counts(parent, block, count, multiplicity) -> NDArray[np.int64]:  # pragma: no cover - compiled
+def _counts(parent, block, count, multiplicity) -> NDArray[np.int64]:
     result = np.zeros(len(parent), np.int64)
     for n in range(1, len(parent)):
         result[n] = result[parent[n]] + multiplicity[block[n]] * count[n]

@@ -61,7 +61,7 @@ _inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=Tru
 
 
 @_inner
-def _slab(a, b, half, offset, centres, minimum, resolution):  # pragma: no cover - compiled
+def _slab(a, b, half, offset, centres, minimum, resolution):
     """First and last centre with |a + b d| <= half, d = centre - offset; none: first > last.
 
     The ends are guessed by division, then moved to where the test itself changes. Rounding is
@@ -89,7 +89,7 @@ def _slab(a, b, half, offset, centres, minimum, resolution):  # pragma: no cover
 
 
 @_inner
-def _reach(centre, half, minimum, resolution, n):  # pragma: no cover - compiled
+def _reach(centre, half, minimum, resolution, n):
     """First and last of n voxels on an axis within `half` of `centre`, and up to one more."""
     first = np.floor((centre - half - minimum) / resolution - 0.5)
     last = np.ceil((centre + half - minimum) / resolution - 0.5)
@@ -99,12 +99,12 @@ def _reach(centre, half, minimum, resolution, n):  # pragma: no cover - compiled
 
 
 @_inner
-def _inside(along, across, c, s, d, half_length, half_width):  # pragma: no cover - compiled
+def _inside(along, across, c, s, d, half_length, half_width):
     return (abs(along + s * d) <= half_length) & (abs(c * d - across) <= half_width)
 
 
 @_inner
-def _run(dx, sides, ys, minimum, resolution):  # pragma: no cover - compiled
+def _run(dx, sides, ys, minimum, resolution):
     """First and last voxel of a row of constant x whose centres lie in a box; none: first > last.
 
     Args:
@@ -145,7 +145,7 @@ def _run(dx, sides, ys, minimum, resolution):  # pragma: no cover - compiled
 
 
 @_inner
-def _add(changes, i, j0, j1, k0, k1):  # pragma: no cover - compiled
+def _add(changes, i, j0, j1, k0, k1):
     """Add one to the voxels [i, j0:j1 + 1, k0:k1 + 1], as a second difference."""
     nz, _, ny = changes.shape
     changes[k0, i, j0] += 1
@@ -158,7 +158,7 @@ def _add(changes, i, j0, j1, k0, k1):  # pragma: no cover - compiled
 
 
 @_inner
-def _ones(first, last):  # pragma: no cover - compiled
+def _ones(first, last):
     """The bits first..last of a word."""
     if last - first == 63:
         return np.int64(-1)
@@ -166,7 +166,7 @@ def _ones(first, last):  # pragma: no cover - compiled
 
 
 @_inner
-def _add_bits(changes, i, j0, j1, k0, k1, bits):  # pragma: no cover - compiled
+def _add_bits(changes, i, j0, j1, k0, k1, bits):
     """`_add` for every run of ones in `bits`, which are those of k0..k1 in their word."""
     k = k0
     while k <= k1:
@@ -179,7 +179,7 @@ def _add_bits(changes, i, j0, j1, k0, k1, bits):  # pragma: no cover - compiled
 
 
 @_inner
-def _meets(seen, word, i, j0, j1):  # pragma: no cover - compiled
+def _meets(seen, word, i, j0, j1):
     """Whether the frame has counted in one of the columns j0..j1 of row i."""
     found = np.int64(0)
     for w in range(j0 // 64, j1 // 64 + 1):
@@ -188,14 +188,14 @@ def _meets(seen, word, i, j0, j1):  # pragma: no cover - compiled
 
 
 @_inner
-def _see(seen, word, i, j0, j1):  # pragma: no cover - compiled
+def _see(seen, word, i, j0, j1):
     """Mark the columns j0..j1 of row i."""
     for w in range(j0 // 64, j1 // 64 + 1):
         seen[word, i, w] |= _ones(max(j0 - 64 * w, 0), min(j1 - 64 * w, 63))
 
 
 @_inner
-def _add_new(changes, seen, counted, i, j0, j1, k0, k1):  # pragma: no cover - compiled
+def _add_new(changes, seen, counted, i, j0, j1, k0, k1):
     """`_add` where the frame has not counted yet; k0..k1 are of one word of `counted`."""
     word = k0 // 64
     bits = _ones(k0 - 64 * word, k1 - 64 * word)
@@ -212,7 +212,7 @@ def _add_new(changes, seen, counted, i, j0, j1, k0, k1):  # pragma: no cover - c
 
 
 @_inner
-def _sum_up(changes, i, j0, j1, k0, k1, counts):  # pragma: no cover - compiled
+def _sum_up(changes, i, j0, j1, k0, k1, counts):
     """Turn the second differences of row i, which are zero outside, into counts."""
     along_z = np.zeros(j1 - j0 + 1, np.int32)
     for k in range(k0, k1 + 1):
@@ -224,7 +224,7 @@ def _sum_up(changes, i, j0, j1, k0, k1, counts):  # pragma: no cover - compiled
 
 
 @_inner
-def _bounds(box, minimum, resolution, zs, shape):  # pragma: no cover - compiled
+def _bounds(box, minimum, resolution, zs, shape):
     """Cosine, sine, and first and last voxel on each axis that a box can reach; along z exact."""
     x, y, z, length, width, height, yaw = box
     nx, ny, _ = shape
@@ -241,7 +241,7 @@ def _bounds(box, minimum, resolution, zs, shape):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count(boxes, frame, grid, seen, counted, changes, counts):  # pragma: no cover - compiled
+def _count(boxes, frame, grid, seen, counted, changes, counts):
     """Count boxes in `counts`, shape (nx, ny, nz), which is zero as are `seen` and `changes`."""
     minimum, resolution, xs, ys, zs = grid
     nx, ny, nz = counts.shape

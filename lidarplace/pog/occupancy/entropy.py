@@ -38,7 +38,7 @@ def entropy_of_counts(counts: NDArray[np.integer], frames: int) -> NDArray[np.fl
 
 
 @njit(cache=True)
-def _binary_entropy(p, rest, entropy):  # pragma: no cover - compiled
+def _binary_entropy(p, rest, entropy):
     """Fill `entropy`; returns the index of the first pair that is no probability, or -1."""
     for i in range(len(p)):
         small, large = min(p[i], rest[i]), max(p[i], rest[i])

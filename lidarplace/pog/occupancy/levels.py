@@ -60,7 +60,7 @@ class Levels:
 
 
 @njit(cache=True, nogil=True)
-def _group(counts, first, voxels, count_of_set):  # pragma: no cover - compiled
+def _group(counts, first, voxels, count_of_set):
     """Fill `first`, and the sets where there is room for them; returns the number of sets."""
     nx, ny, nz = counts.shape
     own = np.empty(64, np.int32)  # the counts of one column, and their voxels
@@ -93,7 +93,7 @@ def _group(counts, first, voxels, count_of_set):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _count_covered(bits, first, voxels, level, number):  # pragma: no cover - compiled
+def _count_covered(bits, first, voxels, level, number):
     for column in range(len(bits)):
         if bits[column] == 0:
             continue

@@ -1,8 +1,8 @@
 """Which mounts to take out of a finite set of candidates, and how far from the best that can be."""
 
 from lidarplace.pog.selection.exposure import Exposure
-from lidarplace.pog.selection.greedy import Greedy, gains, greedy
 from lidarplace.pog.selection.limits import Limits
-from lidarplace.pog.selection.upper_bound import UpperBound, upper_bound
+from lidarplace.pog.selection.majorant import VoxelChoice
+from lidarplace.pog.selection.submodular import Greedy, SubmodularChoice, UpperBound
 
-__all__ = ["Exposure", "Greedy", "Limits", "UpperBound", "gains", "greedy", "upper_bound"]
+__all__ = ["Exposure", "Greedy", "Limits", "SubmodularChoice", "UpperBound", "VoxelChoice"]

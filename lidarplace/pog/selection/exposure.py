@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.coverage import Method, check_method
+from lidarplace.coverage import Method
 from lidarplace.pog.occupancy.grid import OccupancyGrid
-from lidarplace.pog.selection.tracing import OBJECTIVES, Objective, Tracing
+from lidarplace.pog.selection.submodular import check_weights
+from lidarplace.pog.selection.tracing import Objective, Tracing
 from lidarplace.pog.selection.voxel_gain import SATURATED, VoxelGain, gain_at
 from lidarplace.rigs.placement import Placement
 
@@ -71,17 +72,10 @@ class Exposure:
             weights: weight of each class, not negative; classes without weight do not count.
 
         Raises:
-            ValueError: an unknown surrogate or method, a weight that is negative or of an unknown
-                class, grids of different ROIs, q outside (0, 1], or a stride below 1.
+            ValueError: a weight that is negative or of an unknown class, grids of different ROIs,
+                or a stride below 1.
         """
-        check_method(method)
-        if surrogate not in OBJECTIVES:
-            raise ValueError(f"surrogate must be {', '.join(OBJECTIVES)}, found {surrogate!r}")
-        if not 0 < detection_probability <= 1:
-            raise ValueError(
-                f"detection_probability must be within (0, 1], found {detection_probability}"
-            )
-        _check_weights(weights, grids)
+        check_weights(weights, [*grids])
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
         if not weighted:
             return cls._empty(len(candidates))
@@ -165,14 +159,6 @@ class Exposure:
         return least
 
 
-def _check_weights(weights: Mapping[str, float], grids: Mapping[str, OccupancyGrid]) -> None:
-    for name, weight in weights.items():
-        if name not in grids:
-            raise ValueError(f"weights has {name!r}, but the classes are {', '.join(grids)}")
-        if not 0 <= weight < np.inf:
-            raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
-
-
 def _joined(parts: list[NDArray[Any]], kind: np.dtype[Any] | type[Any]) -> NDArray[Any]:
     """The parts one after another, each given free once copied.
 
@@ -190,7 +176,7 @@ def _joined(parts: list[NDArray[Any]], kind: np.dtype[Any] | type[Any]) -> NDArr
 
 
 @njit(cache=True, nogil=True)
-def add_exposure(rows, candidate, share, total):  # pragma: no cover - compiled
+def add_exposure(rows, candidate, share, total):
     """Add `share` of what a candidate gives."""
     offsets, voxels, amounts, scale = rows
     for n in range(offsets[candidate], offsets[candidate + 1]):
@@ -198,7 +184,7 @@ def add_exposure(rows, candidate, share, total):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def gains_of(tables, total):  # pragma: no cover - compiled
+def gains_of(tables, total):
     """g_v of every voxel at its exposure."""
     gains = np.empty(len(total))
     for v in range(len(total)):
@@ -207,7 +193,7 @@ def gains_of(tables, total):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _ladder_of(tables, voxels, exposure) -> NDArray[np.float64]:  # pragma: no cover - compiled
+def _ladder_of(tables, voxels, exposure) -> NDArray[np.float64]:
     """g of one voxel of every profile at some exposures, shape (profiles, exposures)."""
     ladder = np.empty((len(voxels), len(exposure)))
     for n in range(len(voxels)):
@@ -217,7 +203,7 @@ def _ladder_of(tables, voxels, exposure) -> NDArray[np.float64]:  # pragma: no c
 
 
 @njit(cache=True, nogil=True)
-def _least(rows, least):  # pragma: no cover - compiled
+def _least(rows, least):
     offsets, voxels, amounts, scale = rows
     for candidate in range(len(scale)):
         for n in range(offsets[candidate], offsets[candidate + 1]):

@@ -15,13 +15,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
+from lidarplace.pog.selection.cuts import Cut
 from lidarplace.pog.selection.exposure import Exposure, gains_of
+from lidarplace.pog.selection.submodular import Added, SubmodularChoice
 from lidarplace.pog.selection.voxel_gain import gain_at, slope_at
 
 _STEPS = -1.0
@@ -101,11 +104,37 @@ class Majorant:
             edges=edges,
         )
 
-    def added_by_all(self, edges: NDArray[np.int64]) -> NDArray[np.float64]:
-        """`added` by every candidate, shape (blocks, candidates)."""
+    def cut(self, blocks: int) -> Cut:
+        """The sums over blocks of voxels."""
+        edges = np.linspace(0, len(self.constant), blocks + 1).astype(np.int64)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             parts = threads.map(lambda e: self.added(e, edges), range(self.exposure.candidates))
-            return np.array(list(parts)).reshape(-1, len(edges) - 1).T
+            slopes = np.array(list(parts)).reshape(-1, blocks).T
+        return Cut(np.array([self.constant[a:b].sum() for a, b in pairwise(edges)]), slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelChoice(SubmodularChoice):
+    """Candidates by how much they expose the voxels."""
+
+    exposure: Exposure
+
+    @property
+    def candidates(self) -> int:
+        return self.exposure.candidates
+
+    def value(self, chosen: Sequence[int]) -> float:
+        return self.exposure.value(chosen)
+
+    def _added_to(self, chosen: Sequence[int]) -> Added:
+        set_so_far = Majorant.of_set(self.exposure, chosen)
+        return lambda candidate: float(set_so_far.added(candidate)[0])
+
+    def _cut_of_set(self, chosen: Sequence[int], blocks: int) -> Cut:
+        return Majorant.of_set(self.exposure, chosen).cut(blocks)
+
+    def _tangent(self, share: NDArray[np.float64], blocks: int) -> Cut:
+        return Majorant.at(self.exposure, share).cut(blocks)
 
 
 def _unit(exposure: Exposure) -> float:
@@ -119,7 +148,7 @@ def _start(exposure: Exposure, total: NDArray[np.float64]) -> NDArray[np.float64
 
 
 @njit(cache=True, nogil=True)
-def slopes_of(tables, total):  # pragma: no cover - compiled
+def slopes_of(tables, total):
     """A slope of g_v for every voxel at its exposure."""
     slopes = np.empty(len(total))
     for v in range(len(total)):
@@ -128,7 +157,7 @@ def slopes_of(tables, total):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _lines(tables, total, least, constant, slopes):  # pragma: no cover - compiled
+def _lines(tables, total, least, constant, slopes):
     for v in range(len(total)):
         if total[v] < least[v]:
             constant[v] = 0.0
@@ -139,7 +168,7 @@ def _lines(tables, total, least, constant, slopes):  # pragma: no cover - compil
 
 
 @njit(cache=True, nogil=True)
-def _climb(rows, candidate, tables, ladder, share, start, gains, reached):  # pragma: no cover
+def _climb(rows, candidate, tables, ladder, share, start, gains, reached):
     """Add `share` of what a candidate adds by steps to `reached`."""
     offsets, voxels, amounts, scale = rows
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
@@ -153,9 +182,7 @@ def _climb(rows, candidate, tables, ladder, share, start, gains, reached):  # pr
 
 
 @njit(cache=True, nogil=True)
-def _added(
-    rows, candidate, tables, ladder, constant, slopes, start, edges
-) -> NDArray[np.float64]:  # pragma: no cover - compiled
+def _added(rows, candidate, tables, ladder, constant, slopes, start, edges) -> NDArray[np.float64]:
     offsets, voxels, amounts, scale = rows
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
     added = np.zeros(len(edges) - 1)

@@ -127,7 +127,7 @@ def _in_layers(by_voxel: NDArray[Any]) -> NDArray[Any]:
 
 
 @njit(cache=True, nogil=True)
-def _covered(bits, places):  # pragma: no cover - compiled
+def _covered(bits, places):
     """Numbers of the places that are covered; bits of shape (words, nx * ny)."""
     voxels = np.empty(len(places) + 1, np.uint32)
     columns = bits.shape[1]
@@ -142,7 +142,7 @@ def _covered(bits, places):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _exposed(amount, places):  # pragma: no cover - compiled
+def _exposed(amount, places):
     """Numbers and amounts of the places whose amount is positive."""
     voxels, amounts = np.empty(len(places) + 1, np.uint32), np.empty(len(places) + 1, amount.dtype)
     size = 0

@@ -85,7 +85,7 @@ def _profiles(counts: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.
 
 
 @njit(cache=True, nogil=True)
-def gain_at(tables, v, m):  # pragma: no cover - compiled
+def gain_at(tables, v, m):
     """g_v(m)."""
     shape, profile, worth, p, rest, weights = tables
     a = profile[v]
@@ -102,7 +102,7 @@ def gain_at(tables, v, m):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def slope_at(tables, v, m):  # pragma: no cover - compiled
+def slope_at(tables, v, m):
     """A slope s with `g_v(m) + s (t - m) >= g_v(t)` for all t."""
     shape, profile, worth, p, rest, weights = tables
     a = profile[v]

@@ -62,17 +62,8 @@ def evaluate(
         ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1.
     """
     check_grid(grid)
-    result = evaluate_classes(
-        {grid.object_class: grid},
-        placement,
-        method,
-        azimuth_steps,
-        surrogates,
-        detection_probability,
-        occlusion,
-        azimuth_stride,
-    )
-    return result[grid.object_class]
+    asked = (azimuth_steps, surrogates, detection_probability, occlusion, azimuth_stride)
+    return evaluate_classes({grid.object_class: grid}, placement, method, *asked)[grid.object_class]
 
 
 def check_grid(grid: OccupancyGrid) -> None:
@@ -163,15 +154,8 @@ def evaluate_classes(
     if method != "cone":
         whole = functools.partial(int, np.bitwise_count(covered).sum())
     voxels = CoveredVoxels(whole)
-    rays = _Rays(
-        placement=placement,
-        roi=occupied,
-        method=ray_method,
-        azimuth_stride=azimuth_stride,
-        counts=counts,
-        q=detection_probability,
-        occlusion=occlusion,
-    )
+    q = detection_probability
+    rays = _Rays(placement, occupied, ray_method, azimuth_stride, counts, q, occlusion)
     common = time.perf_counter() - start
 
     results = {}

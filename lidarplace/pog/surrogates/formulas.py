@@ -64,9 +64,7 @@ class Crossings:
 
 
 @njit(cache=True, nogil=True)
-def _list_crossed(
-    rays, first, voxels, level, level_of_voxel, rays_of_voxel
-):  # pragma: no cover - compiled
+def _list_crossed(rays, first, voxels, level, level_of_voxel, rays_of_voxel):
     """List the occupied voxels that rays cross, and return their number; room for one more."""
     nx, ny, _ = rays.shape
     size, one = np.int64(0), np.uint64(1)
@@ -129,7 +127,7 @@ def expected_ig_with_occlusion(grid: OccupancyGrid, log_miss: NDArray[np.float64
 
 
 @njit(cache=True, nogil=True)
-def information(p, rest, log_miss):  # pragma: no cover - compiled
+def information(p, rest, log_miss):
     """I(v) of `expected_ig` for arrays of p > 0, rest = 1 - p and log_miss = ln(1 - d) < 0."""
     result = np.empty(len(p))
     for i in range(len(p)):
@@ -138,7 +136,7 @@ def information(p, rest, log_miss):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def information_at(p, rest, log_miss):  # pragma: no cover - compiled
+def information_at(p, rest, log_miss):
     """I(v) without the difference of two entropies, which cancels where d, p or 1 - p is small.
 
     With g(x) = (1 - x) ln(1 - x) + x, and 1 - p d the probability that nothing is detected:
@@ -158,7 +156,7 @@ def information_at(p, rest, log_miss):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _g(x, left):  # pragma: no cover - compiled
+def _g(x, left):
     """(1 - x) ln(1 - x) + x for left = 1 - x."""
     if x < 1e-3:  # series: x^2/2 + x^3/6 + x^4/12 + ..., next term below 1e-16 relative
         series = 1 / 2 + x * (1 / 6 + x * (1 / 12 + x * (1 / 20 + x * (1 / 30 + x / 42))))

@@ -102,7 +102,9 @@ def pog_sampling_error(
     every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
     computed = {name: of_seen for name, of_seen in every if of_seen is not None}
     draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
-    block_of_box = _block_of_box(boxes, frames, of_frame)
+    keys = frame_keys(boxes, frames)
+    blocked = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")
+    block_of_box = blocked["block"].to_numpy()  # NaN for a box of another frame
     covered = coverage(placement, roi, method).reshape(-1)
     ray_method = rays_of(method)
     rays = ray_counts(placement, roi, ray_method).reshape(-1)
@@ -146,7 +148,7 @@ def pog_sampling_error(
                 entropy=entropy,
                 h_pog=math.fsum(of_level * entropy),
                 crossings=partial(_crossings, histories, rays[here], counts),
-                points=partial(_points, met_rays, counts, total),
+                points=partial(float, int(met_rays @ counts) / total),
                 information=partial(gain, counts, total),
             )
             result = Surrogates(
@@ -194,15 +196,6 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
     return result
 
 
-def _block_of_box(
-    boxes: pd.DataFrame, frames: pd.DataFrame, of_frame: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Block of every box, shape (boxes,); -1 for a box of another frame."""
-    keys = frame_keys(boxes, frames)
-    found = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")["block"]
-    return found.fillna(-1).to_numpy(np.int64)
-
-
 def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[np.int64]:
     """Sum over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
     sums = np.bincount(histories.history, amount, len(histories.parent))
@@ -216,11 +209,6 @@ def _crossings(
     count = counts[histories.history]
     met = (rays > 0) & (count > 0)
     return Crossings(count[met], rays[met].astype(np.int64), np.ones(met.sum(), np.int64))
-
-
-def _points(rays: NDArray[np.int64], counts: NDArray[np.int64], frames: int) -> float:
-    """expected_points from the rays and the counts of the histories."""
-    return int(np.dot(rays, counts)) / frames
 
 
 _Gain = Callable[[NDArray[np.int64], int], float]
@@ -266,7 +254,7 @@ def _gain_by_voxel(histories: BlockCounts, log_misses: NDArray[np.float64]) -> _
 
 
 @njit(cache=True, nogil=True)
-def _histogram(counts, history, crossing, number, result):  # pragma: no cover - compiled
+def _histogram(counts, history, crossing, number, result):
     """Add up `number` by count and rays."""
     for n in range(len(history)):
         result[counts[history[n]], crossing[n]] += number[n]

@@ -101,11 +101,7 @@ class Files:
     def save(self) -> str:
         """Save the rigs, or ask; what to tell."""
         path = self.beside(self._panel.path.value)
-
-        def write(overwrite: bool) -> str:
-            return f"saved: {self._studio.save(path, overwrite)}"
-
-        return self._asking(write)
+        return self._asking(lambda over: f"saved: {self._studio.save(path, over)}")
 
     def sweep(self) -> str:
         """Write a sweep of the rigs, or ask; its command."""

@@ -56,17 +56,9 @@ class Editing:
         """Give the chosen LiDAR another coordinate."""
         self._studio.pose(self.one(), **{name: float(value)})
 
-    def model(self, name: str) -> None:
-        """Give the chosen LiDAR another model."""
-        self._studio.model(self.one(), _model(name))
-
     def model_to_add(self) -> str | None:
         """Of a LiDAR that is added; None: the file's."""
-        return _model(self._panel.to_add.value)
-
-    def works(self, works: bool) -> None:
-        """Let the chosen LiDAR work, or be dead."""
-        self._studio.enable(self.one(), works)
+        return model_named(self._panel.to_add.value)
 
     def change(self, what: str) -> None:
         """Press one of the buttons that change which LiDARs there are."""
@@ -98,5 +90,6 @@ class Editing:
         return True
 
 
-def _model(name: str) -> str | None:
+def model_named(name: str) -> str | None:
+    """A model of a field; None: the file's."""
     return None if name == FROM_FILE else name

@@ -17,7 +17,7 @@ import numpy as np
 
 from lidarplace.studio.page.asking import Asking, Files
 from lidarplace.studio.page.drawing import Drawing, Redraw
-from lidarplace.studio.page.editing import Editing
+from lidarplace.studio.page.editing import Editing, model_named
 from lidarplace.studio.page.panel import NO_RIG, Panel, assign
 from lidarplace.studio.page.tables import message
 from lidarplace.studio.studio import Studio
@@ -68,13 +68,14 @@ class Page:
 
     def _listen(self) -> None:
         panel, editing, studio = self.panel, self.editing, self.studio
+        one = editing.one
         for name, field in panel.pose.items():
             field.on_update(self._edit(partial(editing.typed, name)))
         panel.rig.on_update(self._edit(editing.choose_rig))
         panel.lidar.on_update(self._edit(editing.choose_lidar))
         panel.history.on_click(self._edit(lambda value: getattr(studio, value)()))
-        panel.model.on_update(self._edit(editing.model))
-        panel.works.on_update(self._edit(editing.works))
+        panel.model.on_update(self._edit(lambda name: studio.model(one(), model_named(name))))
+        panel.works.on_update(self._edit(lambda works: studio.enable(one(), works)))
         panel.change.on_click(self._edit(editing.change))
         panel.frame.on_update(self._edit(lambda n: studio.show_frame(studio.frame_numbers[n])))
         for shown in (panel.cloud, panel.ground, panel.object, panel.beside, panel.apart):

@@ -7,15 +7,7 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.pog.selection import (
-    Exposure,
-    Greedy,
-    Limits,
-    UpperBound,
-    gains,
-    greedy,
-    upper_bound,
-)
+from lidarplace.pog.selection import Exposure, Greedy, Limits, UpperBound, VoxelChoice
 from lidarplace.pog.selection.tracing import OBJECTIVES, Objective
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.recall.one_dead import OneDeadChoice
@@ -41,25 +33,6 @@ class Worth(Protocol):
 
     def upper_bound(self, limits: Limits, chosen: Sequence[int], seconds: float) -> UpperBound:
         """What no set exceeds; `chosen`: greedy's."""
-
-
-@dataclass(frozen=True, eq=False)
-class VoxelWorth:
-    """The worth of what candidates see of the POG."""
-
-    exposure: Exposure
-
-    def value(self, chosen: Sequence[int]) -> float:
-        return self.exposure.value(chosen)
-
-    def gains(self, chosen: Sequence[int]) -> NDArray[np.float64]:
-        return gains(self.exposure, chosen)
-
-    def greedy(self, limits: Limits) -> Greedy:
-        return greedy(self.exposure, limits)
-
-    def upper_bound(self, limits: Limits, chosen: Sequence[int], seconds: float) -> UpperBound:
-        return upper_bound(self.exposure, limits, chosen, seconds=seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +86,7 @@ def worth_of(rigs: Sequence[Choices], problem: Problem, traffic: Traffic) -> Wor
         model = traffic.objects
         assert model is not None
         return RecallChoice(model, model.objects.seen_by(placements), weights)
-    return VoxelWorth(
+    return VoxelChoice(
         Exposure.of_candidates(
             traffic.grids,
             weights,

@@ -86,35 +86,12 @@ def test_without_a_body_it_is_the_coverage():
     assert near_field_coverage(placement, NOTHING, roi) == pytest.approx(expected, abs=1e-15)
 
 
-def test_a_wall_hides_what_is_behind_it():
-    """From the left of a high wall nothing is seen on its right, half of the field."""
-    wall = Vehicle("wall", np.array([[[-9, -0.2, 0], [9, 0.2, 9]]]))
-    roi = Roi((-2, 2), (-2.2, 2.2), (0, 1), 0.2)
-    left = Mount(0.1, 0.9, 0.5)
-    assert near_field_coverage(Placement("p", [left], ALL_ROUND), wall, roi) == 0.5
-    both = [left, Mount(0.1, -0.9, 0.5)]
-    assert near_field_coverage(Placement("p", both, ALL_ROUND), wall, roi) == 1
-
-
 def test_a_lidar_on_a_face_sees_its_side_and_one_inside_sees_nothing():
     wall = Vehicle("wall", np.array([[[-9, -0.2, 0], [9, 0.2, 9]]]))
     roi = Roi((-2, 2), (-2.2, 2.2), (0, 1), 0.2)
     on_face, within = Mount(0.1, 0.2, 0.5), Mount(0.1, 0.0, 0.5)
     assert near_field_coverage(Placement("p", [on_face], ALL_ROUND), wall, roi) == 0.5
     assert near_field_coverage(Placement("p", [within], ALL_ROUND), wall, roi) == 0
-
-
-def test_each_mount_has_its_own_lidar():
-    roi = Roi((-4, 4), (-3, 3), (0, 1), 0.2)
-    mounts = [Mount(0, 0.9, 1.6), Mount(0, -0.9, 1.6)]
-    blind = Lidar((math.pi / 2,), azimuth_steps=10)
-    shares = [
-        near_field_coverage(Placement("p", mounts, models), CAR, roi)
-        for models in ([ALL_ROUND, blind], [blind, ALL_ROUND], [blind, blind])
-    ]
-    assert shares[0] == pytest.approx(shares[1])
-    assert shares[0] > 0.3
-    assert shares[2] == 0
 
 
 def test_a_near_field_within_the_body_is_refused():

@@ -115,9 +115,3 @@ def test_the_part_above_the_axis(vertices, seed):
 def test_halves_of_awkward_polygons(vertices, expected):
     part = above_x_axis(polygon(vertices))
     assert (part and set(part)) == expected
-
-
-def test_two_pieces_above_are_refused():
-    two_arms = polygon([(0, 1), (0, -2), (3, -2), (3, 1), (2, 1), (2, -1), (1, -1), (1, 1)])
-    with pytest.raises(ValueError, match="in several pieces"):
-        above_x_axis(two_arms)

@@ -87,20 +87,6 @@ def test_a_dead_lidar_is_the_rig_without_it(rig, box, vehicle):
             assert (left.all <= whole.all).all(), "another LiDAR takes nothing away"
 
 
-def test_a_lidar_that_looks_level_at_a_wall():
-    """Of 360 rays a turn, those within atan(1 / 4) of straight ahead: 14 degrees to each side."""
-    lidar = Lidar((0.0,), azimuth_steps=360)
-    rig = Placement("one", [Mount(z=1.0)], lidar)
-    wall = np.array([[4.5, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]])
-    sights = sights_of(rig, NOTHING)
-    assert count_points(sights, wall).all.tolist() == [2 * 14 + 1]
-    # They lie on the front, 2 m wide, at one height: ten cells of 20 cm.
-    assert count_cells(sights, wall, 0.2).all.tolist() == [10]
-    assert count_points(sights, wall + np.array([100.0, 0, 0, 0, 0, 0, 0])).all.tolist() == [0], (
-        "too far"
-    )
-
-
 def test_what_is_dark_is_seen_up_to_the_range_for_its_light():
     """A LiDAR of 10 m at 10 % sees 40 % twice as far, if it faces the ray; else by the cosine."""
     lidar = Lidar((0.0,), azimuth_steps=360, range=100.0, range_10=10.0)

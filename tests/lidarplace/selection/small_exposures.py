@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from hypothesis import strategies as st
 
-from lidarplace.pog.selection import Exposure, Limits
+from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
 from lidarplace.pog.selection.voxel_gain import VoxelGain
 
 SHAPES = ("cover", "information", "linear")
@@ -35,6 +35,14 @@ def exposure_of(amounts, shape, worth=None, p=None, scale=0.7):
             weights=np.ones(1),
         ),
     )
+
+
+def greedy(exposure, limits):
+    return VoxelChoice(exposure).greedy(limits)
+
+
+def upper_bound(exposure, limits, chosen=(), **options):
+    return VoxelChoice(exposure).upper_bound(limits, chosen, **options)
 
 
 def feasible_sets(limits):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_exposures import best_of_all, exposure_of, exposures, limits_of
+from small_exposures import best_of_all, exposure_of, exposures, greedy, limits_of
 
-from lidarplace.pog.selection import Limits, greedy
+from lidarplace.pog.selection import Limits, VoxelChoice
 
 
 def plain_greedy(exposure, limits):
@@ -110,3 +110,10 @@ def test_laziness_saves_evaluations():
     found = greedy(exposure, Limits.at_most(10, 50))
     assert found.chosen == tuple(range(49, 39, -1))
     assert found.evaluations == 50 + 9  # one more for each but the first
+
+
+def test_limits_of_another_number_of_candidates_are_refused():
+    choice = VoxelChoice(exposure_of(np.zeros((0, 3)), "cover"))
+    for call in (choice.greedy, choice.upper_bound):
+        with pytest.raises(ValueError, match="limits are for 3 candidates, there are 0"):
+            call(Limits.at_most(1, 3))

@@ -3,9 +3,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
-from small_exposures import SHAPES, best_of_all, exposure_of, exposures, feasible_sets, limits_of
+from small_exposures import (
+    SHAPES,
+    best_of_all,
+    exposure_of,
+    exposures,
+    feasible_sets,
+    greedy,
+    limits_of,
+    upper_bound,
+)
 
-from lidarplace.pog.selection import Limits, greedy, upper_bound
+from lidarplace.pog.selection import Limits
 from lidarplace.pog.selection.majorant import Majorant
 
 

@@ -227,7 +227,7 @@ def test_every_button_does_what_it_says(page):
     ):
         page.editing.change(what)
         assert len(studio.rig.lidars) == number
-    page.editing.model("pandar40p")
+    studio.model(page.editing.one(), "pandar40p")
     assert studio.rig.lidars[page.editing.one()].model == "pandar40p"
     assign(page.panel.to_add, "bpearl")
     page.editing.change("add")
