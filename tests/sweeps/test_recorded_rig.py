@@ -18,9 +18,8 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
-from sweeps.results.lidar_models import lidar_models
 from sweeps.results.promotion import Promotion
-from sweeps.results.rigs_file import rigs_yaml
+from sweeps.results.rigs import lidar_models, rigs_yaml
 from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
 from sweeps.tasks.parameters import CollectParams, RecordedParams
