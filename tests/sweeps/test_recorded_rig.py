@@ -187,13 +187,6 @@ def test_mistakes_are_one_line(log, tmp_path, placement, changes, message):
     assert "\n" not in str(found.value)
 
 
-def test_a_scene_that_is_no_log_has_no_recorded_rig(tmp_path):
-    path = tmp_path / "grid.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"grid": {"placement": list(SUBSETS)}}))
-    with pytest.raises(ConfigError, match=r"both\.recorded: .*source log, found sumo"):
-        read_sweep(path)
-
-
 def moved(millimetres=0.0, degrees=0.0):
     low = replace(MOUNTS["low"], x=2.6 + millimetres / 1000, yaw=np.radians(degrees))
     return RecordedRig(("top", "low"), Placement("other", [MOUNTS["top"], low], LIDAR))
