@@ -41,8 +41,6 @@ class FinetuneResult:
         batch_size_reduced: whether these are fewer than there should be, for want of GPU memory.
         weights: what it started from: "scratch", "generalist", or the checkpoint's name and
             digest, and the entries of it that were not used.
-        best_state_dict: weights after the epoch with the lowest training loss; None if that is the
-            last one, or if no folder was there to keep them.
         earlier_seconds: of the epochs before a stop, not spent in this call.
         typical: objects of which the anchors are that are not the preset's.
     """
@@ -53,7 +51,6 @@ class FinetuneResult:
     batch_size: int
     batch_size_reduced: bool
     weights: str
-    best_state_dict: dict[str, Tensor] | None
     earlier_seconds: float
     typical: tuple[TypicalObject, ...]
 
@@ -133,7 +130,7 @@ def finetune(
         }
         if model.typical:
             identity["typical"] = as_plain(model.typical)
-        kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth), model.classes)
+        kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth))
         state, batch_size, reduced = _start(kept.load(), memory, model, frames, settings)
         steps = settings.epochs * -(-len(frames) // batch_size)
         optimisation = Optimisation(model, settings, steps)
@@ -154,7 +151,6 @@ def finetune(
             )
             if on_epoch is not None:
                 on_epoch({"epoch": epoch, **values})
-    losses = [value for _, name, value in curve if name == "loss"]
     return FinetuneResult(
         {name: value.detach().cpu().clone() for name, value in model.state_dict().items()},
         pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
@@ -162,7 +158,6 @@ def finetune(
         batch_size,
         reduced,
         weights,
-        None if losses[-1] == min(losses) else kept.best(),
         earlier,
         model.typical,
     )

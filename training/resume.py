@@ -20,7 +20,6 @@ from lidarplace.logs.boxes import GEOMETRY
 from training.checkpoints import DamagedCheckpoint, read_checkpoint, save_checkpoint
 
 LAST = "last.pt"
-BEST = "best.pt"
 
 
 @dataclass(frozen=True)
@@ -46,22 +45,18 @@ class TrainingState:
 
 @dataclass(frozen=True)
 class TrainingFolder:
-    """Keeps `last.pt` and `best.pt` of one training.
+    """Keeps `last.pt` of one training, all that is needed to go on.
 
-    last.pt is all that is needed to go on. best.pt is a checkpoint of the epoch with the lowest
-    mean training loss and says which ("epoch"): a training that got worse late can be looked at.
     The detector that is evaluated is the last one: there is no validation set to choose an epoch
     by, the test frames must not be one, and the training loss does not show overfitting.
 
     Attributes:
         folder: is made when there is something to keep; None keeps nothing.
         fingerprint: of the training, see `fingerprint`.
-        classes: of the network.
     """
 
     folder: Path | None
     fingerprint: str
-    classes: tuple[str, ...]
 
     def load(self) -> TrainingState | None:
         """Where the training was, None if it has not begun, or if what was kept is damaged.
@@ -73,10 +68,9 @@ class TrainingFolder:
             return None
         try:
             content, _ = read_checkpoint(path)
-            self.best()  # here, and not after the last epoch
             found = content.pop("fingerprint")
             state = TrainingState(**content)
-        except (DamagedCheckpoint, FileNotFoundError) as error:
+        except DamagedCheckpoint as error:
             logging.getLogger(__name__).warning("%s; the training starts again", error)
             return None
         except (ValueError, KeyError, TypeError) as error:
@@ -95,18 +89,7 @@ class TrainingFolder:
         if self.folder is None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        losses = [value for _, name, value in state.curve if name == "loss"]
-        if losses[-1] == min(losses):
-            best = {"model_state": state.model, "epoch": state.epoch, "loss": losses[-1]}
-            save_checkpoint(self.folder / BEST, best | {"classes": list(self.classes)})
         save_checkpoint(self.folder / LAST, vars(state) | {"fingerprint": self.fingerprint})
-
-    def best(self) -> dict[str, Tensor] | None:
-        """The weights in best.pt, None if nothing is kept."""
-        if self.folder is None:
-            return None
-        content, _ = read_checkpoint(self.folder / BEST)
-        return dict(content["model_state"])
 
 
 def fingerprint(settings: Mapping[str, Any], clouds: Clouds, ground_truth: pd.DataFrame) -> str:

@@ -24,7 +24,7 @@ from sweeps.execution.memory import check_memory
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
-from sweeps.results.rigs_page import write_rigs_page
+from sweeps.results.rigs import write_rigs_page
 from sweeps.store.open import check_writable, store_of
 
 app = new_app()

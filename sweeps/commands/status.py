@@ -43,9 +43,9 @@ def status(
     Of a sweep the tasks by stage and the trials; of many trials, without --all, those that run or
     failed. Of a search its trials, the best so far and the trainings of `verify`.
     """
+    from sweeps.execution.interrupted import until_whole
     from sweeps.plan.plan import read_plan
     from sweeps.results.state import sweep_state
-    from sweeps.store.damage import until_whole
     from sweeps.store.open import store_of
     from sweeps.sweep_or_search import is_search
 

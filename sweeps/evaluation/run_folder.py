@@ -10,14 +10,13 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.metrics import kitti_iou
 from lidarplace.command_line.invocation import called
 from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import is_there
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps.configuration.file import public_yaml
 from sweeps.evaluation.asked import Asked
-from sweeps.results.object_tables import ABOUT
+from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.trial_results import Cell, with_columns
 from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.results import Evaluated
@@ -26,7 +25,6 @@ from tracking.report.recommendation import failures_to_show
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep_json import Frames, SweepResult
-from training.found_objects import found_objects
 
 DETECTOR = "own"
 """What tables call the detector that made them."""
@@ -120,11 +118,7 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
 
 def _found(objects: pd.DataFrame, own: Evaluated, place: Mapping[str, Cell]) -> pd.DataFrame:
     """Whether each object was found; how many points were on it is not known."""
-    hit = np.zeros(len(objects), np.bool_)
-    for name in objects["class"].unique():
-        here, boxes = (objects["class"] == name).to_numpy(), own.detections
-        boxes = boxes[boxes["class"] == name]
-        hit[here] = found_objects(objects[here], boxes, kitti_iou(str(name)).strict)
+    hit = found_in(objects, own.detections)
     return pd.DataFrame({"trial": place["trial"], "object": objects["object"], "found": hit})
 
 

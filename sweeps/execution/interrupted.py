@@ -1,5 +1,6 @@
-"""Work that breaks off is not lost: one line says how it goes on."""
+"""Work that breaks off is not lost: it begins again, or one line says how it goes on."""
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
@@ -13,18 +14,18 @@ from lidarplace.files.secret_urls import hide_secrets
 
 T = TypeVar("T")
 
+_PATIENCE = 3  # a disk that spoils the same result every time is not worth more
 _GOES_ON = "What is finished is kept; the same command goes on from there."
 
 
 def interruptible(console: Console, work: Callable[[], T]) -> T:
-    """What `work` returns, which begins again after a damaged result (`sweeps.store.damage`).
+    """What `work` returns, which begins again after a damaged result (`until_whole`).
 
     Leaves with exit code 1 if the machine fails it, such as a disk that is full, with 2 if a
     cluster cannot be joined, with 130 at Ctrl-C and 143 at SIGTERM.
     """
     from sweeps.execution.backends import BackendLost
     from sweeps.execution.ray_cluster import ClusterError
-    from sweeps.store.damage import until_whole
     from sweeps.store.result_folder import DamagedResult
 
     try:
@@ -37,3 +38,27 @@ def interruptible(console: Console, work: Callable[[], T]) -> T:
     except KeyboardInterrupt as stop:
         console.print(f"\nStopped. {_GOES_ON}")
         raise typer.Exit(exit_code_of(stop)) from None
+
+
+def until_whole(work: Callable[[], T], say: Callable[[str], object]) -> T:
+    """What `work` returns, which begins again after a `DamagedResult`, as a resumed command does.
+
+    A store removes what it finds damaged, so `work` does not meet it twice.
+
+    Args:
+        say: takes the line that names the result.
+
+    Raises:
+        DamagedResult: the same result is damaged again and again.
+    """
+    from sweeps.store.result_folder import DamagedResult
+
+    met = Counter[str]()
+    while True:
+        try:
+            return work()
+        except DamagedResult as error:
+            met[str(error)] += 1
+            if met[str(error)] == _PATIENCE:
+                raise
+            say(hide_secrets(str(error)))

@@ -13,7 +13,7 @@ from pathlib import Path
 from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
-from sweeps.execution.running import NOTED_S, about
+from sweeps.execution.progress import NOTED_S, about
 from sweeps.store.local import Note
 from sweeps.store.open import AnyStore
 from sweeps.store.result_folder import R, Ran

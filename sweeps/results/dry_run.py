@@ -15,7 +15,7 @@ from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
 from sweeps.execution.estimate import FRAMES, Estimate, StageEstimate, estimate
 from sweeps.execution.memory import machine_memory, voxel_memory
-from sweeps.execution.running import about
+from sweeps.execution.progress import about
 from sweeps.plan.trial import Plan
 from sweeps.results.promotion import at_most
 from sweeps.results.rig_cautions import rig_cautions

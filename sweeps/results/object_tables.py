@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from lidarplace.base.metrics import kitti_iou
 from lidarplace.logs.boxes import GEOMETRY
@@ -57,11 +58,6 @@ def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
 def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
     """Points on each object, and whether the detector of the trial found it."""
     detections = store.read(trial.evaluate, lambda found: found.detections)
-    hit = np.zeros(len(objects), np.bool_)
-    for name in trial.grid_point.point.classes:
-        here = (objects["class"] == name).to_numpy()
-        boxes = detections[detections["class"] == name]
-        hit[here] = found_objects(objects[here], boxes, kitti_iou(name).strict)
     counts = pd.concat(
         [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
     ).set_index(["frame", "object_id"])["points"]
@@ -72,6 +68,16 @@ def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.D
             "trial": trial.key,
             "object": objects["object"].to_numpy(),
             "points": points.to_numpy(np.int64),
-            "found": hit,
+            "found": found_in(objects, detections),
         }
     )
+
+
+def found_in(objects: pd.DataFrame, detections: pd.DataFrame) -> NDArray[np.bool_]:
+    """Which objects were found at the strict IoU of their class, shape (objects,)."""
+    hit = np.zeros(len(objects), np.bool_)
+    for name in objects["class"].unique():
+        here = (objects["class"] == name).to_numpy()
+        boxes = detections[detections["class"] == name]
+        hit[here] = found_objects(objects[here], boxes, kitti_iou(str(name)).strict)
+    return hit

@@ -21,13 +21,12 @@ from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import further_axes
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
-from sweeps.results import rigs_file
 from sweeps.results.failure_frames import failure_frames
-from sweeps.results.lidar_models import lidar_models
 from sweeps.results.object_tables import object_tables
 from sweeps.results.pictures import drawn, grounds, maps, one_frame
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
+from sweeps.results.rigs import FILE, lidar_models, rigs_yaml
 from sweeps.results.trial_results import (
     Cell,
     axis_values,
@@ -126,7 +125,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     points = ((own, own.collect_test, partial(_points, own, store)) for own in tested)
     individuals = ((own, own.ground_truths, partial(_individuals, own, store)) for own in tested)
     write_text(folder / "config.yaml", public_yaml(sweep.source))
-    write_text(folder / rigs_file.FILE, rigs_file.rigs_yaml(sweep))
+    write_text(folder / FILE, rigs_yaml(sweep))
     for table, frame in (
         (contract.TRIALS, trials_table(plan, store, run, axes)),
         (contract.RESULTS, of_trials(lambda own: own.metrics)),

@@ -16,11 +16,13 @@ from fsspec import AbstractFileSystem
 
 from lidarplace.files.atomic import sync
 from lidarplace.files.secret_urls import hide_secrets
-from sweeps.store.checkpoint_attempts import Versions, versions
 from sweeps.store.whole import put_whole, whole_folder
 
 SECONDS = 5.0
 """Between two looks at the folder."""
+
+Versions = dict[str, tuple[int, int]]
+"""By name of a file."""
 
 _ENDING = ".zip"
 _TRIES = 3  # to read what another machine is writing
@@ -45,7 +47,7 @@ def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterat
         while not last:
             last = stop.wait(SECONDS)
             try:
-                if versions(folder) != there:
+                if _versions(folder) != there:
                     there = _copy(folder, filesystem, target)
             except Exception as error:  # each remote place has errors of its own
                 told = hide_secrets(f"{target}: cannot be written: {error!r}")
@@ -107,10 +109,16 @@ def _copy(folder: Path, filesystem: AbstractFileSystem, target: str) -> Versions
     """Replace `target` by the files of an attempt as they are at one moment: these versions."""
     with TemporaryDirectory(dir=folder, prefix=".") as moment:
         archive, here = Path(moment, "files"), Versions()
-        while versions(folder) != here:
-            here = versions(folder)
+        while _versions(folder) != here:
+            here = _versions(folder)
             with ZipFile(archive, "w") as files:
                 for name in here:
                     files.write(folder / name, name)
         put_whole(filesystem, archive, target)
     return here
+
+
+def _versions(folder: Path) -> Versions:
+    """What tells each file of a folder from what replaces it, hidden ones aside: time and inode."""
+    found = {path.name: path.stat() for path in folder.glob("[!.]*")}
+    return {name: (status.st_mtime_ns, status.st_ino) for name, status in found.items()}

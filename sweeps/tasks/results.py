@@ -140,7 +140,6 @@ class Trained:
         batch_size_reduced: whether these are fewer than asked for, for want of GPU memory.
         weights: what it started from.
         earlier_seconds: before a stop.
-        best_state_dict: after the epoch with the lowest loss; None if that is the last one.
     """
 
     state_dict: "Mapping[str, Tensor]"
@@ -150,7 +149,6 @@ class Trained:
     batch_size_reduced: bool
     weights: str
     earlier_seconds: float
-    best_state_dict: "Mapping[str, Tensor] | None" = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -546,7 +546,6 @@ def _train(
         batch_size_reduced=result.batch_size_reduced,
         weights=result.weights,
         earlier_seconds=result.earlier_seconds,
-        best_state_dict=result.best_state_dict,
     )
 
 

@@ -202,27 +202,9 @@ def test_a_wrong_function_is_one_line(module, two_rigs, name, told):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("predictor", "told"),
-    [
-        ("covered_entropi", "did you mean covered_entropy?"),
-        ("h_pog", "the same number for all rigs"),
-        ("no.pt", "No such file"),
-    ],
-)
-def test_a_wrong_predictor_is_one_line(two_rigs, tmp_path, monkeypatch, predictor, told):
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, [predictor])
-    assert result.exit_code == 2
-    assert told in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-
-
-def test_a_file_that_is_no_checkpoint(tmp_path):
-    (tmp_path / "a.pt").write_bytes(b"nothing")
-    result = CliRunner().invoke(app, [str(tmp_path / "a.pt")])
-    assert result.exit_code == 2
-    assert len(result.stderr.strip().splitlines()) == 1
+def test_a_predictor_that_tells_no_rigs_apart(two_rigs):
+    with pytest.raises(InputError, match="the same number for all rigs"):
+        predict("h_pog")
 
 
 def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypatch):

@@ -200,20 +200,6 @@ def test_the_command_at_a_url_has_to_be_told_that_no_sweep_runs(tmp_path, monkey
     assert not store.has(a)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (("--quota", "much"), "--quota much: expected a size such as 500MB or 50GB"),
-        (("--dry-run", "--forget", "x"), "--forget: leave it out with --dry-run"),
-    ],
-)
-def test_mistakes_are_told_in_one_line(tmp_path, arguments, told):
-    Store(tmp_path).refer("one", [])
-    code, output = run(tmp_path, *arguments)
-    assert code == 2
-    assert told in output
-
-
 def test_what_is_not_a_store_is_left_alone(tmp_path):
     folder = tmp_path / "photos" / "summer"
     folder.mkdir(parents=True)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from sweeps.commands import clean, record, run, status
 from sweeps.execution import worker
-from sweeps.store.damage import until_whole
+from sweeps.execution.interrupted import until_whole
 from sweeps.store.result_folder import DamagedResult, damaged
 
 SMALL = {

@@ -139,18 +139,9 @@ def test_a_sweep_is_not_overwritten(world, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["gone.parquet"], "gone.parquet: no such file or folder"),
-        ([], "DETECTIONS, --rig: no detections; expected DETECTIONS of one rig, or --rig"),
-        (["x", "--rig", "a=x"], "DETECTIONS, --rig: both, or none; expected DETECTIONS of one"),
-        (["--rig", "a"], "--rig: no rig; expected NAME=VALUE, found a"),
-        (["{a}", "--layout", "lyft"], "--layout lyft: allowed are kitti, nuscenes"),
         (["{a}", "--split", "train"], "--split: no frame of the split; expected train, found test"),
-        (["{a}", "--counted", "points"], "--counted points: the log knows no real points"),
-        (["{a}", "--class", "Tram"], "--class: unknown class; expected Car, Cyclist, Pedestrian"),
         (["{a}", "--geometry", "b=recorded"], "--geometry b=recorded: no rig, or a second"),
         (["{a}", "--geometry", "detections=recorded"], "no recorded rig; convert the log with"),
-        (["{a}", "--calib", "x"], "x: only KITTI's result files need a camera"),
-        (["{a}", "--class-map", "gone.yaml"], "gone.yaml: No such file or directory"),
     ],
 )
 def test_mistakes_are_one_line(world, arguments, told):

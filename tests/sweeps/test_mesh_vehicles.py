@@ -30,7 +30,7 @@ from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
-from sweeps.results.rigs_page import write_rigs_page
+from sweeps.results.rigs import write_rigs_page
 from sweeps.results.run_folder import Run, write_run
 from sweeps.search.problem.problem import read_problem
 from sweeps.store.local import Store

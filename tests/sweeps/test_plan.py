@@ -142,16 +142,8 @@ def test_further_axes_are_in_the_trials_name(tmp_path):
     assert plan.trials[0].label == "line · pointpillars_tiny · seed 3 · scene.density=40"
 
 
-def test_a_checkpoint_that_is_not_there(tmp_path):
-    with pytest.raises(ConfigError, match=r"training.checkpoint: .*none.pt: No such file"):
-        plan_of(tmp_path, training={"checkpoint": str(tmp_path / "none.pt")})
-
-
 def test_a_checkpoint_that_does_not_fit(tmp_path):
     path = tmp_path / "weights.pt"
-    path.write_bytes(b"not a checkpoint")
-    with pytest.raises(ConfigError, match=r"training.checkpoint: .*weights.pt is no checkpoint"):
-        plan_of(tmp_path, training={"checkpoint": str(path)})
     write_tiny(path, ["Car"])
     with pytest.raises(ConfigError, match=r"training.checkpoint: .*other classes"):
         plan_of(tmp_path, classes=["Car", "Cyclist"], training={"checkpoint": str(path)})
@@ -229,22 +221,11 @@ def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
     assert whole.accuracy.key == thin.accuracy.key
     for (task,), steps in ((whole.collect_test, 5625), (thin.collect_test, 900)):
         assert {lidar.azimuth_steps for lidar in task.params.placement.lidars} == {steps}
-    narrow = {"azimuth_deg": [30, 31], "azimuth_steps": 360, "cloud_share": 0.011}
-    with pytest.raises(ConfigError, match=r"lidar\.cloud_share: 0\.011: none of the 4 azimuth"):
-        plan_of(tmp_path, lidar=narrow)
 
 
-def test_points_that_are_the_same_work_are_refused(tmp_path):
+def test_surrogates_of_another_detection_probability_are_other_work(tmp_path):
     grid = {"placement": ["line"], "surrogate.detection_probability": [0.1, 0.2]}
     assert len(plan_of(tmp_path, grid=grid).trials) == 2
-    # *Line* has no tilt that could be misunderstood.
-    grid = {"placement": ["line"], "lidar.tilt_in_degrees": [False, True]}
-    with pytest.raises(ConfigError, match=r"'line .*False' and 'line .*True' are the same work"):
-        plan_of(tmp_path, grid=grid)
-    # Nor has it anything to train that a seed could change.
-    grid = {"placement": ["line"], "seed": [1, 2]}
-    with pytest.raises(ConfigError, match=r"same work, which does not depend on seed \(1 and 2\);"):
-        plan_of(tmp_path, grid=grid, detector=None)
 
 
 def test_a_log_of_ones_own(tmp_path):
@@ -265,16 +246,6 @@ def test_a_log_of_ones_own(tmp_path):
     write_box_log(tmp_path / "log", BoxLog(boxes, frames.assign(route=[0, 1, 2])))
     again = plan_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
     assert plan.trials[0].scenes[0].key != again.trials[0].scenes[0].key, "content counts"
-    with pytest.raises(ConfigError, match=r"placement: .*no recorded clouds"):
-        plan_of(
-            tmp_path, scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}
-        )
-    with pytest.raises(ConfigError, match="weather: recorded clouds are as they are"):
-        plan_of(
-            tmp_path,
-            scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
-            weather={"rain": 1},
-        )
 
 
 def test_more_placements_read_no_more_of_a_log(tmp_path, monkeypatch):
@@ -369,7 +340,7 @@ def test_a_generalist_is_shared_by_sweeps_and_by_those_who_start_from_it(tmp_pat
     assert not {trial.evaluate.key for trial in same.trials} & {task.key for task in plan.tasks}
 
 
-def test_a_generalist_s_rigs_can_be_named_but_not_judged(tmp_path):
+def test_a_generalist_s_rigs_can_be_named(tmp_path):
     own = {f"own_{z}": {"mounts": [{"x": 0, "y": 0, "z": z}]} for z in (2, 3)}
     changes = {"placements": own, "judge": "generalist"}
     plan = plan_of(tmp_path, generalist={"rigs": list(own)}, **changes)
@@ -377,19 +348,11 @@ def test_a_generalist_s_rigs_can_be_named_but_not_judged(tmp_path):
     found = [task.params for task in training.inputs if task.stage == "collect"]
     assert {params.placement.mounts[0].z for params in found} == {2, 3}
     assert {params.every for params in found} == {1}
-    with pytest.raises(ConfigError, match=r"generalist\.rigs: own_2 is judged"):
-        plan_of(tmp_path, generalist={"rigs": list(own)}, **changes | {"placement": "own_2"})
-    with pytest.raises(ConfigError, match=r"generalist\.rigs: no placement 'other'"):
-        plan_of(tmp_path, generalist={"rigs": ["other"]}, **changes)
 
 
-def test_a_generalist_of_another_lidar_model_is_refused(tmp_path):
+def test_a_generalist_has_the_lidar_model_that_it_judges(tmp_path):
     own = {"own": {"mounts": [{"x": 0, "y": 0, "z": 2, "lidar": {"beams": 64}}]}}
     changes = {"placements": own, "generalist": {"rigs": ["own"]}}
-    with pytest.raises(
-        ConfigError, match=r"generalist\.rigs: none of own has a LiDAR of line: name"
-    ):
-        plan_of(tmp_path, judge="generalist", **changes)
     assert stages(plan_of(tmp_path, **changes))["pretrain"] == 0
     assert stages(plan_of(tmp_path, judge="generalist", lidar={"beams": 64}, **changes))
 
@@ -404,13 +367,6 @@ def test_a_vehicle_of_the_fleet_is_what_is_tested_and_not_what_is_trained_on(tmp
     assert not any(params.errors for params in clouds.values())
     fleet = [task.params for task in plan.trials[0].finetune.inputs if task.stage == "collect"]
     assert all(params.errors for params in fleet)
-    with pytest.raises(ConfigError, match=r"mounting_errors.*vehicle: all are alike"):
-        plan_of(tmp_path, mounting_errors={"vehicle": 1})
-
-
-def test_clouds_that_are_merged_awry_have_no_generalist(tmp_path):
-    with pytest.raises(ConfigError, match=r"judge: generalist: lidar\.misaligned_heights"):
-        plan_of(tmp_path, judge="generalist", lidar={"misaligned_heights": True})
 
 
 def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
-from sweeps.execution.progress import StageProgress, TimeLeft
-from sweeps.execution.running import Running, about, minutes
+from sweeps.execution.progress import Running, StageProgress, TimeLeft, about, minutes
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.store.local import Note, Store
 from sweeps.tasks.task import Task

@@ -13,7 +13,6 @@ from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from sweeps.commands.run import app
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.tasks.parameters import RecallParams
@@ -146,18 +145,3 @@ def test_own_curves_are_another_task(log):
         assert trial.recall.params.curves.of("Car", 0.5).most == most
         keys.append(trial.recall.key)
     assert len({before.recall.key, *keys}) == 3
-
-
-def test_curves_that_are_not_there(log):
-    own = log / "curves.json"
-
-    def refused():
-        with pytest.raises(ConfigError, match=r"surrogate\.curves: ") as error:
-            read(log, surrogate={"curves": str(own)})
-        return str(error.value)
-
-    assert "No such file" in refused()
-    own.write_text("{}")
-    assert "curves.json: command: Field required" in refused()
-    write_curves(own, "by hand", [curve("Car", 0.9)])
-    assert "no detection curve of Cyclist at IoU 0.5, only of Car" in refused()

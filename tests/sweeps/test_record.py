@@ -71,17 +71,6 @@ def test_a_mistake_is_one_line(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-def test_a_place_that_cannot_be_written_is_told_before_anything_runs(tmp_path):
-    config, held = tmp_path / "grid.yaml", tmp_path / "held"
-    config.write_text(
-        yaml.safe_dump({"placement": "line", "scene": SCENE, "output": str(tmp_path / "runs")})
-    )
-    held.touch()
-    done = CliRunner().invoke(app, [str(config), str(held)])
-    assert (done.exit_code, done.stderr) == (2, f"{held}: File exists\n")
-    assert not (tmp_path / "runs").exists()
-
-
 def inner(points: np.ndarray) -> np.ndarray:
     """Points that are inside the crop on either grid."""
     low, high = np.array(CROP[:3]) + 0.005, np.array(CROP[3:]) - 0.005

@@ -18,9 +18,8 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
-from sweeps.results.lidar_models import lidar_models
 from sweeps.results.promotion import Promotion
-from sweeps.results.rigs_file import rigs_yaml
+from sweeps.results.rigs import lidar_models, rigs_yaml
 from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
 from sweeps.tasks.parameters import CollectParams, RecordedParams
@@ -186,13 +185,6 @@ def test_mistakes_are_one_line(log, tmp_path, placement, changes, message):
     with pytest.raises(ConfigError, match=message) as found:
         read(log, tmp_path, **own, **changes)
     assert "\n" not in str(found.value)
-
-
-def test_a_scene_that_is_no_log_has_no_recorded_rig(tmp_path):
-    path = tmp_path / "grid.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"grid": {"placement": list(SUBSETS)}}))
-    with pytest.raises(ConfigError, match=r"both\.recorded: .*source log, found sumo"):
-        read_sweep(path)
 
 
 def moved(millimetres=0.0, degrees=0.0):

@@ -6,7 +6,7 @@ from small_log import write_small_log
 
 from lidarplace.studio.rigs_file import read_rigs
 from sweeps.configuration.grid import read_sweep
-from sweeps.results.rigs_file import FILE, rigs_yaml
+from sweeps.results.rigs import FILE, rigs_yaml
 
 OWN = {"convention": "carla", "mounts": [{"x": 0.1, "z": 2.0, "yaw_deg": 12.5, "lidar": "at128"}]}
 

@@ -187,18 +187,6 @@ def test_a_failed_trial_does_not_stop_the_others(folder, first):
     assert sorted(trials["status"]) == ["failed", "finished"]
 
 
-def test_a_mistake_in_the_configuration_is_one_line_and_exit_code_2(folder):
-    result = sweep(folder, "--set", "roi.x=[40, 0]")
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert "roi.x: found [40, 0]" in result.stderr
-    assert not result.stdout
-    (folder / "runs/held").touch()
-    held = sweep(folder, "--dry-run", "--set", "name=held")
-    assert (held.returncode, held.stdout) == (2, "")
-    assert held.stderr == f"{folder / 'runs/held'}: File exists\n"
-
-
 def test_schema(tmp_path):
     schema = json.loads(run_forked(["run", "--schema"], ROOT, tmp_path).stdout)
     assert {"placement", "grid", "exclude", "training", "ray"} <= set(schema["properties"])

@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
 from sweeps.commands.search import app
-from sweeps.configuration.file import ConfigError
 from sweeps.search.output.terminal import rig_warnings
 from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import read_problem
@@ -187,25 +186,6 @@ def test_simulated_traffic_is_of_other_towns_also_where_its_amount_is_told(tmp_p
     assert found.choice == ({"scene.test_seed": 1005},)
 
 
-@pytest.mark.parametrize("rigs", [0, [], ["line", "line"], "line", [1], True])
-def test_rigs_are_a_number_or_names(tmp_path, rigs):
-    with pytest.raises(
-        ConfigError, match=r"generalist\.rigs: found .*; allowed is a number from 1"
-    ):
-        read_problem(written(tmp_path, generalist={"rigs": rigs}))
-
-
-def test_rigs_that_nobody_knows_are_told_before_the_search(tmp_path):
-    with pytest.raises(ConfigError, match=r"generalist\.rigs: no placement 'nobody'"):
-        read_problem(written(tmp_path, generalist={"rigs": ["nobody"]}))
-
-
-def test_vehicles_that_are_alike_are_refused(tmp_path):
-    exact = {"mounting_errors": {"offset": 0, "angle_deg": 0}}
-    with pytest.raises(ConfigError, match=r"search\.vehicles: all are alike"):
-        read_problem(written(tmp_path, search={"vehicles": 2}, **exact))
-
-
 def simulated(folder, **search):
     """A search in simulated traffic, as its problem."""
     settings = {"objective": "generalist", "vehicles": 2} | search
@@ -282,17 +262,3 @@ def test_a_dry_run_tells_of_a_rig_beyond_those_that_are_named(tmp_path):
 
 
 PLACES = {"low": 1.8, "middle": 2.0, "high": 2.15}
-
-
-def test_rigs_of_another_model_than_those_of_the_search_are_refused(tmp_path):
-    own = {"own": {"mounts": [{"x": 0, "y": 0, "z": 2}]}}
-    changes = {"placements": own, "generalist": {"rigs": ["own"]}}
-    models = {"small": {"beams": 4}, "lasting": {"beams": 8}}
-    with pytest.raises(ConfigError, match=r"generalist\.rigs: none of them has the LiDAR lasting"):
-        read_problem(written(tmp_path, search={"models": models}, **changes))
-    assert generalists(read_problem(written(tmp_path, **changes)))
-
-
-def test_the_judge_of_a_search_is_named_in_its_objective(tmp_path):
-    with pytest.raises(ConfigError, match="judge: is for sweeps"):
-        read_problem(written(tmp_path, judge="generalist"))

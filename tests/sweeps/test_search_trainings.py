@@ -106,15 +106,3 @@ def test_a_training_that_fails_is_told_as_failed(tmp_path, tracking):
     assert "is nan in epoch" in table.loc[0, "failure"]
     assert "is nan in epoch" in result.output
     assert "No placement keeps" not in result.output
-
-
-def test_a_value_that_the_configuration_does_not_allow(tmp_path, tracking):
-    path = write_search(
-        tmp_path,
-        tracking=tracking,
-        **TINY,
-        search={"zones": {}, "objective": "recall", "space": {"training.epochs": [0]}},
-    )
-    result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
-    assert result.exit_code == 2
-    assert "search.space.training.epochs" in result.stderr

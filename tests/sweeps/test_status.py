@@ -123,12 +123,6 @@ def test_many_trials_are_summed_up(sweep, monkeypatch):
     assert plan.trials[0].label in CliRunner().invoke(app, [str(path), "--all"]).output
 
 
-def test_a_mistake_is_one_line(tmp_path):
-    told = CliRunner().invoke(app, [str(tmp_path / "none.yaml")])
-    assert told.exit_code == 2
-    assert "none.yaml: cannot be read" in told.output
-
-
 @pytest.mark.parametrize("text", ["", "{", "7", "[]", '{"log": 1}', "[" * 100_000])
 def test_what_is_no_failure_is_named(tmp_path, text):
     (tmp_path / "0123.json").write_text(text)

@@ -146,33 +146,3 @@ def test_a_dry_run_says_what_is_asked_and_what_is_there():
     assert planned["estimate"]["stages"]["requirements"]["seconds"] > 0
     assert planned["stages"]["requirements"] == {"tasks": 2, "cached": 0}
     assert planned["stages"]["surrogates"] == {"tasks": 2, "cached": 2}
-
-
-WRONG = {
-    "nowhere": (
-        {"requirements": [NEEDS[0] | {"where": {"sectors": ["front"]}}]},
-        "requirements[0] 'people / near': where: has no end",
-    ),
-    "a mount in the body": (
-        {"vehicle": [[[-2, -1, 0], [2, 1, 3]]]},
-        "LiDAR 1 at (0, 0.6, 2.2) is inside the vehicle's body",
-    ),
-    "a body upside down": (
-        {"vehicle": [[[-2, -1, 0], [2, 1, -3]]]},
-        "needs finite corners, the lower one first",
-    ),
-    "no such curve": (
-        {"requirements": [NEEDS[1] | {"at_least": {"probability": 0.1, "iou": 0.123}}]},
-        "no detection curve of Car at IoU 0.123",
-    ),
-}
-
-
-@pytest.mark.parametrize("mistake", WRONG)
-def test_a_mistake_is_one_line(mistake):
-    changes, message = WRONG[mistake]
-    done = sweep(SWEEP | changes)
-    assert done.exit_code == 2, done.output
-    (line,) = done.stderr.splitlines()
-    assert message in line
-    assert "small.yaml" in line

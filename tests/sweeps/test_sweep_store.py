@@ -2,10 +2,8 @@
 
 from pathlib import Path
 
-import pytest
 import yaml
 
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.store.local import Store
 from sweeps.store.open import reference, store_of
@@ -29,27 +27,6 @@ def test_folders_and_urls(tmp_path):
     found = store_of(sweep(tmp_path, store={"url": "memory://b/", "cache": str(tmp_path / "c")}))
     assert isinstance(found, RemoteStore)
     assert found.cache == tmp_path / "c"
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"name": "store"}, "name: the run folder would be the store"),
-        ({"name": "runs", "output": ".", "store": "runs"}, "name: the run folder would be the"),
-        ({"store": "nosuch://a"}, "nosuch"),
-        ({"store": {"url": "memory://b", "quota_gb": 1}}, "store.quota_gb: is for folders"),
-    ],
-)
-def test_mistakes(tmp_path, monkeypatch, settings, message):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=message):
-        store_of(sweep(tmp_path, **settings))
-
-
-@pytest.mark.parametrize("name", ["..", ".hidden", "a/b", ""])
-def test_a_name_is_no_path(tmp_path, name):
-    with pytest.raises(ConfigError, match="name"):
-        sweep(tmp_path, name=name)
 
 
 def test_sweeps_of_one_name_in_two_folders_refer_apart(tmp_path):

@@ -7,25 +7,30 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from lidarplace import Mount, Placement
+from lidarplace.configuration.record import read_record
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
-from lidarplace.files.json_file import read_json
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import candidates_of, limits_of, number_of_candidates
 from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.assess import Traffic
-from sweeps.search.problem.choice import Choice, Choices, ordered
+from sweeps.search.problem.choice import Choices, ordered
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
 
 
 @dataclass(frozen=True)
-class Certificate:
+class _Keyed:
+    """What tells whether a certificate is of a problem: `key` of both."""
+
+    key: str
+
+
+@dataclass(frozen=True)
+class Certificate(_Keyed):
     """What is known of all placements from a grid of candidate mounts.
 
     Attributes:
@@ -35,7 +40,7 @@ class Certificate:
         value: of all of them together.
         by_gains: upper bound from marginal gains alone.
         bound: the upper bound.
-        history: seconds, bound, kind: how it fell.
+        history: columns seconds, bound, kind: how it fell.
         evaluations: marginal gains that greedy choice looked at.
         refined: the best of greedy's rig and of `start` that keep the constraints, each LiDAR moved
             to a better place around its own; None if there is none, or it was not asked for.
@@ -50,7 +55,7 @@ class Certificate:
     value: float
     by_gains: float
     bound: float
-    history: pd.DataFrame
+    history: dict[str, list[float | str]]
     evaluations: int
     refined: Choices | None
     refined_value: float | None
@@ -147,13 +152,14 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
         if value is None or own > value:
             refined, value, origin = rig_of(moved, problem.space), own, name
     return Certificate(
+        key=problem.key,
         candidates=len(candidates),
         chosen=chosen,
         gains=(*choice.gains.tolist(), *[0.0] * (len(chosen) - len(choice.chosen))),
         value=choice.value,
         by_gains=bound.by_gains,
         bound=bound.value,
-        history=bound.history,
+        history={str(name): own.tolist() for name, own in bound.history.items()},
         evaluations=choice.evaluations,
         refined=refined,
         refined_value=value,
@@ -171,45 +177,14 @@ def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certific
     """
     if path.exists():
         try:
-            kept = read_json(path)
-            if kept.pop("key") == problem.key:
-                return _from_plain(kept)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ConfigError(
-                f"{path} is no certificate of a search ({error}); remove it, and it is made again"
-            ) from None
+            if read_record(path, _Keyed, "certificate of a search").key == problem.key:
+                return read_record(path, Certificate, "certificate of a search")
+        except ValueError as error:
+            raise ConfigError(f"{error}; remove it, and it is made again") from None
     certificate = certify(problem, traffic)
-    if certificate is None:
-        return None
-    write_text(path, json.dumps({"key": problem.key} | _as_plain(certificate), indent=1))
+    if certificate is not None:
+        write_text(path, json.dumps(asdict(certificate), indent=1))
     return certificate
-
-
-def _as_plain(certificate: Certificate) -> dict[str, Any]:
-    plain = {k: v for k, v in vars(certificate).items() if k not in ("history", "chosen")}
-    return plain | {
-        "chosen": [_plain_rig(rig) for rig in certificate.chosen],
-        "refined": certificate.refined and _plain_rig(certificate.refined),
-        "history": certificate.history.to_dict("list"),
-    }
-
-
-def _plain_rig(rig: Choices) -> list[dict[str, Any]]:
-    return [asdict(lidar) for lidar in rig]
-
-
-def _from_plain(plain: dict[str, Any]) -> Certificate:
-    own = {
-        "chosen": tuple(_rig_of_plain(rig) for rig in plain["chosen"]),
-        "refined": plain["refined"] and _rig_of_plain(plain["refined"]),
-        "gains": tuple(plain["gains"]),
-        "history": pd.DataFrame(plain["history"]),
-    }
-    return Certificate(**plain | own)
-
-
-def _rig_of_plain(rig: list[dict[str, Any]]) -> Choices:
-    return ordered(Choice(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
 
 
 def rig_of_parts(parts: Sequence[Choices]) -> Choices:

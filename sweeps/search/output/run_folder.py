@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
@@ -75,7 +76,7 @@ def write_search(
         (folder / name).unlink(missing_ok=True)
     about.trials_table.write(trials_table(found.study, problem), folder)
     if found.certificate is not None:
-        BOUND.write(found.certificate.history, folder)
+        BOUND.write(pd.DataFrame(found.certificate.history), folder)
         chosen, gains = found.certificate.chosen, found.certificate.gains
         GREEDY.write(greedy_table(chosen, gains, 0.0), folder)
     if found.chosen is not None:

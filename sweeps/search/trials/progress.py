@@ -5,8 +5,7 @@ import time
 from rich.console import Console
 
 from sweeps.execution.failures import Failure
-from sweeps.execution.progress import StageProgress
-from sweeps.execution.running import about
+from sweeps.execution.progress import StageProgress, about
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 

@@ -27,7 +27,7 @@ from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import MOST_RAYS, found_by_sweep
 from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
-from sweeps.results.rigs_file import rigs_yaml
+from sweeps.results.rigs import rigs_yaml
 from tests.lidarplace.requirements.brute_force import hits_of
 from tests.lidarplace.studio.rigs import TEXT, log_of, written
 from tests.sweeps.small_log import write_small_log

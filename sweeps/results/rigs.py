@@ -1,20 +1,88 @@
-"""The rigs of a sweep as a file that the studio opens."""
+"""The rigs of a sweep for people: a file that the studio opens, a page, and their LiDAR models."""
 
 import math
 from dataclasses import asdict
+from pathlib import Path
 
+import numpy as np
 import yaml
 
 from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.rig_files.own import DIGITS, as_written
+from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Point
+from tracking.figures.kit.vehicle_lines import name_of
+from tracking.pages.page import SECTIONS_ALONE, write_page
+from tracking.pages.section import Section
+from tracking.report.decision.rigs import rig_views, viewed_rig
+from tracking.run_folders.sweep_json import LidarModel
 
 FILE = "rigs.yaml"
+
+MOST_DRAWN = 40
+"""Rigs; a page of more is not looked at."""
+
+
+def lidar_models(sweep: Sweep) -> dict[str, tuple[LidarModel, ...]]:
+    """The model of every mount, by the placement's name; none where an axis varies it."""
+    if any(axis.partition(".")[0] == "lidar" for axis in sweep.axes):
+        return {}
+    points = {own.point.placement: own for own in sweep.points}
+    return {name: _models(sweep, own.point, own.rig) for name, own in points.items()}
+
+
+def _models(sweep: Sweep, point: Point, rig: Placement) -> tuple[LidarModel, ...]:
+    settings = sweep.common.placements.get(point.placement)
+    if settings is None:
+        own = [point.lidar.name] * len(rig.mounts)
+    elif settings.recorded:  # by their beams alone
+        own = [None] * len(rig.mounts)
+    else:
+        own = [(mount.lidar or point.lidar).name for mount in settings.mounts]
+    models = []
+    for name, lidar in zip(own, rig.lidars, strict=True):
+        low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)]).round(9)
+        models.append(
+            LidarModel(
+                name=name,
+                price_usd=datasheet(name).price_usd if name else None,
+                beams=lidar.beams,
+                elevation_deg=(low, high),
+                azimuth_steps=lidar.azimuth_steps,
+            )
+        )
+    return tuple(models)
+
+
+def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
+    """Draw the first `MOST_DRAWN` rigs from above and from the side, below what is to be known of
+    them. Returns the page, which is in the sweep's run folder."""
+    rigs = {own.point.placement: own.rig for own in sweep.points}
+    models = lidar_models(sweep)
+    drawn = list(rigs)[:MOST_DRAWN]
+    vehicle = sweep.points[0].point.body()
+    section = Section(
+        "Rigs",
+        notes=[
+            f"The nose of {name_of(vehicle)} is on the right. A line leads from above to where a "
+            "LiDAR's top leans, from the side to where its front points. x is forward, y to the "
+            "left, z above the ground.",
+            *cautions,
+        ],
+        figures=rig_views(
+            [viewed_rig(name, rigs[name].mounts, models.get(name, ())) for name in drawn], vehicle
+        ),
+    )
+    if len(drawn) < len(rigs):
+        section.notes.insert(1, f"The first {len(drawn)} of {len(rigs)}.")
+    folder = sweep.common.output / sweep.common.name
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_page(folder / "rigs.html", SECTIONS_ALONE, [section], name=sweep.common.name)
 
 
 def rigs_yaml(sweep: Sweep) -> str:
