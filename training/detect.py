@@ -16,7 +16,7 @@ from training.detectors.build import build
 from training.detectors.contract import as_arrays
 from training.detectors.detector import PointRange, Selection
 from training.detectors.folding import fold_batch_norm
-from training.device import device
+from training.device import device, half_type
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
 
@@ -56,6 +56,7 @@ def detect(
     if type(model).__module__.startswith("training."):  # others may call layers one by one
         fold_batch_norm(model)
     model.to(device()).eval()
+    half = half_type(model.device, settings.mixed_precision, predicting=True)
     selection = _selection(model.selection, settings)
     size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH
     lift = np.array([0, 0, model.sensor_height, 0], np.float32)
@@ -63,7 +64,7 @@ def detect(
     for first in range(0, len(clouds), size):
         batch = range(first, min(first + size, len(clouds)))
         points = [torch.from_numpy(clouds[i] - lift) for i in batch]
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(model.device.type, half, enabled=half is not None):
             predictions = model.predict(points, selection)
         found += as_arrays(model, predictions, [clouds.frames[i] for i in batch])
 

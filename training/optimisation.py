@@ -9,6 +9,7 @@ from torch import Tensor
 
 from training.detectors.contract import checked_losses
 from training.detectors.detector import Detector
+from training.device import half_type
 from training.one_cycle import OneCycle
 from training.settings import TrainingSettings
 
@@ -17,9 +18,9 @@ Batch = tuple[list[Tensor], list[Tensor], list[Tensor]]
 
 
 class Optimisation:
-    """An optimiser with its schedule and, on a GPU, 16-bit floats.
+    """An optimiser with its schedule and 16-bit floats, see `half_type`.
 
-    bfloat16 where the GPU has it; else float16, whose small gradients need a scaled loss.
+    The small gradients of float16 need a scaled loss.
 
     Args:
         model: what is trained; stays where it is.
@@ -32,13 +33,8 @@ class Optimisation:
         self._settings = settings
         self._schedule = OneCycle(settings, steps)
         self._optimizer = _optimizer(model, settings)
-        place = model.device.type
-        self._mixed = settings.mixed_precision and place != "cpu"
-        bfloat = self._mixed and torch.get_device_module(place).is_bf16_supported(
-            including_emulation=False
-        )
-        self._dtype = torch.bfloat16 if bfloat else torch.float16
-        self._scaler = torch.amp.GradScaler(place, enabled=self._mixed and not bfloat)
+        self._dtype = half_type(model.device, settings.mixed_precision)
+        self._scaler = torch.amp.GradScaler(model.device.type, enabled=self._dtype is torch.float16)
         self.steps = 0
         self.lr = 0.0
 
@@ -54,7 +50,7 @@ class Optimisation:
             group["lr"] = self.lr
             if "betas" in group:
                 group["betas"] = (momentum, group["betas"][1])
-        with torch.autocast(self._model.device.type, self._dtype, enabled=self._mixed):
+        with torch.autocast(self._model.device.type, self._dtype, enabled=self._dtype is not None):
             losses = checked_losses(self._model, self._model.loss(*batch))
         if not math.isfinite(losses["loss"].item()):
             raise ArithmeticError(f"the loss is {losses['loss'].item()}")

@@ -57,8 +57,10 @@ class TrainingSettings(Settings):
         10.0, description="the cycle starts at lr / div_factor"
     )
     grad_norm_clip: Factor = Field(10.0, gt=0, description="largest norm of the gradient")
-    mixed_precision: bool = Field(
-        True, description="16-bit floats in the network where it runs on a GPU"
+    mixed_precision: bool | Literal["everywhere"] = Field(
+        True,
+        description="16-bit floats in trainings on a GPU; everywhere: in predictions, too, and on "
+        "a CPU that has AVX512-BF16 or AMX",
     )
 
     sample_groups: dict[ClassName, Count] = Field(
@@ -100,6 +102,13 @@ class TrainingSettings(Settings):
         # Not by the types of the field, whose error would name both of them.
         if value != "auto" and not (type(value) is int and value >= 1):
             raise ValueError("allowed are auto and whole numbers from 1")
+        return value
+
+    @field_validator("mixed_precision", mode="before")
+    @classmethod
+    def _switch_or_everywhere(cls, value: Any) -> Any:
+        if not isinstance(value, bool) and value != "everywhere":
+            raise ValueError("allowed are true, false and everywhere")
         return value
 
     @model_validator(mode="after")

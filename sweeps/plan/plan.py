@@ -116,6 +116,13 @@ def make_plan(sweep: Sweep) -> Plan:
     return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
 
 
+def _without_bfloat16() -> list[str]:
+    """What to say of a machine whose networks run in 32-bit floats all the same."""
+    from training.device import NO_BFLOAT16, cpu_has_bfloat16, device
+
+    return [] if device().type != "cpu" or cpu_has_bfloat16() else [NO_BFLOAT16]
+
+
 def _hint(trial: Trial) -> str:
     judge = trial.grid_point.point.judge
     seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
@@ -165,6 +172,8 @@ class _Builder:
         except ValueError as error:
             raise ConfigError(f"scene: {error}") from None
         typical = self._typical(point)
+        if point.detector is not None and point.training.mixed_precision == "everywhere":
+            self.cautions |= dict.fromkeys(_without_bfloat16())
         scenes = [
             self._task("scene", grid_point, SceneParams(part.recording), (), part.name)
             for part in parts

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import torch
 import yaml
 
 from lidarplace.files.tables import read_parquet
@@ -16,7 +17,7 @@ from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
 from sweeps.results.rig_cautions import MOST_NAMED, rig_cautions
 from tests.sweeps.small_log import write_small_log
-from training import build_detector
+from training import build_detector, device
 from training.checkpoints import write_checkpoint
 
 
@@ -444,3 +445,17 @@ def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_pat
         most[:MOST_NAMED], key=list(rigs).index
     )
     assert said[-1].startswith(f"So do rings of {len(shares) - MOST_NAMED} rigs more, of each at")
+
+
+def test_16_bits_are_another_result_and_a_processor_without_them_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(device, "device", lambda: torch.device("cpu"))
+    half = {"training": {"mixed_precision": "everywhere"}}
+    for has, cautions in ((True, ()), (False, (device.NO_BFLOAT16,))):
+        monkeypatch.setattr(device, "cpu_has_bfloat16", lambda has=has: has)
+        plan, plain = plan_of(tmp_path, **half), plan_of(tmp_path)
+        assert (plan.cautions, plain.cautions) == (cautions, ())
+        assert plan_of(tmp_path, detector=None, **half).cautions == ()
+        (odd,), (even,) = plan.trials, plain.trials
+        assert odd.finetune.key != even.finetune.key
+        assert odd.evaluate.key != even.evaluate.key
+        assert odd.surrogates.key == even.surrogates.key

@@ -134,7 +134,7 @@ def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype, training):
     frames = [torch.rand(count, 4) * (high - low) + low for count in (300, 0, 40, 1)]
     frames[0][:3, 0], frames[0][3, 3] = math.nan, math.inf
     frames[0][4] = torch.tensor([4.0, 2.0, 1.0, 0.5])  # on the far corner: outside
-    ours = copy.deepcopy(encoder)
+    ours, unlearnt = copy.deepcopy(encoder), copy.deepcopy(encoder)
     batch = group(frames, grid, training=training, device=torch.device("cpu"))
     batch = replace(batch, points=batch.points.to(dtype))
     expected = scatter(encoder(batch), batch.cells, len(frames), grid)
@@ -143,6 +143,8 @@ def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype, training):
     assert found.is_contiguous(memory_format=torch.channels_last)
     close = {"rtol": 1e-4, "atol": 1e-5} if dtype == torch.float32 else {"rtol": 1e-6, "atol": 1e-6}
     torch.testing.assert_close(found, expected, **close)
+    with torch.no_grad():
+        assert torch.equal(pillar_image(frames, unlearnt), found)
     gradient = torch.randn_like(expected)
     expected.backward(gradient)
     found.backward(gradient)

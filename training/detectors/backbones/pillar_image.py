@@ -41,7 +41,8 @@ def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     points = np.concatenate([np.zeros((0, 4), np.float32), *(f.numpy() for f in frames)])
     ends = np.cumsum([len(frame) for frame in frames])
     parameters = (layer.linear.weight, norm.weight, norm.bias)
-    features, cells = _Features.apply(*parameters, points, ends, grid, norm)
+    learns = norm.training or torch.is_grad_enabled()
+    features, cells = _Features.apply(*parameters, points, ends, grid, norm, learns)
     return scatter(features, cells, len(frames), grid)
 
 
@@ -53,7 +54,7 @@ class _Pillars(NamedTuple):
         counts: points of each, shape (P,), int64.
         sums: of the offset from the centre and of intensity over its points, shape (P, 4), float64.
         best: largest sum of the four products, shape (P, C).
-        winner: row of the point that has it, shape (P, C), int32.
+        winner: row of the point that has it, shape (P, C), int32; anything where nothing is learnt.
     """
 
     cells: NDArray[np.int64]
@@ -81,8 +82,12 @@ class _Features(torch.autograd.Function):
         ends: NDArray[np.int64],
         grid: PillarGrid,
         norm: PaddedBatchNorm,
+        learns: bool,
     ) -> tuple[Tensor, Tensor]:
-        """Features (P, C) of the pillars, and their cells (P,)."""
+        """Features (P, C) of the pillars, and their cells (P,).
+
+        `learns`: there will be a backward pass, or statistics are of the batch.
+        """
         own = weight.detach().numpy()
         from_mean, from_centre = own[:, 4:7], own[:, 7:]
         moving = np.hstack([own[:, :3] + from_mean + from_centre, own[:, 3:4]])
@@ -90,7 +95,7 @@ class _Features(torch.autograd.Function):
         sign = np.where(gamma.detach().numpy() < 0, -1, 1).astype(own.dtype)
         x, _, z = grid.centres(torch.arange(grid.shape[0])).T.numpy()
         _, y, _ = grid.centres(grid.shape[0] * torch.arange(grid.shape[1])).T.numpy()
-        products = np.zeros((4, 4))
+        products = np.zeros((4, 4) if learns else (0, 0))
         pillars = _Pillars(
             *_collect(
                 points,
@@ -113,12 +118,13 @@ class _Features(torch.autograd.Function):
             rows = len(raw) * grid.max_points
             zero = (pillars.counts < grid.max_points)[:, None] & (sign * raw < 0)
             raw[zero], pillars.winner[zero] = 0, -1
-        total = np.hstack([pillars.sums.sum(axis=0), pillars.counts @ rest])
-        by_rest = pillars.sums.T @ rest
-        squares = np.block(
-            [[products, by_rest], [by_rest.T, rest.T @ (pillars.counts[:, None] * rest)]]
-        )
-        terms = np.hstack([moving, shared]).astype(np.float64)
+        if learns:
+            total = np.hstack([pillars.sums.sum(axis=0), pillars.counts @ rest])
+            by_rest = pillars.sums.T @ rest
+            squares = np.block(
+                [[products, by_rest], [by_rest.T, rest.T @ (pillars.counts[:, None] * rest)]]
+            )
+            terms = np.hstack([moving, shared]).astype(np.float64)
         batch = norm.training and rows > 1  # one row has no variance
         if batch:
             mean = terms @ total / rows
@@ -135,9 +141,10 @@ class _Features(torch.autograd.Function):
         out = raw * gamma.detach().numpy()
         out += beta.detach().numpy()
         np.maximum(out, 0, out=out)
-        ctx.kept = points, pillars.winner, centres, rest, raw, out
-        ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
-        ctx.save_for_backward(gamma)
+        if learns:
+            ctx.kept = points, pillars.winner, centres, rest, raw, out
+            ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
+            ctx.save_for_backward(gamma)
         cells = torch.from_numpy(pillars.cells)
         ctx.mark_non_differentiable(cells)
         return torch.from_numpy(out), cells
@@ -160,7 +167,7 @@ class _Features(torch.autograd.Function):
         of_weight = np.hstack([place + found[:, 4:7], found[:, 3:4], place - found[:, 7:], place])
         kind = gamma.dtype
         of_all = (torch.from_numpy(item).to(kind) for item in (of_weight, of_gamma, of_beta))
-        return (*of_all, None, None, None, None)
+        return (*of_all, None, None, None, None, None)
 
 
 @njit(cache=True, error_model="numpy")
@@ -168,6 +175,8 @@ def _collect(
     points, cells, ends, centres, limits, weights, products
 ):  # pragma: no cover - compiled
     """The fields of `_Pillars`; adds the products of the four terms of all points to `products`.
+
+    If that is empty, nothing is learnt.
 
     Args:
         points: of frame after frame, shape (N, 4); `cells` (N,) of each in its frame.
@@ -206,15 +215,22 @@ def _collect(
             row = cell // len(columns)
             x, y = points[n, 0] - columns[cell - row * len(columns)], points[n, 1] - rows[row]
             z, light = points[n, 2] - height, points[n, 3]
+            u = (np.float64(x), np.float64(y), np.float64(z), np.float64(light))
+            for i in range(4):
+                sums[p, i] += u[i]
+            if not len(products):
+                for c in range(channels):
+                    value = weights[0, c] * x + weights[1, c] * y
+                    value += weights[2, c] * z + weights[3, c] * light
+                    best[p, c] = value if value > best[p, c] else best[p, c]
+                continue
             for c in range(channels):
                 value = weights[0, c] * x + weights[1, c] * y
                 value += weights[2, c] * z + weights[3, c] * light
                 better = value > best[p, c]
                 best[p, c] = value if better else best[p, c]
                 winner[p, c] = n if better else winner[p, c]
-            u = (np.float64(x), np.float64(y), np.float64(z), np.float64(light))
             for i in range(4):
-                sums[p, i] += u[i]
                 for j in range(4):
                     products[i, j] += u[i] * u[j]
         start = ends[frame]
