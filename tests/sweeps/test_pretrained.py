@@ -138,7 +138,7 @@ def test_a_file_without_what_it_was_trained_on_is_refused(folder):
 
 
 def search(folder, **changes):
-    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4]}
+    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4], "standoff": None}
     own = {"lidars": 4, "objective": "pretrained", "zones": {"roof": zone}, "trials": 3}
     traffic = {name: {"scene.test_folder": str(folder / name)} for name in ("search", "choice")}
     own |= {"batch_size": 3, "greedy": None, "traffic": traffic}
