@@ -33,7 +33,8 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 demo: setup
-	$(BIN)/lidarplace search examples/demo.yaml
+	$(BIN)/lidarplace run examples/demo.yaml
+	@echo "Next, where four LiDARs go on the roof itself: $(BIN)/lidarplace search examples/search_demo.yaml"
 
 # MLflow on this machine alone; RUN: a sweep's folder, a database, or a tracking URI.
 RUN ?= runs/mlflow.db

@@ -53,7 +53,7 @@ SEARCH = {
     **{key: SWEEP[key] for key in ("scene", "classes", "lidar", "surrogate", "ray")},
     "search": {
         "lidars": 2,
-        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
+        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.8]}},
         "objective": "expected_ig",
         "azimuth_stride": 1,
         "trials": 4,
@@ -86,6 +86,7 @@ def make_world(folder: Path) -> None:
         ("grid", SWEEP),
         ("examples/grid", TRAFFIC),
         ("examples/search", SEARCH),
+        ("examples/search_demo", SEARCH),
         ("examples/generalist", GENERALIST),
         ("mine", yaml.safe_load(_block("quickstart.md", "# mine.yaml"))),
     ):

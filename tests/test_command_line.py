@@ -299,7 +299,9 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
     """A file is in the way: the same command would not go on from there."""
     content = f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n"
     if verb == "search":
-        content += "search: {objective: expected_ig, zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n"
+        content += (
+            "search: {objective: expected_ig, zones: {roof: {x: [0, 1], y: [0, 1], z: 1.8}}}\n"
+        )
     else:
         content += "placement: line\n"
     (in_folder / "grid.yaml").write_text(content)
@@ -317,7 +319,7 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
         ("run", "placement: line\n"),
         (
             "search",
-            "search: {objective: expected_ig, zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n",
+            "search: {objective: expected_ig, zones: {roof: {x: [0, 1], y: [0, 1], z: 1.8}}}\n",
         ),
     ],
 )

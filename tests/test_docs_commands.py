@@ -218,7 +218,7 @@ def check(kind: str, content: dict, path: Path) -> None:
         Collection.model_validate(content)
         return
     if kind == "search":
-        base = {"search": {"zones": {"roof": {"x": 0, "y": [-1, 1], "z": 2}}}}
+        base = {"search": {"zones": {"roof": {"x": 0, "y": [-1, 1], "z": 1.8}}}}
         content = base | content
         if "zones" not in content["search"] and "space" not in content["search"]:
             content["search"] = base["search"] | content["search"]

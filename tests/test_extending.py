@@ -64,7 +64,7 @@ def test_a_surrogate(package, installed, tmp_path, name):
 def test_a_search_by_a_surrogate(installed, tmp_path):
     write_small_log(tmp_path / "log")
     write_database(tmp_path / "runs/mlflow.db")
-    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}
+    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.8]}
     config = {
         "classes": ["Car"],
         "scene": {"source": "log", "folder": "log"},

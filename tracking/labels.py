@@ -43,6 +43,11 @@ def span(low: float, high: float, form: str) -> str:
     return f"{digits(low, form)} to {digits(high, form)}" if np.isfinite(low) else DASH
 
 
+def not_significant(low: float, high: float) -> str:
+    """What ends the sentence of a difference whose interval this is, "" where zero is not in it."""
+    return ", not significant" if low <= 0 <= high else ""
+
+
 def interval(low: float, high: float) -> str:
     """An interval of a coefficient in brackets; one of no width is no statement of precision."""
     return f"[{signed(low)}, {signed(high)}]" if high - low > 1e-9 else "[no interval]"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,6 +21,8 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
 )
+from lidarplace.mounting.polygon import NANOMETRE
+from lidarplace.mounting.vehicle import Vehicle, top_near
 from lidarplace.mounting.zone import Zone
 
 Pair = tuple[Length, Length]
@@ -53,6 +57,11 @@ class PlaceSettings(Settings):
         None, description="corners [x, y], instead of x and y"
     )
     z: Heights = Field(description="a number or [min, max], metres")
+    standoff: Distance | None = Field(
+        0.3,
+        description="how far above the vehicle's body a LiDAR may be, metres: higher parts of the "
+        "zone are cut off; null: as far as z says, on a rack",
+    )
 
     @model_validator(mode="after")
     def _has_a_shape(self) -> PlaceSettings:
@@ -70,6 +79,35 @@ class PlaceSettings(Settings):
             assert self.y is not None
             return Zone.box(name, self.x, self.y, self.z)
         return Zone(name, corners, self.z)
+
+    def within_standoff(self, name: str, vehicle: Vehicle) -> Zone:
+        """The part of the zone that is not too far above the body beneath it.
+
+        Raises ValueError: there is none; says what to write.
+        """
+        zone = self.zone(name)
+        ys = [y for _, y in zone.polygon]
+        top = top_near(vehicle, zone.x, (min(ys), max(ys)))
+        if self.standoff is None or top is None:
+            return zone
+        (low, high), most = zone.z, top + self.standoff
+        if high <= most + NANOMETRE:
+            return zone
+        if low > most + NANOMETRE:
+            raise ValueError(
+                f"zones.{name}: z from {low:g} m is more than the standoff, {self.standoff:g} m, "
+                f"above the vehicle's body, {top:g} m there; write z up to {most:g}, or with a "
+                f"rack standoff: {math.ceil(100 * (high - top) - NANOMETRE) / 100:g}"
+            )
+        return replace(zone, z=(low, max(low, most)))
+
+
+def mountable(zones: Mapping[str, PlaceSettings], vehicle: Vehicle) -> tuple[Zone, ...]:
+    """The zones, cut off where they are too far above the vehicle.
+
+    Raises ValueError: all of a zone is.
+    """
+    return tuple(own.within_standoff(name, vehicle) for name, own in zones.items())
 
 
 class KeepOutSettings(Settings):

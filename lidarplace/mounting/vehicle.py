@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.roi import Roi
+from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.mesh import Mesh, depths
 from lidarplace.mounting.zone import Zone, position
 
@@ -134,6 +134,24 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
     shares = np.linspace(0.0, 1.0, 5).tolist()
     points = np.array([position(zone, *at) for at in product(shares, repeat=3)]) if some else low
     return some, some and bool((depth_in_body(vehicle, points) > 0).all())
+
+
+def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
+    """How high the body is beneath this rectangle, metres; where it is not, what is nearest of it.
+
+    Of a mesh by the boxes around its triangles. None without a body.
+    """
+    parts = vehicle.boxes
+    if vehicle.mesh is not None:
+        corners = vehicle.mesh.triangles
+        around = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+        parts = np.concatenate([parts, around])
+    if not len(parts):
+        return None
+    low, high = np.array([x, y]).T
+    apart = np.maximum(parts[:, 0, :2] - high, low - parts[:, 1, :2]).clip(min=0.0)
+    away = np.hypot(*apart.T)
+    return float(parts[away <= away.min() + _HAIR, 1, 2].max())
 
 
 def depth_in(boxes: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,7 @@
 """The file of a studio: rigs, the vehicle that carries them, and what it allows."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,9 +11,15 @@ from typing import Annotated, Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
-from lidarplace.configuration.mounting import KeepOuts, LimitSettings, PlaceSettings, keep_out_boxes
+from lidarplace.configuration.mounting import (
+    KeepOuts,
+    LimitSettings,
+    PlaceSettings,
+    keep_out_boxes,
+    mountable,
+)
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
@@ -57,6 +65,11 @@ class RigsSettings(Settings):
         False, description="whether LiDARs may see neither ground nor objects in the ROI"
     )
 
+    @model_validator(mode="after")
+    def _is_mountable(self) -> RigsSettings:
+        mountable(self.zones, vehicle_of(self.vehicle))
+        return self
+
 
 @dataclass(frozen=True)
 class RigsFile:
@@ -86,7 +99,7 @@ class RigsFile:
     @cached_property
     def zones(self) -> tuple[Zone, ...]:
         """Where LiDARs may sit."""
-        return tuple(own.zone(name) for name, own in self.settings.zones.items())
+        return mountable(self.settings.zones, self.vehicle)
 
     @cached_property
     def keep_out(self) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from lidarplace.configuration.mounting import (
     LimitSettings,
     Pair,
     PlaceSettings,
+    mountable,
     number_as_interval,
     ordered,
 )
@@ -38,7 +39,7 @@ from lidarplace.configuration.settings import (
     Text,
     short_for,
 )
-from lidarplace.configuration.vehicle import OwnVehicle
+from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.pog.surrogates.table import SURROGATES
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.catalogue.datasheet import datasheet
@@ -482,6 +483,7 @@ class SearchSettings(Settings):
                 raise ValueError("symmetric: zones that say `lidars` say `mirrored`, too")
             if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
                 raise ValueError("zones: none may have a LiDAR")
+        mountable(self.zones, vehicle_of(self.vehicle))
         for name, zone in self.zones.items():
             unknown = [model for model in zone.models or () if model not in self.models]
             if unknown:

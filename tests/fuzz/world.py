@@ -30,7 +30,7 @@ SEARCH = {
     **{key: SWEEP[key] for key in ("scene", "classes", "lidar", "surrogate", "ray")},
     "search": {
         "lidars": 2,
-        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
+        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.8]}},
         "roll_deg": [-10, 10],
         "constraints": {"distance": 0.2},
         "objective": "expected_ig",

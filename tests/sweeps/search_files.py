@@ -32,6 +32,8 @@ def write_search(folder: Path, **changes) -> Path:
         write_small_log(folder / "log")
     config = copy.deepcopy(SEARCH)
     config["search"] |= changes.pop("search", {})
+    for zone in config["search"]["zones"].values():
+        zone.setdefault("standoff", None)  # what these tests are of is mounted anywhere
     if any("lidars" in zone for zone in config["search"]["zones"].values()):
         del config["search"]["lidars"]
     config |= {"scene": {"source": "log", "folder": str(folder / "log")}}

@@ -82,7 +82,7 @@ def test_a_search_and_the_sweep_that_it_leaves(folder, monkeypatch):
     own = {
         "objective": "expected_ig",
         "lidars": 1,
-        "zones": {"roof": {"x": [0, 1], "y": [0, 1], "z": [2, 2.1]}},
+        "zones": {"roof": {"x": [0, 1], "y": [0, 1], "z": [1.7, 1.8]}},
         "trials": 2,
     }
     config = {key: value for key, value in SMALL.items() if key != "placement"}

@@ -1,6 +1,7 @@
 """Rigs evaluated by weights in a file: `judge: pretrained`, in sweeps, searches and Python."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -138,7 +139,7 @@ def test_a_file_without_what_it_was_trained_on_is_refused(folder):
 
 
 def search(folder, **changes):
-    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4]}
+    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4], "standoff": None}
     own = {"lidars": 4, "objective": "pretrained", "zones": {"roof": zone}, "trials": 3}
     traffic = {name: {"scene.test_folder": str(folder / name)} for name in ("search", "choice")}
     own |= {"batch_size": 3, "greedy": None, "traffic": traffic}
@@ -197,3 +198,15 @@ def test_the_file_of_the_package_can_be_read():
     assert found.detector == "pointpillars_tiny"
     assert found.classes == ("Car", "Cyclist", "Pedestrian")
     assert all(torch.isfinite(value).all() for value in found.state_dict.values())
+
+
+def test_the_demo_and_its_search_fit_the_file_of_the_package():
+    examples = Path(__file__).parents[2] / "examples"
+    plan = make_plan(read_sweep(examples / "demo.yaml"))
+    trained = [task.params for task in plan.tasks if task.stage == "finetune"]
+    assert [params.checkpoint for params in trained] == 8 * [read_generalist().digest]
+    problem = read_problem(
+        examples / "search_demo.yaml"
+    )  # which refuses rigs that it does not know
+    assert problem.pretrained
+    assert problem.space.zones[0].z == (1.6, 1.8)

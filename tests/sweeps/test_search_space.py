@@ -16,12 +16,17 @@ from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered,
 from sweeps.search.problem.slots import params_of, placed_in, rig_of
 from sweeps.search.problem.space import Space
 
-ROOF = {"polygon": [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]], "z": [1.8, 2.2]}
+ROOF = {
+    "polygon": [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]],
+    "z": [1.8, 2.2],
+    "standoff": None,
+}
 NOSE = {"x": [2.1, 2.3], "y": [-0.5, 0.5], "z": 0.6}
 
 
 def space_of(models=("lidar",), fixed=(), **changes) -> Space:
     values = {"zones": {"roof": ROOF}, "roll_deg": [-20, 20], "yaw_deg": [-90, 90]} | changes
+    values["zones"] = {name: {"standoff": None} | own for name, own in values["zones"].items()}
     return Space(SearchSettings.model_validate(values), models, fixed)
 
 

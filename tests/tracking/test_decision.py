@@ -71,7 +71,8 @@ def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, p
     low, high = (f"{value:.1f}".replace("-", "−") for value in second[["low", "high"]])
     assert (
         f"Recall @ 0.5 of all objects: {best.mean:.1f} %, {second['lead']:.1f} points ahead of "
-        f"{best.others.index[0]} (95 %: {low} to {high})"
+        f"{best.others.index[0]} (95 % CI {low} to {high})"
+        f"{', not significant' if second['low'] <= 0 <= second['high'] else ''}."
     ) in page.text
     assert f"{percent(best.sure.iloc[0])} likely to be the best of 5" in page.text
     assert "over seeds and over test objects, which all rigs share." in page.text
@@ -88,7 +89,7 @@ def test_it_is_one_file_whose_links_lead_to_files(folder, page):
 
 
 def test_it_names_the_command_that_opens_its_rigs_in_the_studio(folder, page, tmp_path):
-    assert "in the studio" not in page.text  # a run folder of before there were rigs.yaml
+    assert "lidarplace studio" not in page.text  # a run folder of before there were rigs.yaml
     shutil.copytree(folder, tmp_path / "run")
     (tmp_path / "run/rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
     build_report(tmp_path / "run")
@@ -172,7 +173,7 @@ def test_a_legend_beside_odds_has_a_row_for_each_name():
 
 
 def test_rigs_are_drawn_with_their_models(one_class):
-    a, b = (f for f in one_class.figures if "LiDARs" in f["layout"]["title"]["text"])
+    a, b = (f for f in one_class.figures if "<b>" in f["layout"]["title"]["text"])
     title = {f["layout"]["title"]["text"].partition("</b>")[0]: f for f in (a, b)}
     said = title["<b>a"]["layout"]["title"]["text"]
     assert "4 LiDARs · 32 beams, −25° to 15° · 16,000 US$" in said
@@ -195,6 +196,18 @@ def test_views_have_mounts_where_they_are_and_lines_where_they_lean_and_look():
     assert above.y[1] - above.y[0] == pytest.approx(-0.7 * np.sin(np.radians(30)))
     assert side.y[1] - side.y[0] == pytest.approx(-0.7 * np.sin(np.radians(10)))
     assert "x 0.50, y −0.40, z 2.10 m · roll 30°, pitch 10°" in plot.data[-1].text[0]
+
+
+def test_the_first_screen_has_the_rigs_on_the_vehicle_with_posts_and_what_to_do(folder, page):
+    assert page.figures[0]["layout"]["title"]["text"] == "LiDARs on the vehicle"
+    names = [own["label"] for own in page.figures[0]["layout"]["updatemenus"][0]["buttons"]]
+    assert names[0] == page.words[page.words.index("Recommended") + 2]
+    assert page.words.index("What to do next") < page.words.index("What they find")
+    drawn = next(t for t in page.figures[0]["data"] if t.get("name") == "posts")
+    heights = np.frombuffer(b64decode(drawn["z"]["bdata"]), np.float32).reshape(-1, 3)
+    run = RunFolder.read(folder)
+    assert heights[:, 0] == pytest.approx([1.5] * 4)  # the roof of the sedan
+    assert heights[:, 1] == pytest.approx([mount.z for mount in run.placements[names[0]]])
 
 
 def test_a_rig_beyond_the_car_is_in_view():

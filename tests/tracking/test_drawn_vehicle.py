@@ -72,16 +72,17 @@ def test_boxes_and_meshes_are_drawn(made_up_run, told, extent):
     above, side = extent[:4], extent[:2] + extent[4:]
     for section in sections:
         assert outlines([section]) in ({above}, {above, side})
-        assert not any("nominal car" in note for note in section.notes)
+        assert not any("a sedan" in note for note in section.notes)
     assert in_space(sections) == {extent}
     assert any("the vehicle in orange" in note for note in sections[1].notes)
 
 
-def test_older_run_folders_have_a_nominal_car(made_up_run):
+def test_older_run_folders_have_the_sedan_of_the_clouds(made_up_run):
     assert "vehicle" not in json.loads((made_up_run / SweepResult.FILE).read_text())
     sections = sections_of(made_up_run)
-    assert outlines(sections) == {(-2.35, 2.35, -0.95, 0.95), (-2.35, 2.35, 0.0, 1.5)}
-    assert any("a nominal car in orange" in note for note in sections[1].notes)
+    ends = {tuple(np.round(extent, 9).tolist()) for extent in outlines(sections)}
+    assert ends == {(-2.3, 2.3, -0.95, 0.95), (-2.3, 2.3, 0.0, 1.5)}
+    assert any("a sedan in orange" in note for note in sections[1].notes)
 
 
 def test_boxes_and_a_mesh_are_one_surface():

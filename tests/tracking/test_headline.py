@@ -48,14 +48,17 @@ def test_a_clear_winner_is_told_apart(run):
     values = {"a": (90, 91, 92), "b": (50, 51, 52), "c": (40, 41, 42), "d": (30, 31, 32)}
     car = first_screen(with_values(run, values))[0]
     assert (car.what, car.best) == ("Best for Car", "a")
-    assert car.lead.startswith("91.0 %, 40.0 points ahead of b (95 %: 3")
-    assert car.sure == "over 99 % likely to be the best of 4, and told apart from all others."
+    assert car.lead.startswith("91.0 %, 40.0 points ahead of b (95 % CI 3")
+    assert (
+        car.sure
+        == "over 99 % likely to be the best of 4, and significantly better than all others."
+    )
 
 
 def test_a_lead_within_the_scatter_of_seeds_is_not(run):
     values = {"a": (90, 60, 75), "b": (88, 61, 70), "c": (10, 30, 20), "d": (0, 10, 5)}
     car = first_screen(with_values(run, values))[0]
-    assert "; not told apart from b." in car.sure
+    assert "; not significantly better than b." in car.sure
     assert 50 < float(car.sure.split(" %")[0]) < 80
 
 

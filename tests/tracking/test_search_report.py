@@ -17,7 +17,7 @@ from lidarplace import PAPER_PLACEMENTS
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.build import build_search_report
 from tracking.search_report.command import app
-from tracking.search_report.headline import cards, summary
+from tracking.search_report.headline import answer, next_steps, summary
 from tracking.search_report.tables import rig_table
 
 
@@ -27,7 +27,7 @@ def page_of(folder: Path) -> Page:
 
 def sections(page: Page) -> list[str]:
     titles = {
-        *("Where the LiDARs sit", "In three dimensions", "What stays unseen"),
+        *("Where the LiDARs sit", "What stays unseen"),
         *("How the search went", "Pareto front", "Constraints", "Robustness"),
         *("Did the gain become AP?", "Important parameters", "Trials", "Configuration and command"),
     }
@@ -72,7 +72,7 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
         in page.words
     )
     fired = "It fired rays of 1 in 4 azimuth steps, with weight"
-    assert f"{fired}: the error is at most 0.2 % of one rig's value." in page.words
+    assert f"{fired}: the error is at most 0.2 % of one rig's value." in page.text
     assert "Feasible: it keeps all 2 constraints." in page.words
     assert "the sampler's share is 25 %." in page.text
     assert "lidarplace run runs/made_up/sweep.yaml" in page.words
@@ -99,14 +99,17 @@ def test_the_verified_lead_says_what_its_interval_and_its_seeds_are_worth(folder
         row = {"rig": best, "class": "all", "metric": "recall", "difference": (low + high) / 2}
         chosen = pd.DataFrame([row | {"difference_low": low, "difference_high": high}])
         config = f"search: {{seeds: {list(range(seeds))}}}"
-        return " ".join(cards(replace(run, search=search, chosen=chosen, config=config))[0].lines)
+        found = replace(run, search=search, chosen=chosen, config=config)
+        return " ".join(answer(found).lines), next_steps(found)[0].line
 
-    assert "95 % interval −2.8 to +7.0: the interval of the lead holds zero." in said(-2.8, 7, 2)
-    assert "Not enough evidence: only 2 generalists (at least 3)." in said(-2.8, 7, 2)
-    assert f"{search.command} --set 'search.seeds=[0,1,2]'" in said(-2.8, 7, 2)
-    sure = said(1, 3, 3)
-    assert "95 % interval +1.0 to +3.0." in sure
+    weak, command = said(-2.8, 7, 2)
+    assert "+2.1 points (95 % CI −2.8 to +7.0), not significant." in weak
+    assert "Not enough evidence: only 2 generalists (at least 3)." in weak
+    assert command == f"{search.command} --set 'search.seeds=[0,1,2]'"
+    sure, command = said(1, 3, 3)
+    assert "(95 % CI +1.0 to +3.0)." in sure
     assert "Not enough evidence" not in sure
+    assert command == search.commands[0].line
 
 
 def test_the_name_of_an_objective_keeps_its_case(folder):
@@ -124,7 +127,7 @@ def test_it_is_one_file_that_loads_nothing(folder, page):
 
 def test_every_part_has_its_place(page):
     assert sections(page) == [
-        *("Where the LiDARs sit", "In three dimensions", "What stays unseen"),
+        *("Where the LiDARs sit", "What stays unseen"),
         *("How the search went", "Constraints", "Robustness", "Did the gain become AP?"),
         *("Important parameters", "Trials", "Configuration and command"),
     ]
@@ -147,7 +150,7 @@ def test_what_the_search_did_not_make_is_left_out(tmp_path):
     bare = write_search(tmp_path / "bare", complete=False, constraints=[], importance=None)
     page = page_of(bare)
     assert sections(page) == [
-        *("Where the LiDARs sit", "In three dimensions", "How the search went", "Trials"),
+        *("Where the LiDARs sit", "How the search went", "Trials"),
         "Configuration and command",
     ]
     assert "Feasible: there were no constraints." in page.words
@@ -411,12 +414,12 @@ def test_the_menu_has_the_best_greedy_and_all_of_the_paper(tmp_path):
     changed(folder, rigs=rigs)
     page = page_of(folder)
     assert menu(page) == ["found_1", "greedy", "refined", *PAPER_PLACEMENTS, "found_2"]
-    assert "rig: the best, greedy's, the paper's, others that were found." in page.text
+    assert "The menu has the best, greedy's, the paper's, others that were found." in page.text
     changed(folder, best=["found_1", *more])
     page = page_of(folder)
     first = [f"found_{i}" for i in range(1, 5)]
     assert menu(page) == [*first, "greedy", "refined", *PAPER_PLACEMENTS]
-    assert "rig: 4 of the front, greedy's, the paper's. Lines" in page.text
+    assert "The menu has 4 of the front, greedy's, the paper's. Drag" in page.text
 
 
 def test_peers_without_a_price_and_of_which_model(tmp_path):

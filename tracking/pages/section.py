@@ -162,8 +162,9 @@ def slug(*words: str) -> str:
 class Section:
     """A heading with sentences, figures in `columns` and tables below it.
 
-    A `folded` one shows its heading until it is opened, or printed. `links` lead to other files, by
-    address, and stand below the sentences.
+    A `folded` one shows its heading until it is opened, or printed. One that is on `top` stands
+    without its heading on the first screen, if the page has a place for it there. `links` lead to
+    other files, by address, and stand below the sentences.
     """
 
     title: str
@@ -172,6 +173,7 @@ class Section:
     tables: list[Table] = field(default_factory=list)
     columns: int = 3
     folded: bool = False
+    top: bool = False
     links: dict[str, str] = field(default_factory=dict)
 
     @property

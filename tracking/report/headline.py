@@ -17,6 +17,7 @@ from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import (
     metric_label,
+    not_significant,
     percent,
     plus_minus,
     some,
@@ -118,7 +119,8 @@ def _lead(best: BestPlacement) -> str:
         return f"{text}, the same for {len(best.equal)} of {len(best.sure)} placements"
     text += f", {second['lead']:.1f} points ahead of {best.others.index[0]}"
     if np.isfinite(second["low"]):
-        text += f" (95 %: {span(second['low'], second['high'], 'z.1f')})"
+        text += f" (95 % CI {span(second['low'], second['high'], 'z.1f')})"
+        text += not_significant(second["low"], second["high"])
     return text
 
 
@@ -133,8 +135,8 @@ def _sure(best: BestPlacement, weak: Sequence[Weakness]) -> str:
     sure = f"{percent(best.sure.iloc[0])} likely to be the best of {len(best.sure)}"
     tied = best.tied
     if not tied:
-        return f"{sure}, and told apart from all others."
-    return f"{sure}; not told apart from {some(tied)}."
+        return f"{sure}, and significantly better than all others."
+    return f"{sure}; not significantly better than {some(tied)}."
 
 
 def _chosen(run: RunFolder, group: Group, best: BestPlacement, name: str) -> list[str]:

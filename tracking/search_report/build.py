@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarplace.requirements.tables import worst_cases
-from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
+from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import text
 from tracking.figures.of_searches.against_baseline import robustness_figure, unseen, verified_figure
 from tracking.figures.of_searches.search_history import (
@@ -22,7 +22,15 @@ from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
-from tracking.search_report.headline import cards, of_front, of_objective, summary, with_unit
+from tracking.search_report.headline import (
+    answer,
+    effort,
+    next_steps,
+    of_front,
+    of_objective,
+    summary,
+    with_unit,
+)
 from tracking.search_report.tables import (
     greedy_table,
     mount_table,
@@ -52,7 +60,6 @@ def build_search_report(folder: Path) -> Path:
     sections = [
         _mounts(run),
         _chosen(run),
-        _picture(run),
         _unseen(run),
         _history(run),
         _pareto(run),
@@ -69,9 +76,10 @@ def build_search_report(folder: Path) -> Path:
         name=search.name,
         summary=summary(search),
         search=search,
-        cards=cards(run),
+        answer=answer(run),
+        next_steps=next_steps(run),
         warnings=cautions(run),
-        sections=[section for section in sections if section is not None],
+        sections=[_picture(run), *(section for section in sections if section is not None)],
         config=run.config,
         facts=json.dumps(search.model_dump(exclude={"rigs", "commands"}), indent=2),
     )
@@ -111,7 +119,8 @@ def _best(run: SearchFolder) -> dict[str, Rig]:
     return {f"trial {trial['number']}, {'without a value' if rig.feasible else 'infeasible'}": rig}
 
 
-def _picture(run: SearchFolder) -> Section | None:
+def _picture(run: SearchFolder) -> Section:
+    """The vehicle with its LiDARs, for the first screen; without a figure where there is no rig."""
     rigs, best = run.search.rigs, _best(run)
     shown = dict(list(best.items())[:MOST_BEST])
     first = f"{len(shown)} of the front" if len(best) > len(shown) else "the best"
@@ -124,14 +133,11 @@ def _picture(run: SearchFolder) -> Section | None:
     further = {name: rig for name, rig in rigs.items() if name not in menu}
     kinds["others that were found"] = dict(list(further.items())[: max(0, MOST_RIGS - len(menu))])
     menu |= kinds["others that were found"]
+    section = Section("The rigs", top=True)
     if not menu:
-        return None
+        return section
     named = ", ".join(kind for kind, own in kinds.items() if own)
-    section = Section("In three dimensions", columns=1)
-    section.notes.append(
-        f"Drag to turn. The menu chooses the rig: {named}. Lines at a LiDAR are the sensor's axes, "
-        "0.3 m long."
-    )
+    section.notes.append(f"The menu has {named}. {AXES_AND_POSTS}")
     pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
     search = run.search
     section.figures.append(rig_picture(pictured, search.body, search.zones))
@@ -179,7 +185,7 @@ def _part(value: float, whole: float) -> str:
 
 def _history(run: SearchFolder) -> Section:
     search = run.search
-    section = Section("How the search went", columns=2)
+    section = Section("How the search went", [effort(search)], columns=2)
     bound, rays = search.bound, search.strided
     if rays:
         section.notes.append(

@@ -61,7 +61,10 @@ def _against_baseline(run: SearchFolder) -> list[str]:
     base, best = (search.rigs[n].value(search.first) for n in (search.baseline, search.best[0]))
     gain = search.first.sign * (best - base)
     if gain <= 0:
-        return [f"The best rig is not better than {search.baseline}{best_of_paper(search)}."]
+        most = max((zone.z[1] for zone in search.zones), default=np.inf)
+        high = any(mount.z > most for mount in search.rigs[search.baseline].placed)
+        rack = ", whose LiDARs are higher than the zones allow" if high else ""
+        return [f"The best rig is not better than {search.baseline}{best_of_paper(search)}{rack}."]
     return []
 
 

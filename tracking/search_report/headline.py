@@ -1,16 +1,14 @@
-"""The first screen: what was found, against the paper's eight and against the upper bound."""
+"""The first screen: what was found, against the paper's eight and the bound, and what is next."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tracking.findings.evidence import few_seeds, grade, remedy, value_at
-from tracking.labels import digits, number, span
+from tracking.findings.evidence import Weakness, few_seeds, grade, remedy, value_at
+from tracking.labels import digits, not_significant, number, span
 from tracking.run_folders.search import SearchFolder
-from tracking.run_folders.search_json import Objective, Rig, SearchResult
+from tracking.run_folders.search_json import Command, Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
 
 
@@ -35,10 +33,23 @@ def summary(search: SearchResult) -> str:
     )
 
 
-def cards(run: SearchFolder) -> list[Card]:
-    """What was found, and what the search did."""
-    nothing = Card("Result", nothing_found(run), tuple(infeasible_sentences(run)))
-    return [_found(run) if run.search.best else nothing, _effort(run.search)]
+def answer(run: SearchFolder) -> Card:
+    """What was found."""
+    if run.search.best:
+        return _found(run)
+    return Card("Result", nothing_found(run), tuple(infeasible_sentences(run)))
+
+
+def next_steps(run: SearchFolder) -> list[Command]:
+    """What to do next; what the evidence lacks comes first."""
+    few = _few_seeds(run)
+    if not few or "pretrained" in run.search.first.name.split("."):  # of which there is one
+        return [*run.search.commands]
+    more = Command(
+        what="too little is known to choose a rig: judge with more generalists",
+        line=remedy(run.search.command, few),
+    )
+    return [more, *run.search.commands]
 
 
 def change(objective: Objective, value: float, base: float) -> str:
@@ -52,7 +63,12 @@ def change(objective: Objective, value: float, base: float) -> str:
 
 def with_unit(objective: Objective, value: float) -> str:
     """A value as text."""
-    return f"{number(value)} {objective.unit}".rstrip()
+    return f"{shown(objective, value)} {objective.unit}".rstrip()
+
+
+def shown(objective: Objective, value: float) -> str:
+    """A value without its unit, with digits that mean something: percent are of a sample."""
+    return digits(value, "z.1f") if objective.unit == "%" else number(value)
 
 
 def _found(run: SearchFolder) -> Card:
@@ -60,7 +76,8 @@ def _found(run: SearchFolder) -> Card:
     name = search.best[0]
     rig = search.rigs[name]
     lines = [_against_baseline(search, objective, rig) for objective in search.objectives]
-    lines = [line for line in lines if line] + _how_sure(run) + _doubts(run)
+    few = _few_seeds(run)
+    lines = [line for line in lines if line] + _how_sure(run) + ([grade(few)] if few else [])
     lines += _models_of_peers(search)
     lines += _against_bound(search)
     if search.constraints:
@@ -125,28 +142,20 @@ def _how_sure(run: SearchFolder) -> list[str]:
     over = f" ({search.chosen_over})" if search.chosen_over else ""
     return [
         f"Of {row['class']}, on traffic that the search did not see{over}: "
-        f"{digits(row['difference'], '+.1f')} points, 95 % interval "
-        f"{span(row['difference_low'], row['difference_high'], '+.1f')}"
-        f"{_zero_in(row)}."
+        f"{digits(row['difference'], '+.1f')} points (95 % CI "
+        f"{span(row['difference_low'], row['difference_high'], '+.1f')})"
+        f"{not_significant(row['difference_low'], row['difference_high'])}."
         for row in rows.to_dict("records")
         if not np.isnan(row["difference"])
     ]
 
 
-def _zero_in(lead: Mapping[Any, Any]) -> str:
-    """What ends the sentence of a lead, by its interval."""
-    holds = lead["difference_low"] <= 0 <= lead["difference_high"]
-    return ": the interval of the lead holds zero" if holds else ""
-
-
-def _doubts(run: SearchFolder) -> list[str]:
-    """Why a generalist's choice is not sufficient evidence, and what to run for more; or []."""
+def _few_seeds(run: SearchFolder) -> list[Weakness]:
+    """Why a generalist's choice is not sufficient evidence; or []."""
     if run.chosen is None:
         return []
     seeds = value_at(run.config, "search", "seeds") or [0]
-    few = few_seeds({run.search.best[0]: set(seeds)}, True, "search.seeds")
-    more = remedy(run.search.command, few)
-    return [grade(few), f"For more evidence, run: {more}"] if few else []
+    return few_seeds({run.search.best[0]: set(seeds)}, True, "search.seeds")
 
 
 def of_objective(measured: pd.DataFrame, objective: Objective) -> pd.DataFrame:
@@ -180,12 +189,13 @@ def _against_bound(search: SearchResult) -> list[str]:
     return [f"{said[0].upper()}{said[1:]}"]
 
 
-def _effort(search: SearchResult) -> Card:
+def effort(search: SearchResult) -> str:
+    """How much was tried, and what the time went into."""
     busy = search.sampler_seconds + search.evaluation_seconds
     lines = [
+        f"{search.evaluations:,} evaluations in batches of {search.batch_size}.",
         f"{search.feasible:,} of {search.trials:,} trials are feasible.",
         f"{search.repeated:,} repeated a rig and were not evaluated again.",
-        f"Batches of {search.batch_size}.",
     ]
     if busy:
         lines.append(
@@ -202,4 +212,4 @@ def _effort(search: SearchResult) -> Card:
             else f": the error is at most {100 * error:.2g} % of one rig's value"
         )
         lines.append(f"It fired {rays}, with weight{known}.")
-    return Card("The search", f"{search.evaluations:,} evaluations", tuple(lines))
+    return " ".join(lines)

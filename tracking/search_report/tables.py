@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tracking.labels import digits, number, span
+from tracking.labels import digits, not_significant, number, span
 from tracking.pages.section import Column, Table, numbers, words
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.feasibility import excess
+from tracking.search_report.headline import shown
 
 MOST_TRIALS = 20
 _MOUNT_HEAD = (
@@ -55,7 +56,7 @@ def rig_table(
             rigs[name].role,
             "yes" if rigs[name].feasible else "not feasible",
             str(len(rigs[name].mounts)),
-            *(number(rigs[name].value(objective)) for objective in objectives),
+            *(shown(objective, rigs[name].value(objective)) for objective in objectives),
         )
         for name in names
     )
@@ -96,7 +97,7 @@ def trial_table(run: SearchFolder) -> Table:
     rows = tuple(
         (
             str(row["number"]),
-            *(number(row[f"value.{objective.name}"]) for objective in search.objectives),
+            *(shown(objective, row[f"value.{objective.name}"]) for objective in search.objectives),
             "yes" if row["feasible"] else "no",
             f"{row['seconds']:.3g}",
             *(_cell(row[column]) for column in further),
@@ -153,13 +154,18 @@ def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> T
         words("class"),
         Column("metric", lambda row: f"{row['metric']} @ {row['iou']:g}", words=True),
         numbers("seeds", "seeds", ""),
-        numbers(objective.label, "surrogate", number),
-        numbers("value (%)", "value", ".2f"),
-        Column("95 %", lambda row: span(row["low"], row["high"], ".2f")),
-        numbers(f"difference to {baseline}", "difference", "+.2f"),
-        Column("95 %", lambda row: span(row["difference_low"], row["difference_high"], "+.2f")),
+        numbers(objective.label, "surrogate", lambda value: shown(objective, value)),
+        numbers("value (%)", "value", ".1f"),
+        Column("95 % CI", lambda row: span(row["low"], row["high"], ".1f")),
+        numbers(f"difference to {baseline}", "difference", "+z.1f"),
+        Column("95 % CI", _interval_of_difference),
     ]
     return Table.of("Means over seeds", rows, columns, wide=True)
+
+
+def _interval_of_difference(row: Mapping[Any, Any]) -> str:
+    low, high = row["difference_low"], row["difference_high"]
+    return f"{span(low, high, '+.1f')}{not_significant(low, high)}"
 
 
 def _mount_words(rig: Rig) -> list[str]:

@@ -351,11 +351,12 @@ def _commands(problem: Problem, found: Found) -> list[Command]:
     folder = problem.folder
     storage = problem.file.search.storage
     where = "DATABASE_URL" if storage else shlex.quote(str(journal_path(folder)))
-    lines = {"look at all trials in a browser": f"optuna-dashboard {where}"}
+    lines: dict[str, str] = {}
     if found.trials:
         rig = str(folder / "placement.yaml")
-        lines |= {
+        lines = {
             _verification(problem, found): command("run", str(folder / "sweep.yaml")),
             "see what it sees in a frame of a box log": command("view", "LOG", "--placement", rig),
         }
+    lines["look at all trials in a browser"] = f"optuna-dashboard {where}"
     return [Command(what=what, line=line) for what, line in lines.items()]

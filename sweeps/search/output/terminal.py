@@ -22,7 +22,7 @@ from sweeps.search.trials.study import finished_trials
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.headline import cards
+from tracking.search_report.headline import answer, next_steps, shown
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -112,6 +112,12 @@ def print_problem(console: Console, problem: Problem) -> None:
         )
     if over := settings.said_of(problem.traffic.search):
         console.print(f"judged by {over}")
+    for zone in space.zones:
+        if zone.z[1] < settings.zones[zone.name].z[1]:
+            console.print(
+                f"zone {zone.name}: z up to {zone.z[1]:g} m, as LiDARs are to be within its "
+                f"standoff, {settings.zones[zone.name].standoff:g} m, above the body"
+            )
     limits = ", ".join(describe(c) for c in problem.question.constraints) or "none"
     console.print(f"constraints: {limits}")
     console.print(
@@ -169,9 +175,11 @@ def print_failures(console: Console, found: Found) -> int:
     return len(failed)
 
 
-def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) -> None:
+def _print_rigs(
+    console: Console, rigs: Mapping[str, Judged], problem: Problem, run: SearchFolder
+) -> None:
     """Objectives and what constraints look at, a row a rig; a count is shown if one is not 0."""
-    objectives = problem.file.search.objective
+    objectives = run.search.objectives
     constraints = [
         c
         for c in problem.question.constraints
@@ -180,23 +188,25 @@ def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) 
     rows = []
     for name, own in rigs.items():
         found, values = own.assessment, own.all_values
-        cells = [f"{values[o.name]:.6g}" if o.name in values else "" for o in objectives]
+        cells = [shown(o, values[o.name]) if o.name in values else "" for o in objectives]
         cells += [
             f"{found.measures[c.name]:.3g}{' !' if found.violations[c.name] > 0 else ''}"
             for c in constraints
         ]
         rows.append((name, *cells))
-    head = ("placement", *(o.name for o in objectives), *(c.name for c in constraints))
+    head = ("placement", *(o.label for o in objectives), *(c.name for c in constraints))
     console.print(table(problem.file.name, head, rows))
 
 
 def print_found(console: Console, problem: Problem, found: Found, run: SearchFolder) -> None:
     """The best rigs beside greedy's and the paper's, and what the report says first."""
     names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
-    _print_rigs(console, {name: found.judged[name] for name in names}, problem)
-    first, *_ = cards(run)
+    _print_rigs(console, {name: found.judged[name] for name in names}, problem, run)
+    first = answer(run)
     for line in (f"{first.title}: {first.value}", *first.lines):
         console.print(line, soft_wrap=True)
+    for step in next_steps(run)[:1]:
+        console.print(f"{step.what[0].upper()}{step.what[1:]}: {step.line}", soft_wrap=True)
     mounts = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
     rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
     console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))

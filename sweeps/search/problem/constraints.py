@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidarplace import Lidar, Roi
 from lidarplace.clouds.blind_lidars import blind_lidars
-from lidarplace.configuration.mounting import keep_out_boxes
+from lidarplace.configuration.mounting import keep_out_boxes, mountable
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
@@ -84,13 +84,13 @@ def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
 
 def _may_be_in_body(search: SearchSettings) -> bool:
     """Whether the zones, or the images of those with mirrored pairs, reach into the vehicle."""
-    zones = [zone.zone(name) for name, zone in search.zones.items()]
+    vehicle = vehicle_of(search.vehicle)
+    zones = [*mountable(search.zones, vehicle)]
     zones += [
         replace(zone, polygon=tuple((x, -y) for x, y in zone.polygon))
         for zone, own in zip(zones, search.zones.values(), strict=True)
         if own.mirrored or search.symmetric
     ]
-    vehicle = vehicle_of(search.vehicle)
     return any(zone_in_body(zone, vehicle)[0] for zone in zones)
 
 

@@ -20,7 +20,8 @@ from optuna.distributions import (
     IntDistribution,
 )
 
-from lidarplace.configuration.mounting import Pair
+from lidarplace.configuration.mounting import Pair, mountable
+from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.zone import Zone, left_half, on_centre_line, position, shares
 from sweeps.configuration.search import RangeSettings, SearchSettings
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
@@ -78,7 +79,7 @@ class Space:
         self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[Choice]
     ) -> None:
         self.settings, self.models, self.fixed = settings, models, tuple(fixed)
-        self.zones = tuple(zone.zone(name) for name, zone in settings.zones.items())
+        self.zones = mountable(settings.zones, vehicle_of(settings.vehicle))
         if settings.symmetric:
             _check_symmetry(self.zones)
         self.makeups = self._makeups()

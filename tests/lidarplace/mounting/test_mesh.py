@@ -13,7 +13,13 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.mesh import Mesh, depths, distances, first_hit, winding_numbers
 from lidarplace.mounting.near_field import near_field_coverage
-from lidarplace.mounting.vehicle import Vehicle, depth_in_body, voxels_in_body, zone_in_body
+from lidarplace.mounting.vehicle import (
+    Vehicle,
+    depth_in_body,
+    top_near,
+    voxels_in_body,
+    zone_in_body,
+)
 from lidarplace.mounting.zone import Zone
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
@@ -132,6 +138,8 @@ def test_a_box_of_triangles_is_a_box():
         (Zone.box("above", (-1, 1), (-0.5, 0.5), (1.5, 1.6)), (False, False)),
     ):
         assert zone_in_body(zone, mesh) == zone_in_body(zone, box) == expected
+    for x in ((0, 0), (-3, -1), (2.5, 4)):
+        assert top_near(mesh, x, (0, 0)) == top_near(box, x, (0, 0)) == 1.5
 
 
 def test_no_ray_passes_between_triangles_that_share_an_edge_or_a_corner():

@@ -20,7 +20,7 @@ placements:
     mounts:
       - {y: 0.5, z: 2.0, pitch: 0.1, lidar: vlp16}
 zones:
-  roof: {x: [-1, 1], y: [-0.7, 0.7], z: [1.6, 2.0]}
+  roof: {x: [-1, 1], y: [-0.7, 0.7], z: [1.6, 2.0], standoff: 0.5}
 constraints: {distance: 0.2}
 """
 

@@ -25,7 +25,7 @@ NEAR = {
 RIGS = {
     "lidar": {"beams": 6, "elevation_deg": [-20, 5], "azimuth_steps": 360},
     "placements": {"one": {"mounts": [{"x": 0.5, "z": 1.8, "pitch_deg": 20.0}]}},
-    "zones": {"roof": {"x": [-1, 0.8], "y": [-0.7, 0.7], "z": [1.6, 2.0]}},
+    "zones": {"roof": {"x": [-1, 0.8], "y": [-0.7, 0.7], "z": [1.6, 2.0], "standoff": 0.5}},
 }
 """Its nose is far down: it sees what is near, and hardly the cars."""
 

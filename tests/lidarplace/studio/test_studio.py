@@ -495,7 +495,7 @@ def test_one_more_goes_where_it_finds_most(studio):
 
 
 def test_the_best_place_is_within_the_limits_or_there_is_none(tmp_path):
-    far = "zones: {roof: {x: 0, y: 0, z: 2}}\n"
+    far = "zones: {roof: {x: 0, y: 0, z: 2, standoff: 0.5}}\n"
     studio = Studio(read_rigs(written(tmp_path, far)), log_of([(8.0, 1.0)]), ROI)
     studio.add_best()
     assert (studio.rig.mounts[0].position == [0, 0, 2]).all()

@@ -13,14 +13,18 @@ from numpy.typing import NDArray
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
-from tracking.figures.kit.style import add_menu, figure, lidar_colour, text
-from tracking.figures.kit.vehicle_lines import vehicle_in_space
+from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
+from tracking.figures.kit.vehicle_lines import posts, vehicle_in_space
 from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can tell apart."""
 _AXIS_LENGTH = 0.3  # metres
-_CAMERA = {"eye": {"x": 1.45, "y": 1.3, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.25}}
+AXES_AND_POSTS = (
+    "Drag to turn. Lines at a LiDAR are the sensor's axes, 0.3 m long; grey posts are the rack "
+    "that LiDARs above the body need."
+)
+_CAMERA = {"eye": {"x": 1.3, "y": 1.15, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,9 @@ class PicturedRig:
     words: tuple[str, ...]
 
     @classmethod
-    def of(cls, mounts: Sequence[Mount]) -> PicturedRig:
-        """Mounts of which nothing else is known."""
-        return cls(tuple(mounts), ("",) * len(mounts))
+    def of(cls, mounts: Sequence[Mount], words: Sequence[str] = ()) -> PicturedRig:
+        """Mounts of which nothing else is known, or what `words` say of each."""
+        return cls(tuple(mounts), tuple(words) or ("",) * len(mounts))
 
     @classmethod
     def found(cls, rig: Rig) -> PicturedRig:
@@ -51,16 +55,16 @@ class PicturedRig:
 
 
 def rig_picture(
-    rigs: Mapping[str, PicturedRig], vehicle: Vehicle, zones: Sequence[Zone] = ()
+    rigs: Mapping[str, PicturedRig], vehicle: Vehicle | None, zones: Sequence[Zone] = ()
 ) -> go.Figure:
     """The first of `rigs` at the start; the others by the menu.
 
     Args:
         rigs: by the name in the menu.
-        vehicle: carries them.
+        vehicle: carries them; a sedan for None.
         zones: where LiDARs may sit.
     """
-    plot = figure("LiDARs on the vehicle", height=550, margin={"l": 0, "r": 0, "t": 70, "b": 32})
+    plot = figure("LiDARs on the vehicle", height=420, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     plot.add_traces(vehicle_in_space(vehicle))
     if zones:
         lines = np.concatenate([_prism(zone) for zone in zones])
@@ -76,7 +80,7 @@ def rig_picture(
     first = next(iter(rigs))
     for name, rig in rigs.items():
         before = len(plot.data)
-        _add_rig(plot, rig)
+        _add_rig(plot, rig, vehicle)
         owner += [name] * (len(plot.data) - before)
     for trace, who in zip(plot.data, owner, strict=True):
         trace.visible = who in ("", first)
@@ -111,7 +115,16 @@ def _add_zone_names(plot: go.Figure, zones: Sequence[Zone]) -> None:
     )
 
 
-def _add_rig(plot: go.Figure, rig: PicturedRig) -> None:
+def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None) -> None:
+    carried = posts(rig.mounts, vehicle)
+    if len(carried):
+        plot.add_scatter3d(
+            **xyz(carried),
+            mode="lines",
+            line={"color": OUTLINE, "width": 8},
+            name="posts",
+            hoverinfo="skip",
+        )
     at = np.array([mount.position for mount in rig.mounts])
     for axis, (name, shade) in enumerate(_AXES):
         ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])

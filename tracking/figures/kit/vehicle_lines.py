@@ -1,8 +1,9 @@
 """The vehicle from above, from its right side (nose to the right) and in 3D, and maps around it.
 
-It is that of the configuration, or a nominal car where it says none.
+It is that of the configuration, or the sedan of the clouds where it says none.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Interval, Roi
+from lidarplace.clouds.own_body import sedan
 from lidarplace.mounting.outline import outline
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, top_near
+from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import xyz
 from lidarplace.viewing.solids import edges
 from lidarplace.viewing.vehicle import vehicle_boxes, vehicle_surface
@@ -30,32 +33,33 @@ VEHICLE_OUTLINE: dict[str, Any] = {
 
 def vehicle_from_above(vehicle: Vehicle | None) -> go.Scatter:
     """x to the right, y upwards."""
-    x, y = outline(vehicle or Vehicle.car()).T
+    x, y = outline(vehicle or sedan()).T
     return go.Scatter(x=x, y=y, **VEHICLE_OUTLINE)
 
 
 def vehicle_from_the_side(vehicle: Vehicle | None) -> go.Scatter:
     """x to the right, z upwards."""
-    x, z = outline(vehicle or Vehicle.car(), (0, 2)).T
+    x, z = outline(vehicle or sedan(), (0, 2)).T
     return go.Scatter(x=x, y=z, **VEHICLE_OUTLINE)
 
 
 def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
     """Lowest and highest corner, metres, shape (2, 3); the origin twice for no body."""
-    extents = (vehicle or Vehicle.car()).extents
-    if not len(extents):
+    parts = (vehicle or sedan()).extents
+    if not len(parts):
         return np.zeros((2, 3))
-    return np.stack([extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)])
+    return np.stack([parts[:, 0].min(axis=0), parts[:, 1].max(axis=0)])
 
 
 def name_of(vehicle: Vehicle | None) -> str:
     """What the lines are of, behind "of"."""
-    return "a nominal car" if vehicle is None else "the vehicle"
+    return "a sedan" if vehicle is None else "the vehicle"
 
 
 def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
-    """Traces of a vehicle, none for one without a body; the box around a sedan for None."""
-    vertices, faces = vehicle_surface(vehicle)
+    """Traces of a vehicle, none for one without a body."""
+    body = vehicle or sedan()
+    vertices, faces = vehicle_surface(body)
     if not len(faces):
         return []
     i, j, k = faces.T.copy()
@@ -64,21 +68,31 @@ def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
         i=i,
         j=j,
         k=k,
-        color=OUTLINE,
-        opacity=0.45,
+        color="#aab4be",
+        opacity=0.7,
         flatshading=True,
         name="vehicle",
         showlegend=True,
         hoverinfo="skip",
     )
     lines = go.Scatter3d(
-        **xyz(edges(vehicle_boxes(vehicle))),
+        **xyz(edges(vehicle_boxes(body))),
         mode="lines",
         line={"color": OUTLINE, "width": 2},
         hoverinfo="skip",
         showlegend=False,
     )
     return [surface, lines]
+
+
+def posts(mounts: Sequence[Mount], vehicle: Vehicle | None) -> NDArray[np.float64]:
+    """What carries LiDARs above the body: a line up to each, broken by NaN, shape (n, 3)."""
+    lines = [np.empty((0, 3))]
+    for x, y, z in (mount.position.tolist() for mount in mounts):
+        top = top_near(vehicle or sedan(), (x, x), (y, y))
+        if top is not None and z > top:
+            lines.append(np.array([[x, y, top], [x, y, z], [np.nan] * 3]))
+    return np.concatenate(lines)
 
 
 _AROUND = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 0.2]])
@@ -113,7 +127,7 @@ def pog_from_above(
 
 
 def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
-    """Outline the vehicle, a nominal car for None; it and the whole ROI are in view.
+    """Outline the vehicle, a sedan for None; it and the whole ROI are in view.
 
     Scales are equal, x forward to the right, y left upwards.
     """

@@ -15,7 +15,7 @@ from tracking.pages.files_beside import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
-from tracking.report.decision.rigs import rigs_section
+from tracking.report.decision.rigs import picture_section, rigs_section
 from tracking.report.decision.where_blind import where_blind_section
 from tracking.report.headline import class_label
 from tracking.report.recommendation import Recommendation, answer, recommendations
@@ -52,8 +52,15 @@ def write_decision(
     short = failures and Section(failures.title, failures.notes[:2], links=failures.links)
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
     required = rigs_requirements_section(run, first.shown, first.group.setting)
-    seats = rigs_section(run, first) if all(run.placements[name] for name in first.shown) else None
-    parts = (recall, seats, required, blind, short)
+    known = all(run.placements[name] for name in first.shown)
+    drawn = [picture_section(run, first), rigs_section(run, first)] if known else []
+    parts = (*drawn[:1], recall, *drawn[1:], required, blind, short)
+    steps = [("mount the LiDARs as “Where the LiDARs sit” has them", "")] if said.enough else []
+    if said.command:
+        steps.append(("add what the evidence lacks; it goes on from what is there", said.command))
+    if rigs.exists():
+        by_hand = "move LiDARs of these rigs by hand, and see at once what changes"
+        steps.append((by_hand, command("studio", str(rigs))))
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
@@ -65,7 +72,7 @@ def write_decision(
         warnings=warnings,
         tables=sorted(f.name for f in (run.path / FOLDER).glob("*.csv") if _SHOWN.match(f.name)),
         dashboard=None if run.sweep.detections else command("dashboard", str(run.path)),
-        studio=command("studio", str(rigs)) if rigs.exists() else None,
+        next_steps=[{"what": what, "line": line} for what, line in steps],
     )
 
 

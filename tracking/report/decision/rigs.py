@@ -9,10 +9,12 @@ from plotly.subplots import make_subplots
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.style import figure, lidar_colour, symbol, text
+from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+from tracking.figures.kit.style import OUTLINE, figure, lidar_colour, symbol, text
 from tracking.figures.kit.vehicle_lines import (
     extent_of,
     name_of,
+    posts,
     vehicle_from_above,
     vehicle_from_the_side,
 )
@@ -44,13 +46,25 @@ class ViewedRig:
     models: tuple[str, ...]
 
 
+def picture_section(run: RunFolder, found: Recommendation) -> Section:
+    """The vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
+    lidars = run.sweep.lidars
+    rigs = {
+        name: PicturedRig.of(run.placements[name], [model_words(m) for m in lidars.get(name, ())])
+        for name in found.shown
+    }
+    note = f"The menu has the best rigs. {AXES_AND_POSTS}"
+    return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], top=True)
+
+
 def rigs_section(run: RunFolder, found: Recommendation) -> Section:
     """The best rigs side by side, from above and from the side, with mounts and models."""
     section = Section("Where the LiDARs sit")
     section.notes.append(
         f"From above, and from the side; the nose of {name_of(run.sweep.body)} is on the right. A "
         "line leads from above to where a LiDAR's top leans, from the side to where its front "
-        "points. x is forward, y to the left, z above the ground."
+        "points; grey posts carry LiDARs above the body. x is forward, y to the left, z above the "
+        "ground."
     )
     left = len(found.best.sure) - len(found.shown)
     if left:
@@ -102,8 +116,7 @@ def rig_views(rigs: Sequence[ViewedRig], vehicle: Vehicle | None) -> list[go.Fig
     """A figure for each rig: above its two views, below a line for each mount.
 
     From above a line leads from a LiDAR to where its top leans, longer the more it does; from the
-    side the line is its own x axis, level unless it is pitched. `vehicle` is None for a nominal
-    car.
+    side the line is its own x axis, level unless it is pitched. `vehicle` is None for a sedan.
     """
     reach = _reach([mount for rig in rigs for mount in rig.mounts], vehicle)
     most = max(len(rig.mounts) for rig in rigs)
@@ -135,6 +148,17 @@ def _views(
         ((vehicle_from_above(vehicle), "y"), (vehicle_from_the_side(vehicle), "z")), start=1
     ):
         plot.add_trace(outline.update(fillcolor=_BODY), row=1, col=column)
+        carried = posts(rig.mounts, vehicle).T
+        plot.add_scatter(
+            x=carried[0],
+            y=carried["xyz".index(across)],
+            mode="lines",
+            line={"color": OUTLINE, "width": 2},
+            hoverinfo="skip",
+            showlegend=False,
+            row=1,
+            col=column,
+        )
         for i, mount in enumerate(rig.mounts):
             plot.add_trace(_lidar(i, mount, across), row=1, col=column)
         plot.update_xaxes(range=reach["x"], visible=False, constrain="domain", row=1, col=column)

@@ -53,10 +53,7 @@ def rigs_section(found: Analysis) -> Section:
     )
     section.notes += _setting(run)
     section.figures.append(
-        rig_picture(
-            {name: PicturedRig.of(run.placements[name]) for name in shown},
-            run.sweep.body or Vehicle.car(),
-        )
+        rig_picture({name: PicturedRig.of(run.placements[name]) for name in shown}, run.sweep.body)
     )
     for name, entropy in (run.maps.pog if run.maps else {}).items():
         plot = pog_from_above(entropy, run.roi, f"POG · {text(name)}")
