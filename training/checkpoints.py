@@ -197,7 +197,8 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
         DamagedCheckpoint: the file is not what was written.
         ValueError: not a dict of tensors and plain values.
     """
-    data = regular(_OF_PACKAGE if path == PRETRAINED else path).read_bytes()
+    path = _OF_PACKAGE if path == PRETRAINED else path
+    data = regular(path).read_bytes()
     _check_sums(path, data)
     try:
         with warnings.catch_warnings(record=True, action="always") as told:

@@ -39,11 +39,6 @@ _WORDS = {
 """Messages in terms of YAML, by pydantic's type of error."""
 
 
-BESIDE_THE_FILE = {"correction", "depends_on", "mesh", "pattern", "vehicle"}
-"""Keys of paths that are relative to the folder of the configuration; `vehicle` may be short for
-one."""
-
-
 class ConfigError(InputError):
     """A mistake in the configuration: one line with file, key, value and what is allowed."""
 
@@ -209,25 +204,3 @@ def unknown_key(key: str, model: type[BaseModel]) -> str:
     allowed = [field.alias or name for name, field in model.model_fields.items()]
     hint = did_you_mean(key.partition(".")[0], allowed)
     return f"unknown key{hint}; allowed are {', '.join(allowed)}"
-
-
-def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """A checked configuration with paths that hold in any folder, so that a copy can be read.
-
-    Files of a mesh, a pattern and a correction are beside the file, in `folder`; other paths are
-    relative to where a command is typed.
-    """
-    return {key: _with_whole_paths(value, key, folder) for key, value in config.items()}
-
-
-def _with_whole_paths(value: Any, key: str, folder: Path) -> Any:
-    """What is below `key`, or an axis that ends with it."""
-    if isinstance(value, dict):
-        if "command" in value:  # it runs beside the file
-            value = value | {"folder": str((folder / value.get("folder", "")).absolute())}
-        return {name: _with_whole_paths(own, str(name), folder) for name, own in value.items()}
-    if isinstance(value, list):
-        return [_with_whole_paths(own, key, folder) for own in value]
-    beside = isinstance(value, str) and key.rpartition(".")[2] in BESIDE_THE_FILE
-    # A name of one's own may be called like such a key.
-    return str((folder / value).absolute()) if beside and (folder / value).exists() else value

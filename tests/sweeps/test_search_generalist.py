@@ -174,7 +174,7 @@ def test_simulated_traffic_is_of_other_towns_also_where_its_amount_is_told(tmp_p
     settings = TINY | {
         "scene": {"seed": 3},
         "search": {
-            "zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": [2, 3]}},
+            "zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": [1.6, 1.8]}},
             "objective": "generalist",
             "traffic": {"search": {"scene.test_routes": 4}},
         },

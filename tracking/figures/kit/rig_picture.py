@@ -24,7 +24,7 @@ AXES_AND_POSTS = (
     "Drag to turn. Lines at a LiDAR are the sensor's axes, 0.3 m long; grey posts are the rack "
     "that LiDARs above the body need."
 )
-_CAMERA = {"eye": {"x": 1.3, "y": 1.15, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+_CAMERA = {"eye": {"x": 1.5, "y": 1.35, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}}
 
 
 @dataclass(frozen=True)
