@@ -42,7 +42,7 @@ FLOORS = {
     "training": (
         "average_precision by_sector dataset device ops randomness settings "
         "typical_objects vector_math",
-        "detectors ground_truth_sampling kitti_labels matches one_cycle",
+        "detectors ground_truth_sampling kitti_labels matches",
         "__init__ augment leave_out optimisation",
         "checkpoints",
         "batch_size detect kitti_ap resume",

@@ -20,8 +20,7 @@ from training.batch_size import batch_size_for, largest_that_fits
 from training.dataset import TrainingFrames, as_tensors, occurring_classes, spread
 from training.detect import detect
 from training.finetune import StartingWeights, finetune
-from training.one_cycle import OneCycle
-from training.optimisation import Optimisation
+from training.optimisation import OneCycle, Optimisation
 from training.settings import TrainingSettings
 
 pytestmark = pytest.mark.usefixtures("one_thread")
