@@ -1,15 +1,16 @@
 """Writes `random.yaml`: rigs drawn at random, the population that a search meets.
 
-The first rigs of `candidates.yaml` that `findings.yaml` does not have; no predictor chooses among
-them. Run as `python studies/findings/random_rigs.py`.
+A draw from the rigs of `candidates.yaml` that `findings.yaml` does not have; no predictor chooses
+among them. Run as `python studies/findings/random_rigs.py`.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import yaml
 from candidates import FOLDER, write
 
-RIGS = 40
+RIGS, SEED = 40, 40
 
 
 def main() -> None:
@@ -17,7 +18,10 @@ def main() -> None:
     drawn = yaml.safe_load((FOLDER / "candidates.yaml").read_text(encoding="utf-8"))["placements"]
     known = yaml.safe_load((FOLDER / "findings.yaml").read_text(encoding="utf-8"))["placements"]
     new = {name.replace("rig", "random"): rig for name, rig in drawn.items()}
-    rigs = dict([(name, rig) for name, rig in new.items() if name not in known][:RIGS])
+    left = [name for name in new if name not in known]
+    # Not the first: the candidates are in the order of the share of their rings that coincide.
+    chosen = np.random.default_rng(SEED).choice(left, RIGS, replace=False)
+    rigs = {name: new[name] for name in sorted(chosen.tolist())}
     settings = yaml.safe_load((FOLDER / "base.yaml").read_text(encoding="utf-8"))
     # Towns that neither the shipped weights nor the other rigs of this study have seen.
     settings["scene"] |= {"seed": 811, "test_routes": 32}
