@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
@@ -135,6 +136,9 @@ class ConstraintSettings(LimitSettings):
     )
 
 
+FAMILIES = 16
+"""Trials of few numbers with which a search by a generalist begins."""
+
 DEFAULT_METRIC = headline_metric("all")
 """What `objective: generalist` is short for, by a generalist: it tells rigs apart best."""
 
@@ -174,6 +178,12 @@ class ObjectiveSettings(Settings):
     weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
     )
+    also: tuple[Text, ...] = Field(
+        (),
+        exclude_if=lambda value: not value,  # keys of searches without it stay
+        description="further measured values, such as [recall] or [recall.Pedestrian]: the "
+        "objective is the mean of all; generalist.AP_R40_3D_mean.Car + recall is short for it",
+    )
     one_lidar_dead: bool = Field(
         False,
         description="the least value that any one dead LiDAR leaves, of expected_recall or by a "
@@ -199,6 +209,10 @@ class ObjectiveSettings(Settings):
             raise ValueError(
                 f"{self.by} is not measured by a detector; allowed are {', '.join(RANKING)}"
             )
+        if self.also and not (self.measured and all(part.measured for part in self.parts)):
+            raise ValueError("also: is for values that detectors measure, such as recall")
+        if len({part.best for part in self.parts}) > 1:
+            raise ValueError("also: all values have to be large, or all small")
         if self.one_lidar_dead and not (self.judged or self.by == "expected_recall"):
             raise ValueError(
                 "one_lidar_dead: is for expected_recall, and for what a generalist measures, such "
@@ -214,8 +228,14 @@ class ObjectiveSettings(Settings):
         by = f"{self.judge}.{self.by}" if self.judged else str(self.by)
         by = f"{ONE_DEAD}.{by}" if self.one_lidar_dead else by
         if self.weights is not None and len(self.weights) == 1:
-            return f"{by}.{next(iter(self.weights))}"
-        return by
+            by = f"{by}.{next(iter(self.weights))}"
+        return " + ".join((by, *self.also))
+
+    @cached_property
+    def parts(self) -> tuple[ObjectiveSettings, ...]:
+        """The values of which it is the mean: itself, then those of `also`."""
+        own = self.model_copy(update={"also": ()})
+        return own, *(ObjectiveSettings.model_validate(_objective(name)) for name in self.also)
 
     @property
     def best(self) -> Direction:
@@ -254,9 +274,11 @@ def _objective(value: Any) -> Any:
     if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
         how |= {"judge": judge}
         value = value.partition(".")[2] or DEFAULT_METRIC
+    value, *also = (part.strip() for part in value.split(" + "))
     module, colon, value = value.rpartition(":")
     by, _, object_class = value.partition(".")
     by = module + colon + by
+    how |= {"also": tuple(also)} if also else {}
     return {"by": by} | how | ({"weights": {object_class: 1.0}} if object_class else {})
 
 
@@ -340,6 +362,13 @@ class SearchSettings(Settings):
     fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs that stay where they are")
     start: tuple[Name, ...] = Field(
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
+    )
+    families: Count | None = Field(
+        None,
+        exclude_if=lambda value: value is None,  # keys of searches without it stay
+        description="trials to begin with that have few numbers: LiDARs around the middle of a "
+        "zone, across, in a stack, with pitches that lay rings between each other or a roll "
+        "outwards; null: 16 where a generalist evaluates, else none",
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     keep_out: KeepOuts = Field(default={})
@@ -461,6 +490,15 @@ class SearchSettings(Settings):
         return self
 
     @property
+    def first_families(self) -> int:
+        """How many trials are of families; none where LiDARs have no zones."""
+        if not self.zones:
+            return 0
+        if self.families is not None:
+            return self.families
+        return FAMILIES if self.objective[0].judged else 0
+
+    @property
     def counted(self) -> bool:
         """Whether zones say how many LiDARs they have."""
         return any(zone.lidars is not None for zone in self.zones.values())
@@ -513,7 +551,8 @@ class SearchSettings(Settings):
             for name, value in self.constraints.model_dump().items()
             if value is not None and not (name == "distance" and value == 0)
         }
-        if limits and self.zones:
+        # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
+        if limits and self.zones and not self.objective[0].judged:
             raise ValueError(
                 f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would look where "
                 "nothing is allowed; take tpe, gp, nsga2 or nsga3, or lift them "
@@ -563,8 +602,9 @@ class SearchFile(Common, Point):
     @model_validator(mode="after")
     def _is_measured(self) -> SearchFile:
         for objective in self.search.objective:
-            if objective.measured and objective.by not in (*METRICS.own, *self.metrics):
-                raise ValueError(f"search.objective: {objective.by} is not among metrics")
+            for by in (part.by for part in objective.parts if part.measured):
+                if by not in (*METRICS.own, *self.metrics):
+                    raise ValueError(f"search.objective: {by} is not among metrics")
         return self
 
     @property

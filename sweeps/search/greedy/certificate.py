@@ -18,6 +18,7 @@ from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, ordered
+from sweeps.search.problem.families import family_params
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
 
@@ -202,9 +203,11 @@ def slots_of(rig: Choices, problem: Problem) -> list[Placed] | None:
 
 
 def first_params(problem: Problem, certificate: Certificate | None) -> list[dict[str, Any]]:
-    """Parameters of the trials to begin with: the refined rig or greedy's, and `start`."""
+    """Parameters of the trials to begin with: the refined rig or greedy's, `start`, families."""
     settings, rigs = problem.file.search.greedy, []
     if certificate is not None and settings is not None and settings.warm_start:
         rigs.append(slots_of(certificate.refined or certificate.rig, problem))
     placed = [*rigs, *problem.start.values()]
-    return [params_of(own, problem.space) for own in placed if own is not None]
+    given = [params_of(own, problem.space) for own in placed if own is not None]
+    search = problem.file.search
+    return given + family_params(problem.space, problem.models, search.first_families, search.seed)

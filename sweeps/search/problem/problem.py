@@ -100,7 +100,7 @@ class Problem(SearchConfig):
 
     def _code(self) -> list[str]:
         """Versions of the code that answers trials, but for scenes: the POG's key has that."""
-        asked = [objective.by for objective in self.file.search.objective]
+        asked = [part.by for own in self.file.search.objective for part in own.parts]
         found = [
             code_version(
                 *("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space"),
@@ -354,7 +354,8 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
     if OWN_MODEL in settings.models:
         raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
     for objective in settings.objective:
-        missing = [name for name in objective.weights or () if name not in file.classes]
+        named = [name for part in objective.parts for name in part.weights or ()]
+        missing = [name for name in named if name not in file.classes]
         if missing:
             raise ConfigError(
                 f"{path}: search.objective: {objective.name}: {missing[0]} is none of the classes "

@@ -167,10 +167,11 @@ class Space:
         """The parameters of a rig with so many LiDARs."""
         found: dict[str, BaseDistribution] = {}
         for slot in self.slots(makeup):
-            found |= self._of_slot(slot)
+            found |= self.of_slot(slot)
         return found
 
-    def _of_slot(self, slot: Slot) -> dict[str, BaseDistribution]:
+    def of_slot(self, slot: Slot) -> dict[str, BaseDistribution]:
+        """The parameters of a LiDAR, or of the left one of a pair."""
         found: dict[str, BaseDistribution] = {}
         if len(slot.models) > 1:
             found["model"] = CategoricalDistribution(slot.models)
@@ -244,7 +245,7 @@ class Space:
             for angle, (low, high) in slot.spans.items():
                 degrees = _near(math.degrees(getattr(mount, angle)), (low + high) / 2)
                 values[f"{angle}_deg"] = min(max(degrees, low), high)
-            known = self._of_slot(slot)
+            known = self.of_slot(slot)
             named = {f"{slot.name}.{name}": value for name, value in values.items()}
             found |= {name: value for name, value in named.items() if name in known}
         return found

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import optuna
@@ -97,17 +97,26 @@ def _failure(trial: DetectorTrial, outcome: Outcome) -> str | None:
 def measured_value(
     objective: ObjectiveSettings, trials: Sequence[DetectorTrial], store: AnyStore
 ) -> float:
-    """The weighted mean over classes of a metric's mean over seeds, percent."""
-    weights = class_weights(objective, trials[0].grid_point.point.classes)
-    return _mean({c: metric_mean(trials, objective.by, c, store) for c in weights}, weights)
+    """The weighted mean over classes of a metric's mean over seeds, percent; of `also`, too."""
+    classes = trials[0].grid_point.point.classes
+    return _mean_of_parts(objective, classes, lambda by, c: metric_mean(trials, by, c, store))
 
 
 def weighted_value(
     objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame
 ) -> float:
-    """The weighted mean over classes of a metric, percent; `metrics` as of `evaluate_boxes`."""
-    weights = class_weights(objective, classes)
-    return _mean({c: headline_value(metrics, objective.by, c) for c in weights}, weights)
+    """The same of one table; `metrics` as of `evaluate_boxes`."""
+    return _mean_of_parts(objective, classes, lambda by, c: headline_value(metrics, by, c))
+
+
+def _mean_of_parts(
+    objective: ObjectiveSettings, classes: Iterable[str], value: Callable[[str, str], float]
+) -> float:
+    found = []
+    for part in objective.parts:
+        weights = class_weights(part, classes)
+        found.append(_mean({c: value(part.by, c) for c in weights}, weights))
+    return math.fsum(found) / len(found)
 
 
 def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[str, float]:

@@ -126,12 +126,12 @@ def open_study(
         storage=storage,
         study_name=name,
         directions=[objective.best for objective in settings.objective],
-        sampler=Repeatable(settings.sampler, settings.seed),
+        sampler=Repeatable(settings.sampler, settings.seed, len(first)),
         pruner=pruner_for(settings.pruner),
         load_if_exists=True,
     )
     # A stop may have come between two of them.
-    for params in first[len(study.get_trials(deepcopy=False)) :]:
+    for params in first[len(study.get_trials(deepcopy=False)) : settings.trials]:
         study.enqueue_trial(dict(params))
     return study
 
