@@ -121,7 +121,7 @@ def _surrogate(name: str, own: Surrogate) -> tuple[OfRig, Mapping[str, Trial]]:
 
 def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, float]:
     assert trial.recall is not None
-    rig = trial.recall.params.placement
+    (rig,) = trial.recall.params.rigs
     place = f"{name}: rig {rig.name}"
     try:
         found = function(rig, log_of("train"))

@@ -182,7 +182,7 @@ class ObjectiveSettings(Settings):
         (),
         exclude_if=lambda value: not value,  # keys of searches without it stay
         description="further measured values, such as [recall] or [recall.Pedestrian]: the "
-        "objective is the mean of all; generalist.AP_R40_3D_mean.Car + recall is short for it",
+        "objective is the mean of all; generalist.AP_R40_3D_mean.Car and recall is short for it",
     )
     one_lidar_dead: bool = Field(
         False,
@@ -229,7 +229,7 @@ class ObjectiveSettings(Settings):
         by = f"{ONE_DEAD}.{by}" if self.one_lidar_dead else by
         if self.weights is not None and len(self.weights) == 1:
             by = f"{by}.{next(iter(self.weights))}"
-        return " + ".join((by, *self.also))
+        return " and ".join((by, *self.also))
 
     @cached_property
     def parts(self) -> tuple[ObjectiveSettings, ...]:
@@ -274,7 +274,7 @@ def _objective(value: Any) -> Any:
     if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
         how |= {"judge": judge}
         value = value.partition(".")[2] or DEFAULT_METRIC
-    value, *also = (part.strip() for part in value.split(" + "))
+    value, *also = (part.strip() for part in value.split(" and "))
     module, colon, value = value.rpartition(":")
     by, _, object_class = value.partition(".")
     by = module + colon + by

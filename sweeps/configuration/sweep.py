@@ -131,6 +131,12 @@ class SurrogateSettings(Settings):
         description="detection curves of expected_recall, a file of lidarplace calibrate; "
         "those of the package if null",
     )
+    mount_draws: Count = Field(
+        0,
+        exclude_if=lambda value: not value,  # keys of what does without it stay
+        description="vehicles whose mounts are off by mounting_errors, over which expected_recall "
+        "and other surrogates of objects are the mean; 0: of exact mounts",
+    )
     accuracy: bool = Field(
         True, description="work out error against run time: methods, resolutions, azimuth steps"
     )
@@ -264,6 +270,11 @@ class Point(Settings):
                 f"{voxels:.3g} voxels; allowed are {MOST_VOXELS:.3g}"
             )
         self.voxel_roi()
+        if self.surrogate.mount_draws and not self.mounting_errors.errors():
+            raise ValueError(
+                "surrogate.mount_draws: no mount is off; set mounting_errors, such as "
+                "{offset: 0.01, angle_deg: 0.5}"
+            )
         corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
         if isinstance(self.scene, SumoScene) and corner > KEEP_M:
             raise ValueError(

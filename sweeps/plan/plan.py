@@ -222,8 +222,10 @@ class _Builder:
         of_objects = tuple(name for name in point.surrogate.names if name in OBJECT_SURROGATES)
         if not of_objects:
             return None
+        errors, draws = point.mounting_errors.errors(), point.surrogate.mount_draws
+        rig = self._as_collected(point, grid_point.rig)
         params = RecallParams(
-            placement=self._as_collected(point, grid_point.rig),
+            rigs=errors.fleet(rig, draws, point.scene.seed),
             names=of_objects,
             roi=grid_point.roi,
             classes=point.classes,

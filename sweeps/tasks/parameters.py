@@ -79,7 +79,8 @@ class RecallParams:
     """How surrogates of objects are computed.
 
     Attributes:
-        placement: the rig of the clouds, with their quirks and azimuth steps.
+        rigs: the rig of the clouds, with their quirks and azimuth steps; or as single vehicles have
+            it, with their mounts off. Values are the mean over them.
         names: which surrogates.
         roi: its resolution does not matter.
         curves: of `expected_recall`.
@@ -88,7 +89,7 @@ class RecallParams:
         vehicle: carries the LiDARs; None: a sedan.
     """
 
-    placement: Annotated[Placement, "placement", "lidar", "weather"]
+    rigs: Annotated[tuple[Placement, ...], "placement", "lidar", "weather", "surrogate.mount_draws"]
     names: Annotated[tuple[str, ...], "surrogate.names"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]
     classes: Annotated[tuple[str, ...], "classes"]

@@ -171,8 +171,10 @@ def recall(params: RecallParams, *logs: BoxLog) -> Scores:
     start = time.perf_counter()
     if "expected_recall" in params.names:
         model = objects_of(params, logs)
-        (seen,) = model.objects.seen_by([params.placement])
-        found = model.recall(seen).join(baselines(model.objects, seen), how="inner")
+        found = _mean_over(
+            model.recall(seen).join(baselines(model.objects, seen), how="inner")
+            for seen in model.objects.seen_by(params.rigs)
+        )
     else:  # the others need no detection curves
         objects = CountedObjects.from_log(
             _training_log(logs),
@@ -183,10 +185,15 @@ def recall(params: RecallParams, *logs: BoxLog) -> Scores:
             seed=params.seed,
             vehicle=params.vehicle,
         )
-        (seen,) = objects.seen_by([params.placement])
-        found = baselines(objects, seen)
+        found = _mean_over(baselines(objects, seen) for seen in objects.seen_by(params.rigs))
     table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
     return Scores(table.assign(method="raycast", seconds=time.perf_counter() - start))
+
+
+def _mean_over(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """The mean of tables by class."""
+    found = list(tables)
+    return found[0] if len(found) == 1 else pd.concat(found).groupby(level=0, sort=False).mean()
 
 
 def requirements(params: RequirementsParams) -> Required:

@@ -8,11 +8,12 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from lidarplace import ExpectedRecall, Placement
+from lidarplace import PAPER_PLACEMENTS, ExpectedRecall, Placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from sweeps.commands.run import app
+from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.tasks.parameters import RecallParams
@@ -50,19 +51,19 @@ def curve(name, most):
     return DetectionCurve.model_validate({"class": name, "iou": 0.5, "most": most, "rate": 0.1})
 
 
-def stage(rows, rig, classes=("Bus", "Tram")):
+def stage(rows, *rigs, classes=("Bus", "Tram")):
     """The stage's values by class and surrogate; frame 3 is one of testing."""
     log = log_of(*rows)
     log.frames["split"] = np.where(log.frames["frame"] == 3, "test", "train")
     curves = CURVES.model_copy(update={"curves": (*CURVES.curves, curve("Car", 0.9))})
-    params = RecallParams(rig, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
+    params = RecallParams(rigs, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
     table = recall(params, log).table
     assert set(table["method"]) <= {"raycast"}
     return table.set_index(["class", "surrogate"])["value"]
 
 
 def test_the_stage_counts_what_plain_python_counts():
-    found = stage(ROWS, Placement("rig", MOUNTS, lidar=LIDAR), ("Tram", "Car", "Bus"))
+    found = stage(ROWS, Placement("rig", MOUNTS, lidar=LIDAR), classes=("Tram", "Car", "Bus"))
     boxes = [[row[2], row[3], row[6] / 2, *row[4:]] for row in ROWS[:4]]
     cells, points = cells_hit(boxes, MOUNTS, LIDAR, 0.3, ROI)
     for name, most, rate in (("Tram", 0.9, 0.05), ("Bus", 0.7, 0.2)):
@@ -79,7 +80,7 @@ def test_the_stage_counts_what_plain_python_counts():
 
 
 def test_a_log_without_objects_has_no_rows():
-    assert stage(ROWS, Placement("rig", MOUNTS, lidar=LIDAR), ("Car",)).empty
+    assert stage(ROWS, Placement("rig", MOUNTS, lidar=LIDAR), classes=("Car",)).empty
 
 
 @pytest.mark.parametrize("name", OBJECT_SURROGATES)
@@ -94,9 +95,25 @@ def test_it_is_of_the_rig_of_the_clouds(log):
     quirks = {**SWEEP["lidar"], "tilt_in_degrees": True}
     _, _, plan = read(log, detector="pointpillars_tiny", lidar=quirks)
     for trial in plan.trials:
-        assert trial.recall.params.placement == trial.collect_test[0].params.placement
-        assert trial.recall.params.placement.lidars[0].azimuth_steps == 450
+        assert trial.recall.params.rigs == (trial.collect_test[0].params.placement,)
+        assert trial.recall.params.rigs[0].lidars[0].azimuth_steps == 450
         assert set(trial.surrogates.params.names) & set(OBJECT_SURROGATES) == set()
+
+
+def test_drawn_mounts_give_the_mean_over_vehicles(log):
+    errors = {"offset": 0.01, "angle_deg": 0.5}
+    surrogate = {"names": ["expected_recall"], "mount_draws": 3}
+    _, _, plan = read(log, surrogate=surrogate, mounting_errors=errors)
+    params, meant = plan.trials[0].recall.params, PAPER_PLACEMENTS["line"]
+    assert len(set(params.rigs)) == 3
+    for rig in params.rigs:
+        for own, mount in zip(rig.mounts, meant.mounts, strict=True):
+            assert 0 < np.abs(own.position - mount.position).max() <= 0.01
+    single = [stage(ROWS, Placement("rig", rig.mounts, lidar=LIDAR)) for rig in params.rigs]
+    every = stage(ROWS, *(Placement("rig", rig.mounts, lidar=LIDAR) for rig in params.rigs))
+    pd.testing.assert_series_equal(every, sum(single) / 3)
+    with pytest.raises(ConfigError, match="mount_draws: no mount is off"):
+        read(log, surrogate=surrogate)
 
 
 def test_who_asks_for_none_pays_for_none(log):

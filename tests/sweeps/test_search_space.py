@@ -13,6 +13,7 @@ from lidarplace.mounting.zone import distance
 from lidarplace.rigs.pose import rotation
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered, rounded
+from sweeps.search.problem.families import family_params
 from sweeps.search.problem.slots import params_of, placed_in, rig_of
 from sweeps.search.problem.space import Space
 
@@ -43,6 +44,35 @@ def test_models_by_name():
     assert found["roof"].price == 7
     assert found["roof"].lidar() == Lidar.named("ot128")
     assert found["corner"].lidar() == Lidar.named("bpearl")
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**31), number=st.integers(1, 9), symmetric=st.booleans())
+def test_families_are_rigs_of_the_space(seed, number, symmetric):
+    changes = {"zones": {"roof": ROOF, "nose": NOSE}, "lidars": [1, number], "pitch_deg": [-9, 9]}
+    space = space_of(models=("a", "b"), symmetric=symmetric, **changes)
+    models = dict.fromkeys(("a", "b"), Lidar.paper())
+    params = family_params(space, models, 24, seed)
+    for own in params:
+        known = space.distributions(space.makeup(own))
+        assert own.keys() - space.counts.keys() == known.keys()
+        assert all(known[key]._contains(known[key].to_internal_repr(own[key])) for key in known)
+    sizes = [len(space.rig(own)) for own in params]
+    assert set(sizes) == set(range(1, number + 1))
+    assert family_params(space, models, 12, seed) == params[:12], "more continue fewer"
+
+
+def test_families_interleave_rings_and_roll_outwards():
+    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.0, 3.0]}
+    space = space_of(zones={"roof": zone}, lidars=4, pitch_deg=[-9, 9])
+    rigs = [space.rig(own) for own in family_params(space, {"lidar": Lidar.paper()}, 64, 0)]
+    pitches = [sorted(math.degrees(own.mount.pitch) for own in rig) for rig in rigs]
+    steps = np.diff(pitches)
+    assert np.ptp(steps, axis=1).max() < 0.02, "the same step between all"
+    assert {round(step, 2) for step in steps.mean(axis=1)} == {0.0, 0.25, 0.5, 1.0, 2.0}
+    for rig in rigs:
+        sides = {np.sign(own.mount.y) * round(math.degrees(own.mount.roll)) for own in rig}
+        assert len(sides - {0.0}) <= 1, "left and right alike"
 
 
 @settings(max_examples=30)

@@ -11,7 +11,7 @@ from lidarplace import Mount, Placement
 from lidarplace.configuration.record import read_record
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
-from lidarplace.pog.surrogates.table import RAY_SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import candidates_of, limits_of, number_of_candidates
 from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
@@ -85,6 +85,8 @@ def why_none(problem: Problem) -> str | None:
         return "search.objective covered_entropy asks for the same, and has a bound"
     if objective.by not in SUBMODULAR or objective.best != "maximize":
         return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
+    if objective.by in OBJECT_SURROGATES and problem.question.mount_draws:
+        return "surrogate.mount_draws: candidates have exact mounts"
     if objective.by in RAY_SURROGATES and len(_weights(problem)) > 1:
         return (
             f"search.azimuth_stride {problem.question.azimuth_stride} does not divide the azimuth "

@@ -3,10 +3,11 @@
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.search.problem.choice import Choices, cases_of, is_possible, placement_of, value_of
@@ -34,6 +35,7 @@ class Question:
         objectives: surrogates, price and power; measured values are not answered here.
         constraints, carrier: see there.
         method, detection_probability, occlusion, azimuth_stride: of `evaluate_classes`.
+        errors, mount_draws, seed: `expected_recall` is the mean over so many vehicles.
     """
 
     objectives: tuple[ObjectiveSettings, ...]
@@ -43,6 +45,9 @@ class Question:
     detection_probability: float
     occlusion: bool
     azimuth_stride: int
+    errors: MountingErrors = field(default_factory=MountingErrors)
+    mount_draws: int = 0
+    seed: int = 0
 
     @property
     def needs_pog(self) -> bool:
@@ -126,13 +131,13 @@ def _recalls(rig: Choices, question: Question, traffic: Traffic) -> dict[str, di
         return {}
     asked = [o for o in question.objectives if o.by in OBJECT_SURROGATES]
     cases = cases_of(rig, asked)
-    seen = model.objects.seen_by(
-        [placement_of(own, question.carrier.models) for own in cases.values()]
-    )
-    return {
-        case: {str(k): float(v) for k, v in model.recall(own)["expected_recall"].items()}
-        for case, own in zip(cases, seen, strict=True)
-    }
+    found = {}
+    for case, own in cases.items():
+        rig_as_meant = placement_of(own, question.carrier.models)
+        fleet = question.errors.fleet(rig_as_meant, question.mount_draws, question.seed)
+        every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(fleet)]
+        found[case] = {str(k): float(v) for k, v in (sum(every) / len(every)).items()}
+    return found
 
 
 def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:

@@ -286,6 +286,9 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         detection_probability=file.surrogate.detection_probability,
         occlusion=file.surrogate.occlusion,
         azimuth_stride=settings.azimuth_stride,
+        errors=file.mounting_errors.errors(),
+        mount_draws=file.surrogate.mount_draws,
+        seed=file.scene.seed,
     )
     whole = with_whole_paths(source, path.parent)
     problem = Problem(path, whole, file, models, space, start, question, rigs)
