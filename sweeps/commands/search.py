@@ -69,6 +69,7 @@ def search(
     if dry_run:
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    from sweeps.search.adapt import first_round, second_round
     from sweeps.search.run import run_search
     from sweeps.store.open import check_writable, store_of
 
@@ -76,5 +77,13 @@ def search(
         sweep = problem.sweep()
         store = store_of(sweep)
         check_writable(sweep, store)
+    if problem.file.search.adapt is not None:
+        with checked_input():
+            first = first_round(problem, config, set_ or [])
+        if not interruptible(console, lambda: run_search(console, first, store, called(), False)):
+            raise typer.Exit(1)
+        with checked_input():
+            problem = second_round(problem, first, config, set_ or [])
+        print_problem(console, problem)
     if not interruptible(console, lambda: run_search(console, problem, store, called(), verify)):
         raise typer.Exit(1)

@@ -363,6 +363,19 @@ class SearchSettings(Settings):
     start: tuple[Name, ...] = Field(
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
     )
+    adapt: CountFromOne | None = Field(
+        None,
+        exclude_if=lambda value: value is None,
+        description="trials of a first round, NAME_first, by the weights of objective: pretrained; "
+        "they are then trained further on rigs near the best, as `generalist` says, and evaluate "
+        "the other trials, which start from these rigs",
+    )
+    near_start: bool = Field(
+        False,
+        exclude_if=lambda value: not value,
+        description="a generalist is trained on rigs near those of `start`, off by up to a tenth "
+        "of a zone and 5 degrees, in place of rigs anywhere in the zones",
+    )
     families: Count | None = Field(
         None,
         exclude_if=lambda value: value is None,  # keys of searches without it stay
@@ -465,6 +478,15 @@ class SearchSettings(Settings):
             for key in ("traffic", "vehicles", "over"):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise ValueError(f"{key}: is for an objective that a generalist measures")
+        if self.adapt is not None:
+            if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
+                raise ValueError("adapt: is for an objective that begins with pretrained")
+            if not any(judged) or self.adapt >= self.trials:
+                raise ValueError(f"adapt: expected fewer than `trials`, found {self.adapt}")
+            if len(self.models) > 1 or self.counted:
+                raise ValueError("adapt: is for one LiDAR model, and zones that do not count")
+        if self.near_start and not self.start:
+            raise ValueError("near_start: name the rigs in `start`")
         self._check_zones()
         if any(o.one_lidar_dead for o in self.objective) and self._most_lidars < 2:
             raise ValueError(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import torch
@@ -18,6 +19,7 @@ from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
+from tracking.run_folders.search import SearchFolder
 from training.checkpoints import read_checkpoint, save_checkpoint
 from training.pretrained import Domain, domain_of, judge, read_generalist
 
@@ -139,6 +141,9 @@ def test_a_file_without_what_it_was_trained_on_is_refused(folder):
 
 
 def search(folder, **changes):
+    for name in ("search", "choice"):
+        if not (folder / name).exists():
+            write_small_log(folder / name, seed=len(name))
     zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4], "standoff": None}
     own = {"lidars": 4, "objective": "pretrained", "zones": {"roof": zone}, "trials": 3}
     traffic = {name: {"scene.test_folder": str(folder / name)} for name in ("search", "choice")}
@@ -152,8 +157,6 @@ def search(folder, **changes):
 
 
 def test_a_search_is_judged_by_the_file(folder):
-    for name in ("search", "choice"):
-        write_small_log(folder / name, seed=len(name))
     path = search(folder)
     done = CliRunner().invoke(app, ["search", str(path)])
     assert done.exit_code == 0, done.output
@@ -161,9 +164,38 @@ def test_a_search_is_judged_by_the_file(folder):
     assert (folder / "runs" / "search" / "search.html").exists()
 
 
+def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
+    objective = "pretrained.recall and AP_R40_3D_mean.Car"
+    own = {"objective": objective, "trials": 5, "adapt": 3, "families": 3}
+    path = search(folder, **own)
+    small = ["--set", "name=rounds", "--set", "generalist={rigs: 3, rigs_per_frame: 1, epochs: 1}"]
+    command = ["search", str(path), *small, "--set", "roi={x: [0, 40], y: [-20, 20], z: [0, 4]}"]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    first, second = (SearchFolder.read(folder / "runs" / n) for n in ("rounds_first", "rounds"))
+    assert [len(run.trials) for run in (first, second)] == [3, 2]
+    assert first.search.first.name == objective
+    assert second.search.first.name == objective.replace("pretrained", "generalist")
+    best = [rig for rig in first.search.rigs.values() if rig.role == "found"]
+    asked = [second.rig_of(trial).mounts for _, trial in second.trials.iterrows()]
+    assert [np.round(own, 3).tolist() for own in asked] == [
+        np.round(rig.mounts, 3).tolist() for rig in best[:2]
+    ], "it starts from the best"
+    stages = [folder / "runs" / "store" / stage for stage in ("pretrain", "judge")]
+    before = {path: path.stat().st_mtime_ns for own in stages for path in own.glob("*")}
+    assert CliRunner().invoke(app, command).exit_code == 0
+    after = {path: path.stat().st_mtime_ns for own in stages for path in own.glob("*")}
+    assert after == before, "the same command trains and judges nothing again"
+
+
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
+        ({"adapt": 3}, "search: adapt: expected fewer than `trials`, found 3"),
+        (
+            {"objective": "pretrained.recall and price"},
+            "also: is for values that detectors measure",
+        ),
         ({"lidars": 5}, "search: rigs of the zones: outside of what .*: 5 LiDARs; expected 4 to 4"),
         ({"seeds": [1, 2]}, "search.seeds: a pretrained generalist has one seed; expected 1"),
     ],

@@ -5,6 +5,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import pandas as pd
+
 from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
 from lidarplace.mounting.errors import MountingErrors
@@ -136,7 +138,8 @@ def _recalls(rig: Choices, question: Question, traffic: Traffic) -> dict[str, di
         rig_as_meant = placement_of(own, question.carrier.models)
         fleet = question.errors.fleet(rig_as_meant, question.mount_draws, question.seed)
         every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(fleet)]
-        found[case] = {str(k): float(v) for k, v in (sum(every) / len(every)).items()}
+        mean = pd.concat(every, axis=1).mean(axis=1)
+        found[case] = {str(k): float(v) for k, v in mean.items()}
     return found
 
 

@@ -1,6 +1,6 @@
 """Rigs of a search's space that its generalist is trained on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,32 @@ def training_rigs(
                 drawn.append(rig)
         placements = [placement_of(rig, models) for rig in drawn]
         for rig in spread_by_overlap(drawn, placements, wanted):
+            found[f"generalist_{len(found) + 1}"] = rig
+    return found
+
+
+def rigs_near(
+    space: Space, start: Sequence[Mapping[str, Any]], number: int, seed: int
+) -> dict[str, Choices]:
+    """Rigs by name, each off one of `start` by up to a tenth of its zone and 5 degrees.
+
+    Args:
+        start: parameters of rigs, which take turns.
+        number: of rigs.
+        seed: of all that is drawn.
+    """
+    random = np.random.default_rng(seed)
+    found: dict[str, Choices] = {}
+    while len(found) < number:
+        own = dict(start[len(found) % len(start)])
+        known = space.distributions(space.makeup(own))
+        for name, distribution in known.items():
+            if isinstance(distribution, FloatDistribution):
+                reach = 5.0 if name.endswith("_deg") else 0.1
+                value = own[name] + random.uniform(-reach, reach)
+                own[name] = min(max(value, distribution.low), distribution.high)
+        rig = space.rig(own)
+        if is_possible(rig):
             found[f"generalist_{len(found) + 1}"] = rig
     return found
 

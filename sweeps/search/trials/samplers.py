@@ -81,7 +81,10 @@ class Repeatable(BaseSampler):
     def after_trial(
         self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
     ) -> None:
-        self._new(trial).after_trial(study, trial, state, values)
+        with warnings.catch_warnings():
+            # CMA-ES does without them: what breaks one is not evaluated.
+            warnings.filterwarnings("ignore", "Constraints have been set", UserWarning)
+            self._new(trial).after_trial(study, trial, state, values)
 
 
 def _best_of(study: Study) -> FrozenTrial | None:
