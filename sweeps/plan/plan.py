@@ -66,7 +66,7 @@ from sweeps.tasks.parameters import (
     keys_of,
 )
 from sweeps.tasks.task import Task
-from training.settings import PRETRAINED
+from training.settings import PRETRAINED, TrainingSettings
 from training.typical_objects import TypicalObject
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
@@ -412,10 +412,14 @@ class _Builder:
         found = generalist_of(point)
         path = point.training.checkpoint or PRETRAINED
         weights = self._once(Task("pretrained", path.name, PretrainedParams(found.digest, path)))
+        of_detection = ("batch_size", "mixed_precision", "score_threshold", "nms_threshold")
+        settings = TrainingSettings().model_copy(
+            update={name: getattr(point.training, name) for name in of_detection}
+        )
         params = NetworkParams(
             found.detector,
             point.classes,
-            point.training,
+            settings,  # nothing is trained: what decides trainings alone is in no key
             crop,
             typical=found.typical,
             ious=tuple(point.own_ious().items()),
