@@ -246,7 +246,7 @@ def test_the_demo_and_its_search_fit_the_file_of_the_package():
 
 def test_settings_of_a_training_decide_nothing_of_a_rig_that_is_not_trained_for(folder):
     def key(**training):
-        path = judged(folder, **{"training": {"checkpoint": str(folder / "base.pt")} | training})
+        path = judged(folder, training={"checkpoint": str(folder / "base.pt"), **training})
         return make_plan(read_sweep(path)).trials[0].evaluate.key
 
     assert key() == key(rotation=0.1, epochs=3, lr=0.1)
