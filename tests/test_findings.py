@@ -27,10 +27,14 @@ def _scripts_of_the_study():
     sys.path.remove(str(STUDY))
 
 
-def test_every_number_of_the_page_is_in_the_tables():
+PAGES = ["findings.md", "findings_tables.md"]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_number_of_the_page_is_in_the_tables(name):
     from page import rendered
 
-    page, anew = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8"), rendered()
+    page, anew = (ROOT / "docs" / name).read_text(encoding="utf-8"), rendered(name)
 
     # Another machine may round the last digit the other way.
     assert NUMBER.sub("#", page) == NUMBER.sub("#", anew)
@@ -41,8 +45,11 @@ def test_every_number_of_the_page_is_in_the_tables():
             assert abs(np.subtract(*values)) < 1.5 * 10**-digits, line
 
 
-def test_the_words_hold_no_number_of_their_own():
-    words = (STUDY / "page.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", PAGES)
+def test_the_words_hold_no_number_of_their_own(name):
+    from page import PAGES as TEMPLATES
+
+    words = (STUDY / TEMPLATES[name]).read_text(encoding="utf-8")
     for looked_up_or_named in (r"\{\{.*?\}\}", r"\{%.*?%\}", r"`[^`]*`", r"\]\([^)]*\)"):
         words = re.sub(looked_up_or_named, "", words, flags=re.DOTALL)
 

@@ -1,6 +1,7 @@
-"""Writes `docs/findings.md` and its figure from the tables: `python studies/findings/page.py`.
+"""Writes `docs/findings.md`, `docs/findings_tables.md` and a figure from the tables.
 
-The words are those of `page.md`, whose numbers are all looked up here.
+Run as `python studies/findings/page.py`. The words are those of `page.md` and `tables.md`, whose
+numbers are all looked up here.
 """
 
 from __future__ import annotations
@@ -41,16 +42,21 @@ REFERENCE = "center"
 """The best of the paper's eight."""
 
 
+PAGES = {"findings.md": "page.md", "findings_tables.md": "tables.md"}
+"""Template by page."""
+
+
 def main() -> None:
-    """Write page and figure."""
-    (DOCS / "findings.md").write_text(rendered(), encoding="utf-8")
+    """Write pages and figure."""
+    for page in PAGES:
+        (DOCS / page).write_text(rendered(page), encoding="utf-8")
     write_figure(_four(), DOCS / "findings.png")
 
 
-def rendered() -> str:
-    """The page as text."""
+def rendered(page: str) -> str:
+    """A page as text."""
     environment = Environment(undefined=StrictUndefined, keep_trailing_newline=True)
-    template = environment.from_string((FOLDER / "page.md").read_text(encoding="utf-8"))
+    template = environment.from_string((FOLDER / PAGES[page]).read_text(encoding="utf-8"))
     return "\n\n".join(map(_wrapped, template.render(_facts()).strip().split("\n\n"))) + "\n"
 
 

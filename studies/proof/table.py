@@ -1,0 +1,106 @@
+"""The contrast of the proof: what the found rig gains over the baseline, by network and test set.
+
+Run as `python studies/proof/table.py [RUN ...]`. Run folders of `verify.yaml` are written to
+`contrast.parquet` beside this script first; without any it is read.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import pandas as pd
+from rich import print as show
+from scipy import stats
+
+from lidarplace.command_line.terminal import table
+from tracking.statistics.jackknife import sample_error
+
+FOLDER = Path(__file__).parent
+BASELINE = "center"
+METRICS = {
+    "Car AP over IoU": ("Car", "AP_R40_3D_mean", 0.0),
+    "Car AP @ 0.7": ("Car", "AP_R40_3D", 0.7),
+    "Car AP @ 0.5": ("Car", "AP_R40_3D", 0.5),
+    "Car recall": ("Car", "class_recall_3D", 0.5),
+    "Pedestrian recall": ("Pedestrian", "class_recall_3D", 0.5),
+    "Cyclist recall": ("Cyclist", "class_recall_3D", 0.5),
+    "recall of all": ("all", "recall", 0.5),
+}
+"""Class, metric, IoU; 0: over all of them."""
+_KEYS = ["network", "test", "placement", "seed", "class", "metric", "iou"]
+
+
+def main() -> None:
+    """Print a table for each rig that is compared with BASELINE."""
+    if len(sys.argv) > 1:
+        runs = [_read(Path(run)) for run in sys.argv[1:]]
+        pd.concat(runs, ignore_index=True).to_parquet(FOLDER / "contrast.parquet", index=False)
+    rows = pd.read_parquet(FOLDER / "contrast.parquet")
+    for rig in sorted(set(rows["placement"]) - {BASELINE}):
+        lines = []
+        for network, own in rows.groupby("network"):
+            tests = sorted(set(own["test"]))
+            for name, wanted in METRICS.items():
+                of_metric = _of(own, wanted)
+                every = _cell(of_metric, rig, tests)
+                cells = [every, *(_cell(of_metric, rig, [test]) for test in tests)]
+                lines.append((str(network), name, *cells))
+        head = ("", "", "mean of the tests", *tests)
+        show(table(f"{rig} less {BASELINE}, points, 95 %", head, lines))
+
+
+def contrast(rows: pd.DataFrame, rig: str, tests: list[str]) -> tuple[float, float, int]:
+    """The mean difference over seeds and tests, the half-width of its 95 % interval, and seeds.
+
+    Seeds are paired. The objects of a test err alike for all seeds: theirs is the paired jackknife
+    error of every report. Degrees of freedom are Satterthwaite's.
+
+    Args:
+        rows: of one network and metric, as `_read` has them.
+    """
+    pair = rows[rows["placement"].isin([rig, BASELINE])]
+    whole = pair[pair["unit"] == ""]
+    values = whole.pivot_table(index="seed", columns=["test", "placement"], values="value")
+    gains = pd.DataFrame({test: values[test][rig] - values[test][BASELINE] for test in tests})
+    by_seed = gains.dropna().mean(axis=1)
+    parts = [(by_seed.var(ddof=1) / len(by_seed), len(by_seed) - 1.0)]
+    for test in tests:
+        error = sample_error(pair[pair["test"] == test], paired=True)
+        if error is None:
+            raise ValueError(f"{test}: the error of its objects is unknown")
+        parts.append((2 * error.variance / len(tests) ** 2, error.degrees))
+    variance = sum(own for own, _ in parts)
+    degrees = variance**2 / sum(own**2 / freedom for own, freedom in parts)
+    half = stats.t.ppf(0.975, degrees) * math.sqrt(variance)
+    return float(by_seed.mean()), float(half), len(by_seed)
+
+
+def _cell(rows: pd.DataFrame, rig: str, tests: list[str]) -> str:
+    difference, half, seeds = contrast(rows, rig, tests)
+    low, high = difference - half, difference + half
+    return f"{difference:+.2f} ({low:+.2f} to {high:+.2f}), {seeds} seeds"
+
+
+def _of(rows: pd.DataFrame, wanted: tuple[str, str, float]) -> pd.DataFrame:
+    object_class, metric, iou = wanted
+    same = (rows["class"] == object_class) & (rows["metric"] == metric)
+    return rows[same & ((rows["iou"] - iou).abs() < 1e-6)]
+
+
+def _read(run: Path) -> pd.DataFrame:
+    """Results, and the same without each unit of the test objects, under short names."""
+    results = pd.read_parquet(run / "results.parquet").assign(unit="", left_out="")
+    left_out = pd.read_parquet(run / "left_out.parquet")
+    left_out = left_out[left_out["unit"] != "half"]
+    rows = pd.concat([results, left_out], ignore_index=True)
+    rows = pd.concat([_of(rows, wanted) for wanted in METRICS.values()], ignore_index=True)
+    tests = rows["scene.test_folder"].map(lambda folder: Path(folder).parent.name)
+    rows = rows.assign(test=tests, network=run.name.removeprefix("proof_"))
+    rows["left_out"] = rows["left_out"].astype(str)
+    return rows[[*_KEYS, "unit", "left_out", "ground_truths", "value"]]
+
+
+if __name__ == "__main__":
+    main()
