@@ -1,6 +1,6 @@
 """The contrast of the proof: what the found rig gains over the baseline, by network and test set.
 
-Run as `python studies/proof/table.py [RUN ...]`. Run folders of `verify.yaml` are written to
+Run as `python studies/proof/contrast.py [RUN ...]`. Run folders of `verify.yaml` are written to
 `contrast.parquet` beside this script first; without any it is read.
 """
 
