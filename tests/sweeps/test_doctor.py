@@ -246,7 +246,7 @@ def test_a_database_that_is_not_there_does_not_show_its_password(monkeypatch):
 def test_a_remote_store():
     assert checks.remote_store("memory://bucket/store").state == "good"
     found = checks.remote_store("nonsense://bucket")
-    assert (found.state, found.remedy) == ("missing", "mend store.url in the file")
+    assert (found.state, found.remedy) == ("missing", "correct store.url in the file")
 
 
 @pytest.mark.parametrize(("protocol", "package"), [("gs", "gcsfs"), ("abfs", "adlfs")])
