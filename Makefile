@@ -68,7 +68,7 @@ references: setup
 
 # The site, in build/site: docs/, the pages of the demo, and all docstrings in python/.
 docs: references demo
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	$(BIN)/pdoc --docformat google --output-directory build/site/python lidarplace training tracking sweeps
 	@echo "The site: build/site/index.html"
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from sweeps.execution.checks import SUMO_LIBRARIES
 from tests.test_docs_links import LINK, text_of
 
 ROOT = Path(__file__).parents[1]
@@ -100,7 +101,9 @@ def test_images():
         assert all(f"\n{extra} = [" in project for extra in extras)
         (install,) = (words for words in lines if words[:2] == ["RUN", "apt-get"])
         packages.append({word for word in install if re.fullmatch(r"lib\w+-?\d", word)})
-    assert packages[0] == packages[1] >= {"libgl1", "libx11-6", "libatomic1"}
+    assert packages == [set(SUMO_LIBRARIES)] * 2
+    workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
+    assert workflow.count(" ".join(SUMO_LIBRARIES)) == 2
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     copied = re.findall(r"^COPY (.+) \S+$", paths[0].read_text(encoding="utf-8"), re.M)
     assert {f"!{name}" for line in copied for name in line.split()} <= set(ignored)

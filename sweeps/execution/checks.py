@@ -139,6 +139,10 @@ def ray(address: str) -> Found:
     return Found(found)
 
 
+SUMO_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
+"""Debian's packages of the libraries that SUMO links and its wheel lacks."""
+
+
 def sumo(needed: bool) -> Found:
     """Eclipse SUMO: its library, and the program that generates towns."""
     from lidarplace.scenes.sumo.town import sumo_home
@@ -148,7 +152,10 @@ def sumo(needed: bool) -> Found:
     try:
         program = sumo_home() / "bin" / "netgenerate"
     except ImportError as error:
-        return Found(f"{error.__cause__ or error}", missing, remedy)
+        found = f"{error.__cause__ or error}"
+        if "shared object file" in found:  # as on a server without a desktop
+            remedy = f"apt-get install {' '.join(SUMO_LIBRARIES)}"
+        return Found(found, missing, remedy)
     try:
         done = subprocess.run(
             [program, "--version"], capture_output=True, text=True, timeout=60, check=True
