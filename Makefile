@@ -18,7 +18,7 @@ export RAY_USAGE_STATS_ENABLED := 0
 # Dozens of processes import the same files: the first compiles them, whatever the shell asks for.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo dashboard test test-long lint wheel docs clean
+.PHONY: setup demo dashboard test test-long lint wheel references docs clean
 
 setup: $(STAMP)
 
@@ -57,14 +57,20 @@ lint: setup
 wheel: setup
 	.ci/wheel
 
-docs: setup
+# Pages that are made from the code.
+references: setup
 	$(BIN)/python docs/configuration.py
 	$(BIN)/python docs/api.py
 	$(BIN)/python docs/commands.py
 	$(BIN)/python -m docs.architecture
 	$(BIN)/python docs/run_folder.py
 	$(BIN)/python docs/sensors.py
-	$(BIN)/pdoc --docformat google --output-directory build/docs lidarplace training tracking sweeps
+
+# The site, in build/site: docs/, the pages of the demo, and all docstrings in python/.
+docs: references demo
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/pdoc --docformat google --output-directory build/site/python lidarplace training tracking sweeps
+	@echo "The site: build/site/index.html"
 
 clean:
 	rm -rf $(VENV) build

@@ -21,7 +21,7 @@ HEAD = """# Python
 
 The public names: what changes only with a new minor version and a line in the
 [changelog](../CHANGELOG.md). All else may change at any time. The page is made from the code
-(`python docs/api.py`); `make docs` writes all docstrings as HTML to `build/docs`, to read offline.
+(`python docs/api.py`); `make docs` writes all docstrings as HTML to `build/site/python`.
 
 Lengths are metres, angles radians, entropies nats, AP and recall percent. `DataFrame` is pandas',
 `NDArray` numpy's. [Method](method.md) tells what the surrogates are, [data](data.md) which columns

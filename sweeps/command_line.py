@@ -29,49 +29,47 @@ class Verb:
 
 
 VERBS = {
-    "init": Verb("sweeps.commands.init", "Write configurations to begin with."),
+    "init": Verb("sweeps.commands.init", "Write example configurations."),
     "run": Verb("sweeps.commands.run", "Run a sweep.", "sweeps"),
     "search": Verb("sweeps.commands.search", "Search for the best placement.", "sweeps"),
-    "status": Verb("sweeps.commands.status", "Show where a sweep or a search stands."),
-    "clean": Verb("sweeps.commands.clean", "Show the sizes of a store, and make room in it."),
+    "status": Verb("sweeps.commands.status", "Show the progress of a sweep or a search."),
+    "clean": Verb("sweeps.commands.clean", "Show the size of a store, and remove unused results."),
     "doctor": Verb(
-        "sweeps.commands.doctor", "Look whether everything is there that a sweep needs."
+        "sweeps.commands.doctor", "Check that everything is installed that a sweep needs."
     ),
-    "report": Verb("tracking.report.command", "Make the report of a sweep again."),
-    "search-report": Verb("tracking.search_report.command", "Make the report of a search again."),
-    "dashboard": Verb("tracking.dashboard", "Open MLflow on the runs of sweeps.", "sweeps"),
+    "report": Verb("tracking.report.command", "Write the report of a sweep again."),
+    "search-report": Verb("tracking.search_report.command", "Write the report of a search again."),
+    "dashboard": Verb("tracking.dashboard", "Open MLflow with the runs of sweeps.", "sweeps"),
     "record": Verb("sweeps.commands.record", "Record the scenes of a sweep as box logs.", "sweeps"),
-    "convert": Verb("lidarplace.commands.convert", "Write the box log of a data set or a table."),
+    "convert": Verb("lidarplace.commands.convert", "Convert a data set or a table to a box log."),
     "carla": Verb(
         "lidarplace.plugins.carla.command", "Collect box logs and clouds from CARLA.", "carla"
     ),
-    "sensors": Verb("lidarplace.commands.sensors", "List the LiDARs that are known by name."),
+    "sensors": Verb("lidarplace.commands.sensors", "List the LiDAR models of the catalogue."),
     "describe": Verb(
         "lidarplace.commands.describe", "Print frames and objects per frame of box logs."
     ),
     "validate": Verb(
         "lidarplace.commands.validate", "Compare the simulator with the real points of a log."
     ),
-    "view": Verb("lidarplace.commands.view", "Make a page of one frame of a box log."),
-    "studio": Verb(
-        "lidarplace.studio.command", "Place LiDARs by hand on a page of the browser.", "studio"
-    ),
-    "export": Verb("lidarplace.commands.export", "Write a box log as KITTI does, or for Foxglove."),
-    "rig": Verb("lidarplace.commands.rig", "Read and write the rigs of other tools."),
-    "pretrain": Verb(
-        "sweeps.commands.pretrain", "Train a detector on all placements together.", "sweeps"
-    ),
-    "evaluate": Verb(
-        "sweeps.commands.evaluate", "Print AP and recall of detections from elsewhere."
-    ),
+    "view": Verb("lidarplace.commands.view", "Write a page of one frame of a box log."),
+    "studio": Verb("lidarplace.studio.command", "Place LiDARs by hand in the browser.", "studio"),
+    "export": Verb("lidarplace.commands.export", "Export a box log to KITTI's layout or Foxglove."),
+    "rig": Verb("lidarplace.commands.rig", "Convert rigs from and to other tools' formats."),
+    "pretrain": Verb("sweeps.commands.pretrain", "Train one detector on all placements.", "sweeps"),
+    "evaluate": Verb("sweeps.commands.evaluate", "Compute AP and recall of external detections."),
     "calibrate": Verb(
         "sweeps.commands.calibrate", "Fit detection curves to the detections of a sweep."
     ),
-    "failures": Verb("sweeps.commands.failures", "What does one rig find and another one miss?"),
-    "requirements": Verb("sweeps.commands.requirements", "Does a rig see what its vehicle needs?"),
-    "accuracy": Verb("sweeps.commands.accuracy", "Compare ways to compute the surrogates."),
+    "failures": Verb(
+        "sweeps.commands.failures", "Compare two rigs: which objects each finds and misses."
+    ),
+    "requirements": Verb("sweeps.commands.requirements", "Check rigs against requirements."),
+    "accuracy": Verb(
+        "sweeps.commands.accuracy", "Compare methods to compute the surrogates: error against time."
+    ),
     "benchmark": Verb(
-        "sweeps.commands.benchmark", "How well does a predictor tell what detectors reach?"
+        "sweeps.commands.benchmark", "Compare a predictor with the results of trained detectors."
     ),
 }
 """By name, in the order of help."""
@@ -109,15 +107,15 @@ def _print_version(wanted: bool) -> None:
 
 
 @app.callback(
-    epilog="[extra]: what a verb needs beside the base, as pip install 'lidarplace[sweeps]'; "
+    epilog="[extra]: the extra that a command needs: pip install 'lidarplace[sweeps]'; "
     "simulated traffic needs [sumo]."
 )
 def lidarplace(
     _: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="print the version and stop"
+            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
         ),
     ] = False,
 ) -> None:
-    """Where do the LiDARs go on a vehicle? Each verb has a --help with examples."""
+    """Decide where the LiDARs go on a vehicle. Each command has a --help with examples."""

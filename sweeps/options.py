@@ -55,7 +55,7 @@ SetOption = Annotated[
     ),
 ]
 
-DryRunOption = Annotated[bool, typer.Option("--dry-run", help="print the plan and stop")]
+DryRunOption = Annotated[bool, typer.Option("--dry-run", help="print the plan and exit")]
 
 SchemaOption = Annotated[bool, typer.Option("--schema", help="print the JSON schema of the file")]
 
@@ -80,7 +80,7 @@ GeometryOption = Annotated[
 LayoutOption = Annotated[
     str | None,
     typer.Option(
-        metavar="kitti|nuscenes|argoverse|waymo|parquet", help="by the names of files if not given"
+        metavar="kitti|nuscenes|argoverse|waymo|parquet", help="by default from the file names"
     ),
 ]
 WorldFrameOption = Annotated[
@@ -100,13 +100,13 @@ ClassesOption = Annotated[
     list[str] | None,
     typer.Option("--class", metavar="NAME", help="repeatable; all classes of the log by default"),
 ]
-SplitOption = Annotated[str, typer.Option(metavar="train|test", help="frames that are judged")]
+SplitOption = Annotated[str, typer.Option(metavar="train|test", help="frames to evaluate")]
 CountedOption = Annotated[
     str,
     typer.Option(
         metavar="visible|points",
         help="objects of the ROI that count: visible to an ideal sensor on the roof, as in a "
-        "sweep; or with a real point, where the log knows them",
+        "sweep; or with a recorded point, if the log has them",
     ),
 ]
 """Of commands that read detections from elsewhere."""

@@ -48,7 +48,7 @@ def run_sweep(
 
     Args:
         command: what makes the sweep again.
-        rerun_failed: try again what failed for good.
+        rerun_failed: retry failures by data or settings, too.
 
     Raises:
         as `sweeps.execution.runner.drive`.

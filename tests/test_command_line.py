@@ -54,7 +54,7 @@ def test_help_has_examples_and_exit_codes(command):
     assert codes[0] == "  0    done"
     assert re.match("  (1|2)    ", codes[1])
     assert codes[-2:] == [
-        "  2    the input is wrong: one line on stderr says what",
+        "  2    invalid input: one line on stderr names it",
         "  130  stopped by Ctrl-C; 143 by SIGTERM",
     ]
 
@@ -70,7 +70,7 @@ def test_names_of_options_and_arguments(command):
             in {
                 "--set": ["override a key path"],
                 "--json": ["print JSON for a script"],
-                "--dry-run": ["print the plan and stop", "remove nothing, tell all"],
+                "--dry-run": ["print the plan and exit", "print what would be removed"],
                 "--schema": ["print the JSON schema of the file"],
             }[name]
         )
@@ -384,7 +384,7 @@ def test_the_plan_as_json(config):
     assert [trial["cached"] for trial in plan["trials"]] == [False, False]
     told = lidarplace("run", config, "--dry-run").stdout
     assert "grid: 2 trials; of these at most" in told
-    assert "rung 0: expected_ig, the best 1 placements go on" in told
+    assert "rung 0: expected_ig, the best 1 placements are kept" in told
 
 
 def test_a_log_as_json(log):

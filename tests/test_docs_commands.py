@@ -24,6 +24,7 @@ NOT_RUN = {
     "make ": "sets up an environment; starts servers",
     "pip install ": "needs a package index",
     "git clone ": "needs the network",
+    "docker ": "builds an image",
     "pre-commit install": "writes into the repository",
     ". .venv/bin/activate": "of the shell",
     "./CarlaUE4.sh ": "needs CARLA",
@@ -87,7 +88,7 @@ def listed(command: str) -> str | None:
     return next((start for start in NOT_RUN if bare == start or bare.startswith(start)), None)
 
 
-FIRST = {"README.md", "data.md", "rigs.md"}
+FIRST = {"README.md", "data.md", "label_files.md", "data_sets.md", "traffic.md", "rigs.md"}
 """Pages whose commands run in every test; the others repeat these with other settings."""
 RUN = [
     pytest.param(command, id=str(command), marks=() if command.page in FIRST else pytest.mark.long)

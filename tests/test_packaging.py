@@ -93,7 +93,7 @@ def test_what_is_imported_is_declared(package):
 
 def test_what_is_declared_is_imported():
     declared = {m for extra in ("", *PROJECT["optional-dependencies"]) for m in modules_of(extra)}
-    declared -= modules_of("dev") - set(EXTRAS)
+    declared -= (modules_of("dev") | modules_of("docs")) - set(EXTRAS)
     used = {name for package in OWN for found in imports_of(package).values() for name in found}
     assert declared - used == set(NOT_IMPORTED)
 
@@ -107,7 +107,7 @@ def test_what_not_everybody_has_is_imported_where_it_is_used(package):
 
 
 def test_the_extra_that_is_named_brings_the_package():
-    extras = set(PROJECT["optional-dependencies"]) - {"all", "cluster", "dev"}
+    extras = set(PROJECT["optional-dependencies"]) - {"all", "cluster", "dev", "docs"}
     assert {module: extra for extra in extras for module in modules_of(extra)} == EXTRAS
 
 

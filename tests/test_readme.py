@@ -22,8 +22,15 @@ def test_the_configuration(tmp_path):
     path = tmp_path / "grid.yaml"
     path.write_text(block("yaml"))
     points = [g.point for g in read_sweep(path).points]
-    assert len(points) == 15
-    assert not any(p.placement == "mine" and p.scene.density == 40 for p in points)
+    assert {(p.placement, p.seed) for p in points} == {
+        (placement, seed) for placement in ("roof", "corners", "center") for seed in (1, 2, 3)
+    }
+    assert points[0].vehicle is not None
+    assert points[0].lidar.cloud_share == 0.5
+
+
+def test_its_length():
+    assert len(README.split()) <= 900
 
 
 def test_the_lines_of_python(tmp_path, monkeypatch, capsys):

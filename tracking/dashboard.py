@@ -21,7 +21,7 @@ app = new_app()
 FIRST_PORT = 5000
 
 
-@verb(app, "", "runs/grid", "runs/mlflow.db --port 8000", failed="MLflow does not start")
+@verb(app, "", "runs/grid", "runs/mlflow.db --port 8000", failed="MLflow did not start")
 def dashboard(
     where: Annotated[
         str, typer.Argument(help="folder of a sweep, file of a database, or MLflow's tracking URI")
@@ -30,7 +30,7 @@ def dashboard(
         int | None, typer.Option(help="5000, or the next one that is free", callback=within(PORT))
     ] = None,
 ) -> None:
-    """Open MLflow on this machine alone, and print the address. Ctrl-C ends it.
+    """Start MLflow on this machine alone, and print the address. Ctrl-C stops it.
 
     Of a folder the page of its sweep is opened, else that of the latest one.
     """

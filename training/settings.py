@@ -39,7 +39,7 @@ class TrainingSettings(Settings):
         "that its memory holds",
     )
     frame_share: Probability = Field(
-        1.0, gt=0, description="share of the training frames that is used, evenly spread"
+        1.0, gt=0, description="share of the training frames to use, evenly spread"
     )
     optimizer: Literal["adam_onecycle", "sgd"] = Field(
         "adam_onecycle",
@@ -71,7 +71,9 @@ class TrainingSettings(Settings):
     flip_y: bool = Field(True, description="mirror left and right in every second frame")
     rotation: Annotated[Angle, Field(ge=0, le=math.pi)] = Field(
         math.pi / 4,
-        description="largest random turn about z, radians; what leaves the range is dropped",
+        description=(
+            "largest random rotation about z, radians; objects that leave the range are dropped"
+        ),
     )
     scaling: tuple[Factor, Factor] = Field(
         (0.95, 1.05), description="range of the random scale of points and boxes"
@@ -84,8 +86,7 @@ class TrainingSettings(Settings):
         "pretrained: those of the package",
     )
     new_heads: bool = Field(
-        False,
-        description="heads of a checkpoint for other classes are trained afresh; an error if false",
+        False, description="train new heads if the checkpoint has other classes; an error if false"
     )
     score_threshold: Probability | None = Field(
         None, description="lowest score of a detection; the detector's own if null"

@@ -38,7 +38,7 @@ class ScanFit:
         rings: their numbers in the file, by elevation from the lowest.
         elevations: of every ring, radians, ascending.
         offsets: of every laser along the sensor's z axis, metres; None: all start at one point.
-        azimuth_steps: firings of a beam in one turn.
+        azimuth_steps: firings of a beam per turn.
         range_noise: standard deviation of a range, metres; None: no smooth surface shows it.
         share: of all firings that returned.
         range: farthest return, metres.

@@ -87,7 +87,7 @@ def verb(
     lines += ["", "Exit codes:", "  0    done"]
     lines += [f"  1    {failed}"] if failed else []
     lines += [
-        "  2    the input is wrong: one line on stderr says what",
+        "  2    invalid input: one line on stderr names it",
         "  130  stopped by Ctrl-C; 143 by SIGTERM",
     ]
     return app.command(name, cls=Verb, epilog="\n".join(lines) + "\n")
@@ -132,7 +132,7 @@ def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
 def known(option: str, name: str, choices: Mapping[str, T]) -> T:
     """The choice of that name. Raises ValueError that lists the names."""
     if name not in choices:
-        raise ValueError(f"--{option} {name}: allowed are {', '.join(choices)}")
+        raise ValueError(f"--{option} {name}: expected one of {', '.join(choices)}")
     return choices[name]
 
 

@@ -92,7 +92,7 @@ ClassMapOption = Annotated[
         metavar="paper|own|FILE",
         help="paper: Car, Cyclist (with trucks) and Pedestrian, as the paper groups them; own: "
         "road users keep the names of the data set; or a YAML file of lines `category: class`, "
-        "where class is any name, or ignore. What it does not name stays as it is.",
+        "where class is any name, or ignore. Other categories keep the paper's grouping.",
     ),
 ]
 
@@ -100,8 +100,8 @@ KeepIgnoredOption = Annotated[
     bool,
     typer.Option(
         "--keep-ignored",
-        help="keep boxes of ignored categories as class Other: they hide what is behind them, and "
-        "count in no other class",
+        help="keep boxes of ignored categories as class Other: they hide objects behind them, "
+        "and count in no other class",
     ),
 ]
 
@@ -264,16 +264,16 @@ def table(
     ] = None,
     class_map: ClassMapOption = PAPER,
     mapping: Annotated[
-        Path | None,
-        typer.Option(help="YAML file that says what the columns of a table of other make mean"),
+        Path | None, typer.Option(help="YAML file that maps the columns of another table")
     ] = None,
     propose: Annotated[
-        Path | None,
-        typer.Option(help="write a first guess of such a mapping there; no file is overwritten"),
+        Path | None, typer.Option(help="write a proposed mapping to this file; never overwrites")
     ] = None,
     preview: Annotated[
         Path | None,
-        typer.Option(help="page of the first frames from above, drawn before anything is written"),
+        typer.Option(
+            help="write a page of the first frames from above, before anything else is written"
+        ),
     ] = None,
     rig: RigOption = None,
     lidar: LidarOption = None,
@@ -281,7 +281,7 @@ def table(
     world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
-    """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
+    """Tables of your own: with the columns of docs/data.md, or any others with a mapping."""
     if propose is not None:
         if any(given is not None for given in (out, frames, mapping, preview, rig, clouds)) or (
             class_map != PAPER
@@ -290,7 +290,7 @@ def table(
         _propose(source, propose)
         return
     if mapping is not None and (frames is not None or class_map != PAPER):
-        wrong("--mapping tells frames and classes: --frames and --class-map are without it")
+        wrong("--mapping: defines frames and classes; remove --frames and --class-map")
     if out is None and preview is None:
         wrong("OUT: name the folder of the box log to write")
     with checked_input():
@@ -327,7 +327,7 @@ def kitti(
     source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or the one above")],
     out: Out,
     standard_calibration: Annotated[
-        bool, typer.Option(help="where a frame has no calib, take KITTI's usual camera")
+        bool, typer.Option(help="for frames without calib, use KITTI's usual camera")
     ] = False,
     lidar_height: Annotated[
         float,
@@ -336,7 +336,7 @@ def kitti(
         ),
     ] = LIDAR_HEIGHT_M,
     skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")
+        bool, typer.Option("--skip-bad", help="skip invalid files, and list them")
     ] = False,
     class_map: ClassMapOption = PAPER,
     keep_ignored: KeepIgnoredOption = False,
@@ -396,12 +396,12 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
             doubts_of_motion(log, mapping.units.angle),
         )
         found = [doubt for doubt in every if doubt.check not in mapping.accept]
-        accept = "the mapping; if it is meant: accept: [{check}]"
+        accept = "the mapping, or accept the value: accept: [{check}]"
     if found:
         doubt = found[0]
         rows = log.frames if doubt.check == "poses" else log.boxes
         column = doubt.column if mapping is None else mapping.column(doubt.column)
         raise ValueError(
-            f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; mend "
+            f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; change "
             f"{doubt.remedy} of {accept.format(check=doubt.check)}"
         )

@@ -51,15 +51,15 @@ CloudsOption = Annotated[
     Path | None,
     typer.Option(
         "--clouds",
-        help="folder of the real clouds: their points in boxes are counted for each LiDAR, and "
-        "kept in OUT/clouds/recorded",
+        help="folder of the recorded clouds: count their points in boxes by LiDAR, and store "
+        "them in OUT/clouds/recorded",
     ),
 ]
 WorldOption = Annotated[
     bool,
     typer.Option(
         "--world",
-        help="with --clouds: build the static world, of what stands still and is no box, and the "
+        help="with --clouds: build the static world of unlabelled static objects, and the "
         "ground; simulated rays stop there",
     ),
 ]
@@ -74,8 +74,7 @@ RigOption = Annotated[
 LidarOption = Annotated[
     str | None,
     typer.Option(
-        "--lidar",
-        help="model of the LiDARs that recorded it, of `lidarplace sensors`, such as vlp16",
+        "--lidar", help="LiDAR model of the recording, from `lidarplace sensors`, such as vlp16"
     ),
 ]
 
@@ -194,7 +193,7 @@ def _counted(log: BoxLog, told: Real, out: Path | None, notes: list[str]) -> Box
     notes.append(f"real clouds: {number:,} of {len(log.frames):,} frames have one")
     several = any(len(rig.names) > 1 for rig in log.rigs.values())
     if several and not log.boxes[list(points_of(log.boxes).values())].notna().any(axis=None):
-        notes.append("points are of all LiDARs together: the clouds have no column lidar")
+        notes.append("points are not split by LiDAR: the clouds have no column lidar")
     return log
 
 

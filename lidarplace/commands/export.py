@@ -91,7 +91,9 @@ def export(
         if out.suffix != MCAP:
             check_new(out)
         elif all_around or images:
-            raise ValueError("--all-around and --images: are of KITTI's layout, not of FILE.mcap")
+            raise ValueError(
+                "--all-around and --images: apply to KITTI's layout only, not to FILE.mcap"
+            )
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)
         rig = how.placement(named_placement(placement, how.lidar))

@@ -82,7 +82,7 @@ def rig(
         found = known.read(source, only or []) if reads else read_own(source)
         lidars = [each.moved(*start) for each in found] if reads else found
         if not reads and only:
-            raise ValueError("--only: chooses of what is read of another tool's file")
+            raise ValueError("--only: applies only when reading another tool's file")
         check_lidars(lidars, str(source))
         lidars = _with_model(lidars, lidar)
         if reads:

@@ -39,7 +39,7 @@ def main(
         list[str] | None,
         typer.Argument(
             metavar="[NAME...]",
-            help="these alone, with what else is known and where it was read",
+            help="show only these, with all values and their sources",
             autocompletion=lambda: list(catalogue()),
         ),
     ] = None,
@@ -48,7 +48,7 @@ def main(
     """List the LiDARs that `lidar: NAME` and `Lidar.named` take, at 10 frames a second.
 
     Angles in degrees, ranges in metres: the farthest, those at reflectivities of 10 % and 80 %, the
-    nearest, and the standard deviation. A dash stands where no source told.
+    nearest, and the standard deviation. A dash means unknown.
     """
     with checked_input():
         sheets = [datasheet(name) for name in names or catalogue()]

@@ -96,5 +96,5 @@ def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:
         f"Objects with their centre in it: {objects}.",
         "x is forward, y left. Points of the ROI have the colour of their LiDAR, boxes that of "
         "their class and a line towards the front; of many points a random part is drawn. "
-        "Dragging turns all scenes, scrolling zooms; fronts and LiDARs tell about themselves.",
+        "Drag to rotate all scenes, scroll to zoom, hover over fronts and LiDARs for details.",
     ]

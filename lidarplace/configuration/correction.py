@@ -82,7 +82,7 @@ class MaskSettings(Settings):
 class UnitSettings(Settings):
     """One LiDAR of the vehicle."""
 
-    azimuth_steps: CountFromOne | None = Field(None, description="firings of a beam in one turn")
+    azimuth_steps: CountFromOne | None = Field(None, description="firings of a beam per turn")
     elevations_deg: tuple[Elevation, ...] | None = Field(
         None, min_length=1, description="elevation of every beam, lowest first, degrees"
     )
@@ -146,7 +146,7 @@ class CorrectionFile(Settings):
     def _unit(self, name: str) -> UnitSettings:
         if name not in self.lidars:
             raise ValueError(
-                f"unit: no LiDAR is called {name!r}{did_you_mean(name, self.lidars)}; "
+                f"unit: no LiDAR model {name!r}{did_you_mean(name, self.lidars)}; "
                 f"expected one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}"
             )
         return self.lidars[name]

@@ -31,7 +31,7 @@ Pair = tuple[Length, Length]
 def ordered(interval: tuple[float, float]) -> tuple[float, float]:
     """The interval, if its ends are the right way round; else ValueError."""
     if interval[0] > interval[1]:
-        raise ValueError("allowed is a number, or [min, max] with min <= max")
+        raise ValueError("expected a number, or [min, max] with min <= max")
     return interval
 
 
@@ -59,8 +59,8 @@ class PlaceSettings(Settings):
     z: Heights = Field(description="a number or [min, max], metres")
     standoff: Distance | None = Field(
         0.3,
-        description="how far above the vehicle's body a LiDAR may be, metres: higher parts of the "
-        "zone are cut off; null: as far as z says, on a rack",
+        description="largest height above the vehicle's body, metres: higher parts of the zone "
+        "are cut off; null: as far as z says, on a rack",
     )
 
     @model_validator(mode="after")
@@ -120,7 +120,7 @@ class KeepOutSettings(Settings):
     @model_validator(mode="after")
     def _has_volume(self) -> KeepOutSettings:
         if not all(low < high for low, high in (self.x, self.y, self.z)):
-            raise ValueError("allowed is [min, max] with min < max along x, y and z")
+            raise ValueError("expected [min, max] with min < max along x, y and z")
         return self
 
     @property
@@ -132,7 +132,7 @@ class KeepOutSettings(Settings):
 
 KeepOuts = Annotated[
     dict[Name, KeepOutSettings],
-    Field(description="by name: where no LiDAR may sit, and what hides what is behind it"),
+    Field(description="regions by name: no LiDAR may be inside, and they hide objects behind them"),
 ]
 """A field of a model."""
 
@@ -149,5 +149,5 @@ class LimitSettings(Settings):
     body_share: Probability | None = Field(
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
-    price: Amount | None = Field(None, description="most that all LiDARs may cost together")
-    power: Amount | None = Field(None, description="most that all LiDARs may take together, watts")
+    price: Amount | None = Field(None, description="maximum price of all LiDARs")
+    power: Amount | None = Field(None, description="maximum power of all LiDARs, watts")

@@ -36,5 +36,5 @@ class MountingErrorSettings(OffsetSettings):
     @model_validator(mode="after")
     def _differ(self) -> MountingErrorSettings:
         if self.vehicle is not None and not self.errors():
-            raise ValueError("vehicle: all are alike without offset or angle_deg")
+            raise ValueError("vehicle: has no effect without offset or angle_deg")
         return self

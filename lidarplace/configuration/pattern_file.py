@@ -56,8 +56,8 @@ def _read(path: Path, rays_per_frame: int | None, changed: int, size: int) -> Sc
     if (np.abs(elevation) > 90.0).any():
         row = int(np.argmax(np.abs(elevation) > 90.0))
         raise ValueError(
-            f"pattern: {path}: row {row + 1}: {names[1]} {other[row]:g} is no angle above or below "
-            "the horizon"
+            f"pattern: {path}: row {row + 1}: {names[1]} {other[row]:g} is not an elevation "
+            "within ±90 degrees"
         )
     return ScanPattern(
         np.radians(azimuth % 360.0), np.radians(elevation), rays_per_frame or len(table)

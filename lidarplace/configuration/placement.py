@@ -50,7 +50,7 @@ class MountSettings(Settings):
     def _one_unit(self) -> MountSettings:
         for name in ("roll", "pitch", "yaw"):
             if getattr(self, name) != 0 and getattr(self, f"{name}_deg") is not None:
-                raise ValueError(f"{name} and {name}_deg: say one of the two")
+                raise ValueError(f"{name} and {name}_deg: set only one of the two")
         return self
 
     @property
@@ -103,12 +103,12 @@ class SweptPlacementSettings(PlacementSettings):
     recorded: tuple[Name, ...] = Field(
         (),
         max_length=MOST_MOUNTS,
-        description="in place of mounts, LiDARs of the rig that recorded the log of scene, by name",
+        description="in place of mounts: names of LiDARs of the rig that recorded the log",
     )
     dead: tuple[MountSettings, ...] = Field(
         (),
         max_length=MOST_MOUNTS,
-        description="further LiDARs that see nothing; by their size they hide what is behind them",
+        description="dead LiDARs: they see nothing, but their housings hide objects behind them",
     )
 
     @model_validator(mode="after")
@@ -148,7 +148,7 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
         return read_placement(Path(name), lidar)
     if name not in PAPER_PLACEMENTS:
         raise ValueError(
-            f"--placement {name}{did_you_mean(name, PAPER_PLACEMENTS)}: allowed are "
+            f"--placement {name}{did_you_mean(name, PAPER_PLACEMENTS)}: expected "
             f"{', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
         )
     return PAPER_PLACEMENTS[name].with_lidar(lidar)

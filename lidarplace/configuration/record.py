@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 def _no_truth(value: object) -> object:
     if isinstance(value, bool):
-        raise ValueError("should be a number")
+        raise ValueError("expected a number")
     return value
 
 
@@ -32,4 +32,4 @@ def read_record(path: Path, kind: type[T], what: str) -> T:
     try:
         return TypeAdapter(kind).validate_python(read_json(path))
     except ValidationError as error:
-        raise fault(error, f"{path}: is no {what}") from None
+        raise fault(error, f"{path}: not a valid {what}") from None

@@ -69,7 +69,7 @@ class SensorSettings(Settings):
         description="offset of the laser of every beam along the sensor's z axis, where its rays "
         "start, metres; null: all start at the origin",
     )
-    azimuth_steps: CountFromOne = Field(5625, description="firings of a beam in one turn")
+    azimuth_steps: CountFromOne = Field(5625, description="firings of a beam per turn")
     range: Distance = Field(100.0, gt=0, description="farthest return, metres")
     range_10: Distance | None = Field(
         None, gt=0, description="farthest return of a surface that reflects 10 %, metres; null: any"
@@ -90,8 +90,9 @@ class SensorSettings(Settings):
     )
     size_mm: tuple[Side, Side, Side] | None = Field(
         None,
-        description="length, width and height of the housing, by which it hides what is behind it "
-        "from other LiDARs, millimetres; the diameter twice for a cylinder; null: it hides nothing",
+        description="length, width and height of the housing, which blocks rays of other "
+        "LiDARs, millimetres; the diameter twice for a cylinder; null: it hides "
+        "nothing",
     )
     azimuth_deg: Turn = Field(
         (-180.0, 180.0),
@@ -106,18 +107,19 @@ class SensorSettings(Settings):
         "Azimuth/deg and Zenith/deg; relative to the folder of the configuration",
     )
     pattern_rays: Annotated[CountFromOne, Field(le=MOST_RAYS)] | None = Field(
-        None, description="rays of a frame; the next frame goes on in the file; null: all of it"
+        None,
+        description="rays per frame; the next frame continues in the file; null: the whole file",
     )
 
     correction: Annotated[Text, AfterValidator(_beside_or_packaged)] | None = Field(
         None,
-        description="YAML file of what it loses on a real vehicle, relative to the folder of the "
+        description="YAML file of the losses on a real vehicle, relative to the folder of the "
         "configuration, or a name of the package's; null: it loses nothing",
     )
     unit: Name | None = Field(
         None,
-        description="of the correction's lidars the one that it is, whose beams and azimuth steps "
-        "win; null: none of them",
+        description="name of this LiDAR in the correction, whose beams and azimuth steps apply; "
+        "null: none of them",
     )
 
     @model_validator(mode="before")
@@ -157,25 +159,25 @@ class SensorSettings(Settings):
     @classmethod
     def _not_falling(cls, table: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if table is not None and len(table) > 1 and all(a > b for a, b in pairwise(table)):
-            raise ValueError("elevations count upwards from the horizon; begin with the lowest")
+            raise ValueError("elevations must rise; begin with the lowest")
         return table
 
     @model_validator(mode="after")
     def _build(self) -> SensorSettings:
         if self.correction is None and self.unit is not None:
-            raise ValueError("unit: is of a correction, and there is none")
+            raise ValueError("unit: needs correction")
         if self.pattern is None and self.pattern_rays is not None:
-            raise ValueError("pattern_rays: is of a pattern's file, and there is none")
+            raise ValueError("pattern_rays: needs pattern")
         if self.pattern is not None:
             for key in sorted(BEAM_KEYS & self.model_fields_set):
-                raise ValueError(f"{key}: a pattern has it for every ray; leave one of the two out")
+                raise ValueError(f"{key}: a pattern has it for every ray; remove one of the two")
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
             raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
         if beams * self.azimuth_steps > MOST_RAYS:
             raise ValueError(
-                f"azimuth_steps: found {self.azimuth_steps:,} with {beams:,} beams; allowed are "
-                f"{MOST_RAYS:,} rays, beams times azimuth steps"
+                f"azimuth_steps: found {self.azimuth_steps:,} with {beams:,} beams; expected at "
+                f"most {MOST_RAYS:,} rays, beams times azimuth steps"
             )
         self.built  # noqa: B018 - what is wrong with it is wrong with the settings
         return self

@@ -48,7 +48,7 @@ class VehicleSettings(Settings):
     def _possible(self) -> VehicleSettings:
         if self.mesh is None and self.model_fields_set - {"boxes", "mesh"}:
             key = min(self.model_fields_set - {"boxes", "mesh"})
-            raise ValueError(f"{key}: is of a mesh, and there is none")
+            raise ValueError(f"{key}: needs mesh")
         self.vehicle()
         return self
 

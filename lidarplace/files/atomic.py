@@ -24,7 +24,7 @@ def read_text(path: Path) -> str:
     try:
         return regular(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is no text: byte {error.start} is not UTF-8") from None
+        raise ValueError(f"{path}: not a text file: byte {error.start} is not UTF-8") from None
 
 
 @contextmanager

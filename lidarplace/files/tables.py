@@ -68,9 +68,9 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
                 )
             return table
         except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: is no CSV file: byte {error.start} is not UTF-8") from None
+            raise ValueError(f"{path}: not a CSV file: byte {error.start} is not UTF-8") from None
         except ValueError as error:  # and its subclasses ParserError and EmptyDataError
-            raise ValueError(f"{path}: is no CSV file: {first_line(error)}") from None
+            raise ValueError(f"{path}: not a CSV file: {first_line(error)}") from None
 
 
 def _has_decimal_commas(table: pd.DataFrame) -> bool:

@@ -21,9 +21,9 @@ def read_xml(path: Path) -> Element:
     except ParseError as error:
         line, column = error.position
         why = str(error).partition(":")[0]
-        raise ValueError(f"{path}: line {line}, column {column + 1}: is no XML: {why}") from None
+        raise ValueError(f"{path}: line {line}, column {column + 1}: invalid XML: {why}") from None
     except (LookupError, ValueError) as error:  # of an encoding that is declared
-        raise ValueError(f"{path}: is no XML: {error}") from None
+        raise ValueError(f"{path}: invalid XML: {error}") from None
 
 
 def write_xml(path: Path, root: Element) -> None:

@@ -72,13 +72,14 @@ def read_mesh(
         except ModuleNotFoundError:
             raise
         except Exception as error:  # readers of formats raise whatever comes
-            raise ValueError(f"{path}: is no mesh that can be read: {first_line(error)}") from None
+            raise ValueError(f"{path}: not a readable mesh: {first_line(error)}") from None
     for record in told:
         if not _LOOKS.search(record.getMessage()):
             raise ValueError(f"{path}: is a damaged mesh: {record.getMessage()}")
     if len(read.faces) > MOST_TRIANGLES:
         raise ValueError(
-            f"{path}: {len(read.faces):,} triangles, allowed are {MOST_TRIANGLES:,}; simplify it"
+            f"{path}: {len(read.faces):,} triangles; expected at most {MOST_TRIANGLES:,}; simplify "
+            "the mesh"
         )
     turn = np.eye(3) if rotation is None else rotation
     try:

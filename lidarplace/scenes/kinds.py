@@ -44,7 +44,7 @@ def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
     if source not in KINDS.own and KINDS.path(source) is None:
         raise PydanticCustomError(
             "scene_source",
-            "source is none of {known}{hint}",
+            "source: expected {known}{hint}",
             {"known": ", ".join(KINDS.installed()), "hint": did_you_mean(source, KINDS)},
         )
     return KINDS[source].settings.model_validate(scene, context=info.context)

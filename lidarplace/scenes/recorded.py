@@ -29,9 +29,7 @@ from lidarplace.scenes.parts import ScenePart
 class LogScene(Settings):
     """A box log on disk, as `lidarplace.logs.box_log.write_box_log` writes it."""
 
-    source: Literal["log"] = Field(
-        description="tells this kind of scene from others: a log that is there already"
-    )
+    source: Literal["log"] = Field(description="scene type: an existing box log")
     folder: FilePath = Field(
         description="holds boxes.parquet, frames.parquet and, if there are any, buildings.parquet; "
         "column split of the frames says which train and which test"

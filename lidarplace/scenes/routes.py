@@ -31,8 +31,8 @@ class RouteSettings(Settings):
     frame_stride: CountFromOne = Field(default=10, description="record every n-th step of 20 Hz")
     min_travel_m: Distance = Field(
         default=0.0,
-        description="leave a frame out until the ego has moved so far, metres, since the last one "
-        "that was kept; the code released with the paper used 1 m",
+        description="skip frames until the ego has moved this far since the last kept frame, "
+        "metres; the code released with the paper used 1 m",
     )
     warmup_s: Seconds = Field(
         default=30.0,

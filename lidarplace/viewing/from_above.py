@@ -30,7 +30,7 @@ def write_from_above(path: Path, log: BoxLog, title: str) -> None:
     classes = log.boxes.groupby("class")[list(SIZE)]
     notes = [
         "x is forward, y left. Boxes have the colour of their class and a line to their front; the "
-        "vehicle is grey. Points tell about their box.",
+        "vehicle is grey. Hover over a point for its box.",
         *(
             f"{name}: {len(own):,} boxes, {' × '.join(f'{side:.2f}' for side in own.median())} m "
             "in the median."

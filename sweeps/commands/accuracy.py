@@ -74,7 +74,7 @@ def accuracy_command(
     ] = Path("accuracy"),
     as_json: JsonOption = False,
 ) -> None:
-    """Compare ways to compute the surrogates: relative error, rank agreement, seconds.
+    """Compare methods to compute the surrogates: relative error, rank agreement, seconds.
 
     Writes OUT.parquet, OUT.csv and OUT.html.
     """
@@ -114,7 +114,7 @@ def _read(path: Path, frames: int | None) -> BoxLog:
     if path.is_dir():
         return read_box_log(path)
     if frames is None:
-        raise ValueError(f"{path}: boxes alone do not tell the number of frames; name --frames T")
+        raise ValueError(f"{path}: number of frames unknown; add --frames T")
     return read_tabular(path, frames=frames)
 
 

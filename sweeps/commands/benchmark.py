@@ -28,7 +28,7 @@ def benchmark(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare a predictor with what detectors of their own reached on 41 rigs.
+    """Compare a predictor with the results of detectors trained for each of 41 rigs.
 
     Prints Spearman's rho with intervals, regret, and how many pairs of rigs it orders rightly, by
     metric and by the rigs' origin, and the tables of docs/benchmark.md with its row. Surrogates

@@ -41,12 +41,12 @@ def calibrate(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="file for the curves, and a page; without, they are printed alone"
+            metavar="FILE", help="file for the curves, and a page; by default they are only printed"
         ),
     ] = None,
     set_: SetOption = None,
     log: Annotated[
-        Path | None, typer.Option(help="in place of a sweep: box log that detections are of")
+        Path | None, typer.Option(help="box log of the detections, in place of a sweep")
     ] = None,
     rig: RigsOption = None,
     geometry: GeometryOption = None,
@@ -60,7 +60,7 @@ def calibrate(
 ) -> None:
     """Fit the curves of expected_recall to the detections of a sweep, or to those of --log.
 
-    Trains nothing: trials without detections yet are left out. Rigs, routes and objects are left
+    Trains nothing: trials without detections are skipped. Rigs, routes and objects are left
     out of a fit in turn, and predicted.
     """
     from lidarplace.recall.detection_curve import write_curves

@@ -26,7 +26,7 @@ app = new_app()
     app,
     "examples/grid.yaml --dry-run",
     "runs/store --quota 50GB",
-    failed="what sweeps refer to is larger than the quota",
+    failed="the results of sweeps exceed the quota",
 )
 def clean(
     store: Annotated[
@@ -34,15 +34,18 @@ def clean(
     ],
     quota: Annotated[
         str | None,
-        typer.Option(metavar="SIZE", help="remove only as much as keeps the store below: 50GB"),
+        typer.Option(
+            metavar="SIZE",
+            help="remove only as much as needed to keep the store below this size: 50GB",
+        ),
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="remove nothing, tell all")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="print what would be removed")] = False,
     forget: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="a sweep whose results are needed no more"),
+        list[str] | None, typer.Option(metavar="NAME", help="a sweep whose results may be removed")
     ] = None,
     unlocked: Annotated[
-        bool, typer.Option("--unlocked", help="no sweep uses the store: trust me; needed for a URL")
+        bool,
+        typer.Option("--unlocked", help="assert that no sweep uses the store; required for a URL"),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -56,7 +59,7 @@ def clean(
 
     with checked_input():
         if dry_run and forget:
-            raise ValueError("--forget: leave it out with --dry-run, which changes nothing")
+            raise ValueError("--forget: not with --dry-run, which changes nothing")
         limit = None if quota is None else _bytes(quota)
         opened = _store_of(store)
         with nullcontext() if unlocked or dry_run else opened.exclusive():
@@ -81,7 +84,7 @@ def _store_of(name: str) -> AnyStore:
     else:
         opened = open_store(name, Path())
     if isinstance(opened, Store) and not (opened.folder / SWEEPS).is_dir():
-        raise ValueError(f"{opened.folder} is no store: no sweep has left its results there")
+        raise ValueError(f"{opened.folder}: not a store; no sweep has stored results there")
     return opened
 
 

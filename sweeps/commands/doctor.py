@@ -1,4 +1,4 @@
-"""Is everything there that a sweep needs? `lidarplace doctor [grid.yaml]`."""
+"""Check that everything is installed that a sweep needs: `lidarplace doctor [grid.yaml]`."""
 
 import shlex
 import shutil
@@ -83,7 +83,7 @@ class Asked:
         return self.store or str(self.folder)
 
 
-@verb(app, "", "examples/grid.yaml --json", failed="something that is needed is missing")
+@verb(app, "", "examples/grid.yaml --json", failed="a requirement is missing")
 def doctor(
     config: Annotated[
         Path | None, typer.Argument(metavar="CONFIG", help="YAML file of a sweep or a search")
@@ -91,12 +91,12 @@ def doctor(
     set_: SetOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Look whether everything is there that a sweep needs, and say how to mend what is not.
+    """Check that everything is installed that a sweep needs, and print how to install it.
 
-    Servers are asked only if the configuration names them.
+    Servers are contacted only if the configuration names them.
     """
     if set_ and config is None:
-        wrong("--set: name the configuration file too")
+        wrong("--set: name the configuration file, too")
     try:
         findings = look(asked_of(config, set_ or []) if config else Asked())
     except ImportError as error:  # a package is missing without which no file can be read
@@ -190,13 +190,13 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
         sweep, plan = read_plan(config, overrides)
         check_memory(plan.tasks, sweep.common.ray.address)
     except ValueError as error:
-        return Found(" ".join(str(error).split()), "missing", f"mend {config}")
+        return Found(" ".join(str(error).split()), "missing", f"correct {config}")
     for judge in {own.params.judge for own in plan.tasks if own.stage == "command"}:
         program = shlex.split(judge.command)[0]
         place = str(judge.folder / program) if "/" in program else program
         if program != "{python}" and shutil.which(place) is None:
             found = f"judge.command: no program {program}; found none at {place}"
-            return Found(found, "missing", "install it, or mend judge.command")
+            return Found(found, "missing", "install it, or correct judge.command")
     return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 
 

@@ -66,12 +66,12 @@ def evaluate(
         bool,
         typer.Option(
             "--generalist",
-            help="one network made the detections of all rigs: intervals of rigs are of the test "
+            help="one network made the detections of all rigs: intervals include only the test "
             "objects alone",
         ),
     ] = False,
     out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="of the pages of two rigs or more")
+        Path, typer.Option(metavar="FOLDER", help="folder for the pages of two rigs or more")
     ] = Path("runs/evaluation"),
     as_json: JsonOption = False,
 ) -> None:

@@ -45,7 +45,7 @@ def failures(
     most.
 
     Trains and detects nothing. Writes OUT/failures.html, OUT/tables/failures.csv with the counts
-    and OUT/objects.parquet and .csv with what became of each object. The frames need the
+    and OUT/objects.parquet and .csv with the result of each object. The frames need the
     configuration of the sweep in RUN and its results in the store.
     """
     from tracking.pages.files_beside import FOLDER, write_csv_files

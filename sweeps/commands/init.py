@@ -17,9 +17,9 @@ app = new_app()
 
 @verb(app, "", "mine")
 def init(
-    folder: Annotated[Path, typer.Argument(help="where they are written")] = Path("examples"),
+    folder: Annotated[Path, typer.Argument(help="folder to write to")] = Path("examples"),
 ) -> None:
-    """Write files to begin with: a sweep, a search, requirements, a studio, the paper's experiment.
+    """Write example files: a sweep, a search, requirements, a studio, the paper's experiment.
 
     They are the examples that the help of other verbs names. What is there already stays, unless
     you say yes to the question.

@@ -40,7 +40,7 @@ def requirements(
     ] = Path("requirements"),
     as_json: JsonOption = False,
 ) -> None:
-    """Place objects all around the vehicle, and look whether each rig sees enough of them.
+    """Place objects all around the vehicle, and check that each rig sees enough of them.
 
     No traffic is needed. Writes OUT.csv, a row for each rig, requirement and case, and OUT.html
     with pictures of the ground around the vehicle.

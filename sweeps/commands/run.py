@@ -34,7 +34,7 @@ app = new_app()
     app,
     "examples/grid.yaml",
     "examples/grid.yaml --set training.epochs=2 --dry-run --probe",
-    failed="trials failed, the machine failed the sweep, or MLflow has not got all",
+    failed="trials failed, the machine failed, or MLflow is incomplete",
 )
 def run(
     config: ConfigUnlessSchema = None,
@@ -43,11 +43,12 @@ def run(
     probe: Annotated[
         bool,
         typer.Option(
-            "--probe", help="with --dry-run: tell time and disk, from tasks on few frames"
+            "--probe",
+            help="with --dry-run: estimate time, memory and disk from tasks on few frames",
         ),
     ] = False,
     rerun_failed: Annotated[
-        bool, typer.Option("--rerun-failed", help="try again what failed for good")
+        bool, typer.Option("--rerun-failed", help="retry failures by data or settings, too")
     ] = False,
     schema: SchemaOption = False,
     as_json: JsonOption = False,
@@ -61,10 +62,10 @@ def run(
         print_json(SweepFile.model_json_schema())
         return
     if config is None:
-        wrong("name a configuration file, such as examples/grid.yaml")
+        wrong("missing configuration file, such as examples/grid.yaml")
     if as_json and not dry_run:
         told = command("status", "--json")
-        wrong(f"--json: is for --dry-run and --schema; {told} tells how a sweep goes")
+        wrong(f"--json: needs --dry-run or --schema; for the progress of a sweep: {told}")
     with checked_input():
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)

@@ -26,22 +26,21 @@ app = new_app()
     app,
     "examples/search.yaml",
     "examples/search.yaml --set search.trials=50 --no-verify",
-    failed="no placement keeps all constraints, trainings or the machine failed, or MLflow has "
-    "not got all",
+    failed="no feasible placement, trainings or the machine failed, or MLflow is incomplete",
 )
 def search(
     config: Annotated[Path | None, typer.Argument(help="YAML file of a search")] = None,
     set_: SetOption = None,
     dry_run: DryRunOption = False,
     verify: Annotated[
-        bool, typer.Option(help="train detectors for the winners, as `verify` says")
+        bool, typer.Option(help="train detectors for the winners (key verify)")
     ] = True,
     schema: SchemaOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Search for the placement that is best by a surrogate, or by a detector's measured AP.
+    """Search for the best placement by a surrogate, or by a detector's measured AP or recall.
 
-    The same command continues a search that was stopped, or that is given more trials.
+    The same command continues a stopped search, or one with more trials.
     """
     from sweeps.configuration.search import SearchFile
 
@@ -49,10 +48,10 @@ def search(
         print_json(SearchFile.model_json_schema())
         return
     if config is None:
-        wrong("name a configuration file, such as examples/search.yaml")
+        wrong("missing configuration file, such as examples/search.yaml")
     if as_json and not dry_run:
         told = command("status", "--json")
-        wrong(f"--json: is for --dry-run and --schema; {told} tells how a search goes")
+        wrong(f"--json: needs --dry-run or --schema; for the progress of a search: {told}")
     from sweeps.search.greedy.certificate import check_candidates
     from sweeps.search.output.terminal import planned, print_problem
     from sweeps.search.problem.problem import read_problem

@@ -38,7 +38,7 @@ def status(
     all_: Annotated[bool, typer.Option("--all", help="list every trial, however many")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show where a sweep or a search stands, also while it runs. Runs nothing.
+    """Show the progress of a sweep or a search, also while it runs. Runs nothing.
 
     Of a sweep the tasks by stage and the trials; of many trials, without --all, those that run or
     failed. Of a search its trials, the best so far and the trainings of `verify`.

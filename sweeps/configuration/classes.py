@@ -27,18 +27,20 @@ class ClassSettings(Settings):
     )
     curve: ClassName | None = Field(
         None,
-        description="class whose detection curve expected_recall takes, where surrogate.curves has "
-        "none of this one",
+        description="class whose detection curve is used by expected_recall, if "
+        "surrogate.curves has none of this class",
     )
     colour: str | None = Field(
-        None, pattern="^#[0-9A-Fa-f]{6}$", description="of its boxes in pictures, such as #CC79A7"
+        None,
+        pattern="^#[0-9A-Fa-f]{6}$",
+        description="colour of its boxes in pictures, such as #CC79A7",
     )
 
     @field_validator("iou")
     @classmethod
     def _strict_first(cls, iou: tuple[float, float] | None) -> Any:
         if iou is not None and not iou[0] > iou[1]:
-            raise ValueError("allowed is [strict, loose] with strict > loose")
+            raise ValueError("expected [strict, loose] with strict > loose")
         return iou
 
     @property

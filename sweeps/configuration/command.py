@@ -26,7 +26,7 @@ class CommandJudge(Settings):
 
     command: settings.Text = Field(
         description="program and arguments, run without a shell; {clouds}: folder of the frames, "
-        "{detections}: folder for what it finds; {rig}, {seed}, {python}: ours"
+        "{detections}: folder for its detections; {rig}, {seed}, {python}: ours"
     )
     format: LayoutName = Field(description="of clouds and detections; parquet: plain files")
     name: settings.Name = Field(
@@ -36,7 +36,7 @@ class CommandJudge(Settings):
         Path(),
         exclude=True,
         validate_default=True,
-        description="where it runs, relative to the folder of the configuration; there by default",
+        description="working directory, relative to the folder of the configuration",
     )
     depends_on: tuple[FileBeside, ...] = Field(
         (),
@@ -47,7 +47,7 @@ class CommandJudge(Settings):
     cpus: CountFromOne = Field(1, exclude=True, description="that it uses")
     gpus: Count = Field(0, exclude=True, description="that it uses, where there are some")
     time_limit: Seconds = Field(
-        86_400.0, exclude=True, gt=0, description="seconds, after which it is killed"
+        86_400.0, exclude=True, gt=0, description="seconds before it is killed"
     )
 
     @field_validator("command")
@@ -76,11 +76,13 @@ def _checked(judge: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
     if isinstance(judge, (Mapping, CommandJudge)):
         own = CommandJudge.model_validate(judge, context=info.context)
         if own.name in JUDGES:
-            raise ValueError(f"name: {own.name} is a judge of ours; name the command otherwise")
+            raise ValueError(
+                f"name: {own.name} is a built-in judge; choose another name for the command"
+            )
         return own
     if judge not in JUDGES:
         hint = did_you_mean(judge, JUDGES) if isinstance(judge, str) else ""
-        raise ValueError(f"allowed are {', '.join(JUDGES)}, or a mapping with command{hint}")
+        raise ValueError(f"expected {', '.join(JUDGES)}, or a mapping with command{hint}")
     return judge
 
 

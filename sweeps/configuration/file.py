@@ -37,6 +37,15 @@ _WORDS = {
     "path_type": "should be a path",
 }
 """Messages in terms of YAML, by pydantic's type of error."""
+_SHORT = {
+    "should match pattern": "should be text of the pattern",
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "more than",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+}
+"""Other words of pydantic's."""
 
 
 class ConfigError(InputError):
@@ -53,10 +62,10 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
         raise ConfigError(str(error)) from None
     if not isinstance(raw, dict):
         what = "nothing" if raw is None else type(raw).__name__
-        raise ConfigError(f"{path}: found {what}; a mapping of keys is expected")
+        raise ConfigError(f"{path}: expected a mapping of keys, found {what}")
     for key, (kind, verb) in _VERBS.items():
         if key in raw and key not in model.model_fields:
-            raise ConfigError(f"{path}: {key}: is a key of {kind}; {command(verb)} takes this file")
+            raise ConfigError(f"{path}: {key}: key of {kind}; run this file with {command(verb)}")
     for key in raw:
         if key not in model.model_fields:
             problem = unknown_key(str(key), model)
@@ -119,7 +128,7 @@ def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel])
             for part in mapping.split("."):
                 place = place.setdefault(part, {})
                 if not isinstance(place, dict):
-                    raise ConfigError(f"{path}: {part}: found {place!r}; allowed is a mapping")
+                    raise ConfigError(f"{path}: {part}: expected a mapping, found {place!r}")
             place[key.removeprefix(f"{mapping}.")] = value
             return
     axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
@@ -166,7 +175,7 @@ def check(
             parent = _model_at(model, loc[:-1], data)
             message = unknown_key(str(loc[-1]), parent)
         else:
-            message = what_is_wrong(_plainly(first))
+            message = _expected_first(what_is_wrong(_plainly(first)))
         raise ConfigError(message, place=str(path), key=key or None) from None
 
 
@@ -176,8 +185,21 @@ def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
     if mistake["type"] in ("too_short", "too_long"):
         bound, end = ("at least", "min") if mistake["type"] == "too_short" else ("at most", "max")
         number = mistake["ctx"][f"{end}_length"]
-        said = f"needs {bound} {number} {'item' if number == 1 else 'items'}"
+        said = f"should have {bound} {number} {'item' if number == 1 else 'items'}"
+    for words, short in _SHORT.items():
+        said = said.replace(words, short)
     return {**mistake, "msg": _WORDS.get(mistake["type"], said)}
+
+
+def _expected_first(line: str) -> str:
+    """`what_is_wrong` in the order of all error lines: expected X, found Y."""
+    found, semicolon, expected = (
+        line.partition("; ") if line.startswith("found ") else ("", "", line)
+    )
+    words = re.match(r"(?:Input )?(?:should (?:be|have)|allowed (?:is|are)|expected) ", expected)
+    if words is None:
+        return "missing" if line == "is missing" else line
+    return f"expected {expected[words.end() :]}" + (semicolon and f", {found}")
 
 
 def _model_at(
@@ -203,4 +225,4 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 def unknown_key(key: str, model: type[BaseModel]) -> str:
     allowed = [field.alias or name for name, field in model.model_fields.items()]
     hint = did_you_mean(key.partition(".")[0], allowed)
-    return f"unknown key{hint}; allowed are {', '.join(allowed)}"
+    return f"unknown key{hint}; expected one of {', '.join(allowed)}"

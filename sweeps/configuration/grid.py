@@ -207,7 +207,7 @@ def _trained_rungs(
                 raise ConfigError(f"{path}: promote[{number}].set.{key}: is an axis of the grid")
             if key != "judge" and not key.startswith("training."):
                 raise ConfigError(
-                    f"{path}: promote[{number}].set.{key}: allowed are judge and keys of training, "
+                    f"{path}: promote[{number}].set.{key}: expected judge or a key of training, "
                     "such as training.epochs"
                 )
         refuse_overlaps(rung.set, f"{path}: promote[{number}].set", grid, "an axis of the grid")
@@ -255,7 +255,7 @@ def refuse_overlaps(
     """
     for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
         what = "which is given too" if outer in key_paths else whose
-        raise ConfigError(f"{where}.{inner}: is inside of {outer}, {what}")
+        raise ConfigError(f"{where}.{inner}: is inside {outer}, {what}")
     for outer, inner in _nested(key_paths, others):
         raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")
 
@@ -284,7 +284,7 @@ def _value_at(point: Point, key_path: str) -> Any:
 def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
-        raise ConfigError(f"{path}: grid: found {found(grid)}; allowed is a mapping of key paths")
+        raise ConfigError(f"{path}: grid: expected a mapping of key paths, found {found(grid)}")
     for axis, values in grid.items():
         if str(axis).partition(".")[0] not in Point.model_fields:
             raise ConfigError(
@@ -292,22 +292,21 @@ def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
             )
         if not isinstance(values, list) or not values:
             raise ConfigError(
-                f"{path}: grid.{axis}: found {found(values)}; allowed is a list with a value or "
-                "more"
+                f"{path}: grid.{axis}: expected a list of at least 1 value, found {found(values)}"
             )
         seen = set()
         for value in values:
             if _key(value) in seen:
-                raise ConfigError(f"{path}: grid.{axis}: {found(value)} is given twice")
+                raise ConfigError(f"{path}: grid.{axis}: duplicate value {found(value)}")
             seen.add(_key(value))
     refuse_overlaps(grid, f"{path}: grid")
     names = [own.get("name", "command") for own in grid.get("judge", ()) if isinstance(own, dict)]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError(f"{path}: grid.judge: two commands have the name {found(name)}")
+            raise ConfigError(f"{path}: grid.judge: duplicate name {found(name)} of commands")
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
-        raise ConfigError(f"{path}: grid: found {points:,} points; allowed are {MOST_POINTS:,}")
+        raise ConfigError(f"{path}: grid: {points:,} points; expected at most {MOST_POINTS:,}")
     return grid
 
 
@@ -321,26 +320,26 @@ def _key(value: Any) -> Any:
 def _exclusions(rules: Any, grid: Mapping[str, list[Any]], path: Path) -> list[dict[str, set[Any]]]:
     """For every rule the excluded values of its axes, as `_key` has them."""
     if not isinstance(rules, list):
-        raise ConfigError(f"{path}: exclude: found {found(rules)}; allowed is a list of mappings")
+        raise ConfigError(f"{path}: exclude: expected a list of mappings, found {found(rules)}")
     known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
             raise ConfigError(
-                f"{path}: exclude[{i}]: found {found(rule)}; allowed is a mapping of axes to values"
+                f"{path}: exclude[{i}]: expected a mapping of axes to values, found {found(rule)}"
             )
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
             if key not in grid:
                 raise ConfigError(
                     f"{path}: exclude[{i}].{shortened(str(key))}: no axis of the grid; "
-                    f"allowed are {', '.join(grid) or 'none'}"
+                    f"expected {', '.join(grid) or 'none'}"
                 )
             for value in values:
                 if _key(value) not in known[key]:
                     raise ConfigError(
-                        f"{path}: exclude[{i}].{key}: found {found(value)}; allowed are "
-                        f"{found(grid[key])}"
+                        f"{path}: exclude[{i}].{key}: expected one of {found(grid[key])}, found "
+                        f"{found(value)}"
                     )
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

@@ -38,7 +38,7 @@ class RequirementsFile(Settings):
     )
     rigs: tuple[Name, ...] = Field(
         (),
-        description="which are asked: own placements, the paper's by name, FILE.yaml with mounts, "
+        description="rigs to check: own placements, the paper's by name, FILE.yaml with mounts, "
         "run folders of searches; by default all own ones, or else the paper's eight",
     )
     curves: FilePath | None = Field(
@@ -111,7 +111,7 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
         raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")
     names = file.rigs or tuple(file.placements) or tuple(PAPER_PLACEMENTS)
     if len(set(names)) < len(names):
-        raise ValueError(f"rigs: each once, found {', '.join(names)}")
+        raise ValueError(f"rigs: duplicates; found {', '.join(names)}")
     rigs = []
     for name in names:
         if name in file.placements:
@@ -125,7 +125,7 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
         else:
             known = [*file.placements, *PAPER_PLACEMENTS]
             raise ValueError(
-                f"rigs: no placement {name!r}{did_you_mean(name, known)}; allowed are "
+                f"rigs: no placement {name!r}{did_you_mean(name, known)}; expected "
                 f"{', '.join(known)}, a FILE.yaml, a run folder"
             )
     return tuple(rigs)

@@ -72,7 +72,7 @@ class Rigs:
         else:
             known = [*PAPER_PLACEMENTS, *self.own]
             hint = did_you_mean(name, known)
-            raise ValueError(f"no placement {name!r}{hint}; allowed are {', '.join(known)}")
+            raise ValueError(f"no placement {name!r}{hint}; expected one of {', '.join(known)}")
         return rig.each_lidar(lambda own: self._in_weather(own, weather))
 
 

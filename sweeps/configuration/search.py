@@ -66,7 +66,7 @@ class ZoneSettings(PlaceSettings):
     """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
 
     lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] | None = Field(
-        None, description="number of LiDARs in it, or [min, max]; all zones say theirs, or none"
+        None, description="number of LiDARs in it, or [min, max]; for all zones, or none"
     )
     models: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
         None, description="which of `search.models` it carries, all by default; with `lidars`"
@@ -77,14 +77,16 @@ class ZoneSettings(PlaceSettings):
         "one; with `lidars`",
     )
     facing_deg: Degrees = Field(
-        0.0, description="heading to which yaw_deg is relative: 45 looks to the front left"
+        0.0, description="heading that yaw_deg is relative to: 45 faces the front left"
     )
     roll_deg: Turn | None = Field(None, description="in place of search.roll_deg; with `lidars`")
     pitch_deg: Turn | None = Field(None, description="in place of search.pitch_deg; with `lidars`")
     yaw_deg: Turn | None = Field(
         None, description="in place of search.yaw_deg, from facing_deg; with `lidars`"
     )
-    price: Amount = Field(0.0, description="of a mount there, beside that of its LiDAR")
+    price: Amount = Field(
+        0.0, description="price of a mount in this zone, in addition to its LiDAR"
+    )
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:
@@ -93,7 +95,7 @@ class ZoneSettings(PlaceSettings):
             if own:
                 raise ValueError(f"{min(own)}: is for zones that say how many `lidars` they have")
         elif self.lidars[0] > self.lidars[1]:
-            raise ValueError("lidars: allowed is a number, or [min, max] with min <= max")
+            raise ValueError("lidars: expected a number, or [min, max] with min <= max")
         if self.mirrored and any(y < 0 for _, y in self.zone("any").polygon):
             raise ValueError("mirrored: give the zone left of y = 0 alone")
         return self
@@ -132,7 +134,7 @@ class ConstraintSettings(LimitSettings):
     """What a placement has to keep."""
 
     near_field: NearFieldSettings | None = Field(
-        None, description="what has to be seen close to the vehicle"
+        None, description="coverage required close to the vehicle"
     )
 
 
@@ -309,7 +311,7 @@ class GreedySettings(Settings):
     angle_step_deg: Annotated[Degrees, Field(ge=1e-6)] = Field(
         10.0, description="degrees between candidates"
     )
-    most: CountFromOne = Field(4000, description="candidates that are affordable")
+    most: CountFromOne = Field(4000, description="maximum number of candidates")
     refine: Count = Field(
         3, description="how often the steps are halved around greedy's LiDARs, one by one"
     )
@@ -331,12 +333,12 @@ class TrafficSettings(Settings):
     search: Tests = Field(
         default=({},),
         description="key path -> value: the test traffic of the trials, or a list of several; "
-        "simulated traffic has scene.test_seed: seed + 1001 (1003, 1005, …) beside what is said "
-        "here",
+        "simulated traffic has scene.test_seed: seed + 1001 (1003, 1005, …) in "
+        "addition",
     )
     choice: Tests = Field(
         default=({},),
-        description="that on which the best of the trials are judged again; with "
+        description="test traffic on which the best trials are evaluated again; with "
         "scene.test_seed: seed + 1002 (1004, …)",
     )
 
@@ -359,9 +361,9 @@ class SearchSettings(Settings):
     symmetric: bool = Field(
         False, description="mirrored pairs, and one on the centre line if the number is odd"
     )
-    fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs that stay where they are")
+    fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs with a fixed mount")
     start: tuple[Name, ...] = Field(
-        (), description="placements to begin with, the paper's or own ones: the rig that you have"
+        (), description="first trials: the paper's or own placements, such as your current rig"
     )
     adapt: CountFromOne | None = Field(
         None,
@@ -386,12 +388,12 @@ class SearchSettings(Settings):
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     keep_out: KeepOuts = Field(default={})
     constraints: ConstraintSettings = Field(
-        ConstraintSettings(), description="what a placement has to keep"
+        ConstraintSettings(), description="limits of a placement"
     )
     requirements: Requirements = Field(
         (),
-        description="what has to be seen around the vehicle, as in a file of requirements; a rig "
-        "that does not is out",
+        description="what must be seen around the vehicle, as in a file of requirements; other "
+        "rigs are infeasible",
     )
     objective: Annotated[
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
@@ -402,15 +404,14 @@ class SearchSettings(Settings):
         description="one or several; expected_ig.Car is short for one class; generalist by default",
     )
     space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
-        default={}, description="key path -> values or {low, high, log}, beside the placement"
+        default={},
+        description="key path -> values or {low, high, log}, searched together with the placement",
     )
     sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
-        "tpe", description="which of Optuna's samplers asks for rigs"
+        "tpe", description="Optuna sampler"
     )
     trials: CountFromOne = Field(400, description="rigs that are evaluated; more continue a search")
-    batch_size: CountFromOne = Field(
-        8, description="trials asked for at once; the outcome depends on it"
-    )
+    batch_size: CountFromOne = Field(8, description="trials per batch; the result depends on it")
     seed: Seed = Field(0, description="of the sampler")
     azimuth_stride: CountFromOne = Field(
         8, description="rays of expected_points and expected_ig: every so many azimuth steps"
@@ -419,7 +420,7 @@ class SearchSettings(Settings):
         (0,), min_length=1, description="trainings of a measured value; generalists, if they judge"
     )
     traffic: TrafficSettings = Field(
-        TrafficSettings(), description="on what a generalist judges rigs"
+        TrafficSettings(), description="traffic on which a generalist evaluates rigs"
     )
     vehicles: CountFromOne | None = Field(
         None,
@@ -427,7 +428,7 @@ class SearchSettings(Settings):
         "its own in all frames; null: every frame is of another vehicle",
     )
     over: Literal["mean", "worst"] = Field(
-        "mean", description="what a generalist's value is, over traffic and vehicles"
+        "mean", description="how values over traffic and vehicles are combined"
     )
     rungs: tuple[dict[str, Any], ...] = Field(
         default=(), description="shorter trainings first, such as {training.epochs: 1}"
@@ -456,17 +457,19 @@ class SearchSettings(Settings):
     def _fits(self) -> SearchSettings:
         low, high = self.lidars
         if not 1 <= low <= high:
-            raise ValueError("lidars: allowed is a number, or [min, max] with 1 <= min <= max")
+            raise ValueError("lidars: expected a number, or [min, max] with 1 <= min <= max")
         names = [objective.name for objective in self.objective]
         if len(set(names)) < len(names):
-            raise ValueError(f"objective: each once, found {', '.join(names)}")
+            raise ValueError(f"objective: duplicates; found {', '.join(names)}")
         measured = [objective.measured for objective in self.objective]
         if any(measured) and any(o.of_traffic for o in self.objective):
-            raise ValueError("objective: measured values and surrogates cannot be searched at once")
+            raise ValueError("objective: measured values and surrogates cannot be combined")
         judged = [objective.judged for objective in self.objective if objective.measured]
         if any(judged):
             if not all(judged):
-                raise ValueError("objective: one judge for all of them, generalist or specialist")
+                raise ValueError(
+                    "objective: expected one judge for all objectives, generalist or specialist"
+                )
             if not self.zones or self.space:
                 raise ValueError("objective: a generalist judges rigs in zones, without `space`")
             if self.rungs:
@@ -489,13 +492,11 @@ class SearchSettings(Settings):
             raise ValueError("near_start: name the rigs in `start`")
         self._check_zones()
         if any(o.one_lidar_dead for o in self.objective) and self._most_lidars < 2:
-            raise ValueError(
-                "objective: one_lidar_dead: of a single LiDAR nothing is left; allow two or more"
-            )
+            raise ValueError("objective: one_lidar_dead: needs two or more LiDARs")
         if self.space and not any(measured):
             raise ValueError(
-                "space: surrogates know the placement alone; choose a measured objective such as "
-                "AP_R40_3D.Car"
+                "space: surrogates depend on the placement alone; choose a measured objective such "
+                "as AP_R40_3D.Car"
             )
         if not self.zones and not self.space:
             raise ValueError("zones: name at least one, or key paths in `space`")
@@ -506,7 +507,8 @@ class SearchSettings(Settings):
                 raise ValueError("fixed: lidar: name it in `models`, and the model here")
             if fixed.model is not None and fixed.model not in self.models:
                 raise ValueError(
-                    f"fixed: model {fixed.model!r} is none of {', '.join(self.models) or 'models'}"
+                    f"fixed: unknown model {fixed.model!r}; expected one of "
+                    f"{', '.join(self.models) or 'models'}"
                 )
         self._check_sampler()
         return self
@@ -536,13 +538,13 @@ class SearchSettings(Settings):
         without = [name for name, zone in self.zones.items() if zone.lidars is None]
         if self.counted:
             if without:
-                raise ValueError(f"zones.{without[0]}.lidars: other zones say theirs; say it, too")
+                raise ValueError(f"zones.{without[0]}.lidars: missing; other zones have it")
             if "lidars" in self.model_fields_set:
                 raise ValueError("lidars: the zones say how many there are; say it there alone")
             if self.symmetric:
-                raise ValueError("symmetric: zones that say `lidars` say `mirrored`, too")
+                raise ValueError("symmetric: zones with `lidars` need `mirrored`, too")
             if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
-                raise ValueError("zones: none may have a LiDAR")
+                raise ValueError("zones: no zone allows a LiDAR")
         mountable(self.zones, vehicle_of(self.vehicle))
         for name, zone in self.zones.items():
             unknown = [model for model in zone.models or () if model not in self.models]
@@ -551,12 +553,12 @@ class SearchSettings(Settings):
                 raise ValueError(f"zones.{name}.models: no model {unknown[0]!r}; there are {known}")
         for key in ("keep_out", "requirements"):
             if getattr(self, key) and not self.zones:
-                raise ValueError(f"{key}: there are no zones to place LiDARs in")
+                raise ValueError(f"{key}: no zones to place LiDARs in")
         if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
             unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
             if unknown or not self.models:
                 raise ValueError(
-                    f"models.{unknown[0]}.power: the catalogue does not tell it; say it"
+                    f"models.{unknown[0]}.power: not in the catalogue; set it"
                     if unknown
                     else "models: name the LiDARs there, so that their power is known"
                 )
@@ -585,10 +587,10 @@ class SearchSettings(Settings):
 class RobustnessSettings(Settings):
     """How far the winner depends on what it was searched on."""
 
-    draws: CountFromOne = Field(32, description="rigs with every mount off")
-    offset: Distance = Field(0.01, description="metres that a mount is off at most, each axis")
+    draws: CountFromOne = Field(32, description="number of rigs with mounting errors")
+    offset: Distance = Field(0.01, description="largest offset of a mount, metres, each axis")
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
-        0.5, description="degrees that it is off at most, about each axis"
+        0.5, description="largest rotation of a mount, degrees, about each axis"
     )
     scenes: dict[Name, dict[str, Any]] = Field(
         default={}, description="name -> key paths of `scene` to change: other towns, densities"
@@ -598,7 +600,7 @@ class RobustnessSettings(Settings):
 class VerifySettings(Settings):
     """Detectors for the winners and the paper's rigs."""
 
-    top: CountFromOne = Field(3, description="placements of the search that are trained")
+    top: CountFromOne = Field(3, description="number of placements to train")
     seeds: tuple[Seed, ...] = Field((1, 2, 3), min_length=1, description="trainings of each")
     set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep alone")
 
@@ -608,14 +610,13 @@ class SearchFile(Common, Point):
 
     mounting_errors: MountingErrorSettings = Field(
         MountingErrorSettings(offset=0.01, angle_deg=0.5),
-        description="how far mounts are off in simulated clouds; no rig is worth what it is worth "
+        description="mounting errors in simulated clouds; real rigs perform worse than "
         "on paper alone",
     )
     placement: Name = Field("line", description="where no zone is given")
-    search: SearchSettings = Field(description="what may be mounted where, and how it is searched")
+    search: SearchSettings = Field(description="zones, constraints, objective and sampler")
     robustness: RobustnessSettings | None = Field(
-        RobustnessSettings(),
-        description="how far the winner depends on its search; null: not asked",
+        RobustnessSettings(), description="sensitivity of the winner; null: skip"
     )
     verify: VerifySettings | None = Field(
         None, description="detectors for the winners and the paper's eight; null: none"

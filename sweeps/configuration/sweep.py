@@ -71,7 +71,7 @@ class RoiSettings(Settings):
     @classmethod
     def _ordered(cls, interval: tuple[float, float]) -> tuple[float, float]:
         if not interval[0] < interval[1]:
-            raise ValueError("allowed is [min, max] with min < max")
+            raise ValueError("expected [min, max] with min < max")
         return interval
 
 
@@ -81,13 +81,13 @@ class LidarSettings(SensorSettings):
     profile: Literal[tuple(PROFILES)] = Field(  # type: ignore[valid-type]
         "paper",
         description="paper: the text of the paper; released-code: what its published collection "
-        "code does: 250 azimuth steps and the two quirks below. Keys given beside it win.",
+        "code does: 250 azimuth steps and the two quirks below. Other keys override it.",
     )
     cloud_share: Probability = Field(
         1.0,
         gt=0,
         description="share of the azimuth steps that simulated clouds have: fewer points train "
-        "faster; surrogates are of all",
+        "faster; surrogates use all steps",
     )
     tilt_in_degrees: bool = Field(
         False, description="quirk: clouds are collected with roll and pitch taken for degrees"
@@ -123,7 +123,9 @@ class SurrogateSettings(Settings):
         "rays",
     )
     detection_probability: Probability = Field(
-        0.1, gt=0, description="q of expected_ig: chance that a ray detects what it crosses"
+        0.1,
+        gt=0,
+        description="q of expected_ig: probability that a ray detects an object that it crosses",
     )
     occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
     curves: FilePath | None = Field(
@@ -138,15 +140,15 @@ class SurrogateSettings(Settings):
         "and other surrogates of objects are the mean; 0: of exact mounts",
     )
     accuracy: bool = Field(
-        True, description="work out error against run time: methods, resolutions, azimuth steps"
+        True, description="study error against run time: methods, resolutions, azimuth steps"
     )
     sampling_error: bool = Field(
-        True, description="work out how much the surrogates would change with other frames"
+        True, description="study how much the surrogates change with other frames"
     )
     studied_placements: CountFromOne = Field(
         12,
-        description="of how many placements, spread over the grid, accuracy and sampling_error are "
-        "worked out; with promote of all that are trained",
+        description="number of placements, spread over the grid, for accuracy and "
+        "sampling_error; with promote of all that are trained",
     )
 
 
@@ -155,12 +157,10 @@ class GeneralistSettings(Settings):
 
     rigs: CountFromOne | tuple[Name, ...] = Field(
         32,
-        description="how many are drawn, in and around the space that the placements of the sweep "
-        "take; or names of placements, which are not judged then",
+        description="number of random rigs, in and around the space of the placements of the "
+        "sweep; or names of placements, which are not judged then",
     )
-    rigs_per_frame: CountFromOne = Field(
-        8, description="under how many of them each training frame is seen"
-    )
+    rigs_per_frame: CountFromOne = Field(8, description="rigs per training frame")
     epochs: CountFromOne = Field(4, description="passes over frames and rigs")
 
     @field_validator("rigs", mode="before")
@@ -170,7 +170,7 @@ class GeneralistSettings(Settings):
         named = isinstance(rigs, (list, tuple)) and all(isinstance(name, str) for name in rigs)
         good = 0 < len(set(rigs)) == len(rigs) if named else type(rigs) is int and rigs >= 1
         if not good:
-            raise ValueError("allowed is a number from 1, or a list of different placements")
+            raise ValueError("expected a number from 1, or a list of different placements")
         return rigs
 
 
@@ -187,8 +187,8 @@ class Point(Settings):
     classes: tuple[ClassName, ...] = Field(
         ("Car", "Cyclist", "Pedestrian"),
         min_length=1,
-        description="what surrogates are computed for and detectors look for, by the names that "
-        "the log has; simulated traffic has these three",
+        description="classes of surrogates and detectors, by their names in the log; simulated "
+        "traffic has these three",
     )
     class_settings: dict[ClassName, ClassSettings] = Field(
         default={}, description="class -> its anchors, IoUs, detection curve, colour"
@@ -198,18 +198,16 @@ class Point(Settings):
     )
     vehicle: OwnVehicle = Field(
         None,
-        description="the body that stops rays of clouds, and in which no LiDAR may sit; a sedan "
-        "by default, of none is []",
+        description="body of the vehicle: it stops rays, and no LiDAR may be inside; a sedan by "
+        "default, [] for none",
     )
     weather: WeatherSettings = Field(
         WeatherSettings(),
         description="fog and rain, in clouds and for surrogates; clear by default",
     )
-    surrogate: SurrogateSettings = Field(SurrogateSettings(), description="what scores a placement")
+    surrogate: SurrogateSettings = Field(SurrogateSettings(), description="scores of a placement")
     training: TrainingSettings = Field(TrainingSettings(), description="how detectors are trained")
-    metrics: tuple[MetricName, ...] = Field(
-        (), description="what detections are measured by besides: metrics of plug-ins"
-    )
+    metrics: tuple[MetricName, ...] = Field((), description="further metrics, of plug-ins")
     judge: Judge = Field(
         "specialist",
         description="which detector evaluates a placement: specialist: one trained for it; "
@@ -218,10 +216,10 @@ class Point(Settings):
         "package, or of training.checkpoint, without a training; a mapping: a command",
     )
     generalist: GeneralistSettings = Field(
-        GeneralistSettings(), description="what the generalist is trained on, and how long"
+        GeneralistSettings(), description="training of the generalist"
     )
     mounting_errors: MountingErrorSettings = Field(
-        MountingErrorSettings(), description="how far mounts are off in simulated clouds"
+        MountingErrorSettings(), description="mounting errors in simulated clouds"
     )
 
     @field_validator("classes")
@@ -267,7 +265,7 @@ class Point(Settings):
         if voxels > MOST_VOXELS:
             raise ValueError(
                 f"surrogate.resolution: {self.surrogate.resolution:g} m divides the ROI into "
-                f"{voxels:.3g} voxels; allowed are {MOST_VOXELS:.3g}"
+                f"{voxels:.3g} voxels; expected at most {MOST_VOXELS:.3g}"
             )
         self.voxel_roi()
         if self.surrogate.mount_draws and not self.mounting_errors.errors():
@@ -320,15 +318,15 @@ class RaySettings(Settings):
     num_gpus: Count | None = Field(None, description="GPUs of a local run; all by default")
     gpus_per_training: Probability | Literal["auto"] = Field(
         1.0,
-        description="share of a GPU that one training takes, where there is a GPU; auto: by the "
-        "memory that one step was seen to need",
+        description="share of a GPU per training, if there is a GPU; auto: by the memory that "
+        "one step used",
     )
 
     @field_validator("address")
     @classmethod
     def _known(cls, address: str) -> str:
         if not re.fullmatch(r"local|debug|auto|(ray://)?[^\s:/]+:\d+", address):
-            raise ValueError("allowed are local, debug, auto, HOST:PORT and ray://HOST:PORT")
+            raise ValueError("expected local, debug, auto, HOST:PORT or ray://HOST:PORT")
         return address
 
 
@@ -348,9 +346,7 @@ class StoreSettings(Settings):
     )
     cache: FilePath | None = Field(None, description="folder on each machine for results of a URL")
     quota_gb: Amount | None = Field(
-        None,
-        gt=0,
-        description="results that no sweep refers to are removed, oldest first, beyond this size",
+        None, gt=0, description="remove unused results beyond this size, oldest first"
     )
 
 
@@ -365,7 +361,7 @@ class Rung(Settings):
     by: Annotated[str, OneOf((ASKED_FOR, RANKING))] = Field(
         description="the value: a surrogate, or a metric of short trainings"
     )
-    keep: CountFromOne = Field(description="placements that go on; equal ones go on together")
+    keep: CountFromOne = Field(description="placements that are kept; equal ones are kept together")
     object_class: ClassName | None = Field(
         None,
         alias="class",
@@ -406,7 +402,7 @@ class Common(Settings):
         description="names the run folder and the experiment; the file's own name by default",
     )
     placements: dict[Name, SweptPlacementSettings] = Field(
-        default={}, description="own placements by name, beside the paper's eight"
+        default={}, description="own placements by name, in addition to the paper's eight"
     )
     allow_blind_lidars: bool = Field(
         False,
@@ -419,15 +415,15 @@ class Common(Settings):
     tracking: TrackingSettings = Field(TrackingSettings(), description="MLflow")
     output: FilePath = Field(Path("runs"), description="folder of the run folders")
     store: Annotated[StoreSettings, short_for("url")] = Field(
-        StoreSettings(), description="where results are kept; a string is short for url"
+        StoreSettings(), description="cache of results; a string is short for url"
     )
     promote: tuple[Rung, ...] = Field(
         default=(),
-        description="cheap values of all placements first, full trainings for the best alone",
+        description="cheap values of all placements first, full trainings for the best only",
     )
     requirements: Requirements = Field(
         (),
-        description="what every placement has to see around the vehicle (a car by default), as in "
+        description="what every placement must see around the vehicle (a car by default), as in "
         "a file of requirements; nothing is left out for it",
     )
 

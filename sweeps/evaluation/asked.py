@@ -32,7 +32,7 @@ class Asked:
     """What was read.
 
     Attributes:
-        test: the frames that are judged, and the objects that count.
+        test: the frames to evaluate, and the objects that count.
         rigs: detections that are right or wrong about these, by rig and by training.
         paths: of the files, by rig.
         geometry: where the LiDARs are, of rigs of which that is known.

@@ -139,6 +139,10 @@ def ray(address: str) -> Found:
     return Found(found)
 
 
+SUMO_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
+"""Debian's packages of the libraries that SUMO links and its wheel lacks."""
+
+
 def sumo(needed: bool) -> Found:
     """Eclipse SUMO: its library, and the program that generates towns."""
     from lidarplace.scenes.sumo.town import sumo_home
@@ -148,7 +152,10 @@ def sumo(needed: bool) -> Found:
     try:
         program = sumo_home() / "bin" / "netgenerate"
     except ImportError as error:
-        return Found(f"{error.__cause__ or error}", missing, remedy)
+        found = f"{error.__cause__ or error}"
+        if "shared object file" in found:  # as on a server without a desktop
+            remedy = f"apt-get install {' '.join(SUMO_LIBRARIES)}"
+        return Found(found, missing, remedy)
     try:
         done = subprocess.run(
             [program, "--version"], capture_output=True, text=True, timeout=60, check=True
@@ -211,7 +218,7 @@ def mlflow(uri: str) -> Found:
     try:
         absolute = absolute_uri(uri)
     except ValueError as error:
-        return Found(str(error), "missing", "mend tracking.uri in the file")
+        return Found(str(error), "missing", "correct tracking.uri in the file")
     if is_server(uri):
         import requests  # as MLflow does: it sends the user and the password of the address
 
@@ -225,7 +232,7 @@ def mlflow(uri: str) -> Found:
             if answer.ok:
                 return Found(f"{shown} answers")
             found = f"{shown}: HTTP {answer.status_code}"
-        return Found(found, "missing", "start the server, or mend tracking.uri")
+        return Found(found, "missing", "start the server, or correct tracking.uri")
     file = sqlite_file(absolute)
     if file is not None:
         try:
@@ -233,7 +240,7 @@ def mlflow(uri: str) -> Found:
             if file.exists():
                 file.open("r+b").close()
         except OSError as error:
-            return _not_writable(error, "mend tracking.uri in the file")
+            return _not_writable(error, "correct tracking.uri in the file")
         return Found(f"{shown}{'' if file.exists() else ', made at need'}")
     import sqlalchemy
 
@@ -246,7 +253,7 @@ def mlflow(uri: str) -> Found:
         return Found(f"{shown}: {error}", "missing", _install([package]))
     except sqlalchemy.exc.SQLAlchemyError as error:
         found = f"{shown}: {hide_secrets(str(error).splitlines()[0], uri)}"
-        return Found(found, "missing", "start the database, or mend tracking.uri")
+        return Found(found, "missing", "start the database, or correct tracking.uri")
     return Found(f"{shown} answers")
 
 
@@ -260,7 +267,7 @@ def remote_store(url: str) -> Found:
         package = getattr(error.__cause__, "name", None)
         return Found(str(error), "missing", _install([str(package)]))
     except ValueError as error:
-        return Found(hide_secrets(str(error), url), "missing", "mend store.url in the file")
+        return Found(hide_secrets(str(error), url), "missing", "correct store.url in the file")
     probe = f"{root}/.doctor-{platform.node()}-{os.getpid()}"
     try:
         filesystem.makedirs(root, exist_ok=True)
@@ -268,7 +275,7 @@ def remote_store(url: str) -> Found:
         filesystem.rm_file(probe)
     except Exception as error:  # every kind of store has its own errors
         found = hide_secrets(f"cannot be written: {type(error).__name__}: {error}", url)
-        return Found(found, "missing", "mend store.url or its credentials")
+        return Found(found, "missing", "correct store.url or its credentials")
     return Found("can be written")
 
 
@@ -306,7 +313,7 @@ def _install(requirements: Sequence[str]) -> str:
 
 
 def _ray_remedy(address: str) -> str:
-    return "see docs/cluster.md" if address != "local" else "--set ray=debug, to go on without Ray"
+    return "see docs/cluster.md" if address != "local" else "--set ray=debug, to run without Ray"
 
 
 def _not_writable(error: OSError, remedy: str) -> Found:

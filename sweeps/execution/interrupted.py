@@ -15,7 +15,7 @@ from lidarplace.files.secret_urls import hide_secrets
 T = TypeVar("T")
 
 _PATIENCE = 3  # a disk that spoils the same result every time is not worth more
-_GOES_ON = "What is finished is kept; the same command goes on from there."
+_GOES_ON = "Finished work is kept; run the same command to resume."
 
 
 def interruptible(console: Console, work: Callable[[], T]) -> T:

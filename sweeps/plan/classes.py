@@ -53,7 +53,7 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
             )
         else:
             why = (
-                f"no box of {point.scene.name} is of class {name}"
+                f"{point.scene.name} has no box of class {name}"
                 f"{did_you_mean(name, counts['train'])}; "
                 f"its training frames have {listed(counts['train'])}"
             )

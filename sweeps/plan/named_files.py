@@ -98,7 +98,7 @@ def generalist_of(point: Point) -> Generalist:
         raise ConfigError(f"training.checkpoint: {error}") from None
     if point.detector != found.detector:
         raise ConfigError(
-            f"detector: the weights of {path} are of another network; expected {found.detector}, "
+            f"detector: {path} has weights of another network; expected {found.detector}, "
             f"found {point.detector}"
         )
     return found

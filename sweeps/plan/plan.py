@@ -446,7 +446,7 @@ class _Builder:
         if point.lidar.misaligned_heights:
             raise ConfigError(
                 f"judge: {point.judge}: lidar.misaligned_heights crops the clouds of each rig "
-                "otherwise; allowed is specialist"
+                "otherwise; expected specialist"
             )
         settings = point.generalist
         rigs = self._training_rigs(point)
@@ -496,14 +496,14 @@ class _Builder:
                 raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
             if point.mounting_errors.errors() or point.judge in ("generalist", "finetuned"):
                 raise ConfigError(
-                    "scene.clouds: recorded clouds are of one rig as it was; leave out judge and "
+                    "scene.clouds: recorded clouds belong to one rig; remove judge and "
                     "mounting_errors"
                 )
             if point.weather != WeatherSettings():
-                raise ConfigError("weather: recorded clouds are as they are; leave it out")
+                raise ConfigError("weather: does not apply to recorded clouds; remove it")
             if lidar.cloud_share != 1:
                 raise ConfigError(
-                    f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
+                    f"lidar.cloud_share: does not apply to recorded clouds; expected 1, found "
                     f"{lidar.cloud_share:g}"
                 )
             names = self._rigs.recorded(point.placement)

@@ -25,7 +25,7 @@ from training.typical_objects import as_plain, from_plain
 
 @dataclass(frozen=True)
 class PlannedRung:
-    """How many placements go on by what, and what the trainings of the rung change."""
+    """How many placements are kept by what, and what the trainings of the rung change."""
 
     by: str
     keep: int
@@ -144,7 +144,7 @@ def print_planned(console: Console, shown: Planned) -> None:
         changed = ", ".join(f"{key}={value}" for key, value in rung.set.items())
         console.print(
             f"rung {number}: {rung.by}{f' with {changed}' if changed else ''}, the best "
-            f"{rung.keep} placements go on"
+            f"{rung.keep} placements are kept"
         )
     for scene in shown.scenes:
         console.print(

@@ -55,7 +55,7 @@ def keys_in(data: bytes, named: object) -> set[str]:
         keys = None
     if not isinstance(keys, list):
         raise ValueError(
-            f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again to mend it"
+            f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again"
         )
     return set(keys)
 

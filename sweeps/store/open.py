@@ -47,7 +47,7 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyS
         ) from None
     except ValueError:
         shown = public_url(url)
-        raise ValueError(f"store: {shown}: fsspec knows no protocol {protocol!r}") from None
+        raise ValueError(f"store: {shown}: fsspec has no protocol {protocol!r}") from None
     store = RemoteStore(url.rstrip("/"), (cache or own).absolute())
     try:
         store.find(SWEEPS)
@@ -71,7 +71,7 @@ def store_of(sweep: Sweep) -> AnyStore:
         raise ConfigError(str(error)) from None
     remote = isinstance(store, RemoteStore)
     if remote and settings.quota_gb is not None:
-        raise ConfigError("store.quota_gb: is for folders; a URL has no lock that keeps it safe")
+        raise ConfigError("store.quota_gb: is for folders; a URL has no lock")
     folder = store.local.folder
     if folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
         raise ConfigError(f"name: the run folder would be the store {folder}; choose another name")

@@ -233,7 +233,7 @@ class RemoteStore:
     def exclusive(self) -> AbstractContextManager[None]:
         """Always raises ValueError: sweeps on other machines cannot be seen."""
         raise ValueError(
-            f"{self.shown} has no lock that tells whether a sweep uses it; "
+            f"{self.shown} has no lock, so a sweep may be using it; "
             "if none does, say so with --unlocked"
         )
 

@@ -201,7 +201,7 @@ def test_a_table_with_counts_a_rig_and_uneven_ground(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--ground", "flat"), "--ground flat: allowed are keep, level"),
+        (("--ground", "flat"), "--ground flat: expected one of keep, level"),
         (("--lidar", "vlp16"), "--lidar: is the model of a rig; --rig names its file"),
         (("--clouds", "in", "--ground", "level"), "moves boxes away from the real points"),
         (("--clouds", "in"), "in: no cloud of any frame; expected files named by frame numbers"),

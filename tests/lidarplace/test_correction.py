@@ -346,7 +346,7 @@ def test_settings_take_it_beside_their_file(tmp_path):
             "elevations between rows must rise",
         ),
         ("lidars: {a: {elevations_deg: [1, 2]}}", "unit a: expected 16 beams .* found 2"),
-        ("lidars: {b: {}}", "unit: no LiDAR is called 'a'.*expected one of b"),
+        ("lidars: {b: {}}", "unit: no LiDAR model 'a'.*expected one of b"),
         (None, "c.yaml: No such file"),
     ],
 )
@@ -365,7 +365,7 @@ def test_a_bad_file_is_one_line(tmp_path, text, told):
     ("keys", "told"),
     [
         ({"correction": "av2_flet"}, "correction: no correction is called 'av2_flet'.*a FILE.yaml"),
-        ({"unit": "up"}, "unit: is of a correction, and there is none"),
+        ({"unit": "up"}, "unit: needs correction"),
     ],
 )
 def test_bad_keys_of_a_lidar_are_one_line(keys, told):

@@ -1,4 +1,4 @@
-"""The label file of the examples: what docs/data.md says that comes out is what comes out."""
+"""The label file of the examples is converted as docs/label_files.md shows."""
 
 import yaml
 from typer.testing import CliRunner
@@ -11,8 +11,8 @@ LABELS, MAP = "examples/labels/labels.csv", "examples/labels/map.yaml"
 
 
 def printed(language, start):
-    """The block of docs/data.md that starts so."""
-    of_page = [block.text for block in blocks(language) if block.page == "data.md"]
+    """The block of docs/label_files.md that starts so."""
+    of_page = [block.text for block in blocks(language) if block.page == "label_files.md"]
     return next(text for text in of_page if text.startswith(start))
 
 

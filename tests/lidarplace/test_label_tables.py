@@ -217,7 +217,7 @@ MISTAKES = {
     "millimetres as centimetres": (units(size="cm"), None, "the longest side of a Car is 44 m"),
     "metres as millimetres": (units(position="mm"), None, "column posX: nothing is farther than"),
     "metres as kilometres": ({}, lambda t: t.assign(posX=t["posX"] * 1000), "farther than 1,000 m"),
-    "centre as bottom": ({"box_z": "bottom"}, None, "mend box_z: centre of"),
+    "centre as bottom": ({"box_z": "bottom"}, None, "change box_z: centre of"),
     "the own vehicle": (
         {},
         lambda t: t.assign(
@@ -266,7 +266,7 @@ def test_a_wrong_heading_of_the_vehicle_is_refused_unless_accepted(
     result = convert(labels, tmp_path / "log", "--mapping", mapping)
     assert result.exit_code == 2
     assert message in result.stderr
-    assert "mend poses." in result.stderr
+    assert "change poses." in result.stderr
     assert result.stderr.count("\n") == 1
     every = ["poses", "yaw", "place", "size", "ground", "time"]
     labels, mapping = write(tmp_path, traffic(1), manner, change, **poses, accept=every)

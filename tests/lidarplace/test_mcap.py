@@ -144,7 +144,7 @@ def test_drives_follow_each_other():
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--images"], "--all-around and --images: are of KITTI's layout, not of FILE.mcap"),
+        (["--images"], "--all-around and --images: apply to KITTI's layout only, not to FILE.mcap"),
         (["--recorded"], "clouds/line: no recorded clouds"),
     ],
 )

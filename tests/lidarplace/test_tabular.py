@@ -141,7 +141,7 @@ def test_a_wrong_box_names_file_and_row(tmp_path, change, message):
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
-        (FRAMES.assign(frame=[7, 3, 4, 3]), r"frames\.csv: row 3: frame 3 is there twice"),
+        (FRAMES.assign(frame=[7, 3, 4, 3]), r"frames\.csv: row 3: frame 3 is a duplicate"),
         (FRAMES[1:], r"boxes\.csv: row 0: frame 7 is not in frames\.csv"),
         (FRAMES.assign(split="val"), ("row 0", "split", "'val'")),
         (FRAMES.assign(ego_x=1.0), ("frames.csv", "ego_y, ego_yaw", "scene, frame")),
@@ -169,7 +169,7 @@ def test_wrong_sources(tmp_path):
 
     fails(r"must hold boxes\.parquet or boxes\.csv, found neither", tmp_path)
     path = write(tmp_path / "boxes.csv", BOXES)
-    fails(r"boxes\.csv: boxes alone do not tell which frames have none", tmp_path)
+    fails(r"boxes\.csv: frames without a box are unknown", tmp_path)
     fails(r"boxes\.csv: has boxes of 2 frames, more than 1", path, frames=1)
     fails(r"frames\.csv: no such file", path, frames=tmp_path / "frames.csv")
     write(tmp_path / "frames.csv", FRAMES)
@@ -178,7 +178,7 @@ def test_wrong_sources(tmp_path):
     fails(r"must hold boxes\.parquet or boxes\.csv, found both", tmp_path)
     fails(r"boxes\.txt: must end in \.parquet or \.csv", tmp_path / "boxes.txt", frames=1)
     (tmp_path / "empty.csv").touch()
-    fails(r"empty\.csv: is no CSV file: No columns", tmp_path / "empty.csv", frames=1)
+    fails(r"empty\.csv: not a CSV file: No columns", tmp_path / "empty.csv", frames=1)
     (tmp_path / "broken.csv").write_text("frame,class\n1,Car\n1,Car,3\n")
     fails(r"broken\.csv: .*line 3", tmp_path / "broken.csv", frames=1)
     (tmp_path / "latin.csv").write_bytes(b"frame,class\n1,V\xe9hicule\n")

@@ -109,7 +109,7 @@ def kill_once(sweep: Sweep, after: float, choice: random.Random) -> bool:
         assert code == -signal.SIGKILL
     elif code:  # without its node the driver has to end; a worker's task is tried again
         assert code == 1
-        assert "the same command goes on" in sweep.output(), sweep.output()
+        assert "run the same command to resume" in sweep.output(), sweep.output()
         assert "Traceback" not in sweep.output(), sweep.output()
     wait_for_end(below)
     sweep.look()

@@ -163,7 +163,7 @@ def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
     config.write_text(yaml.safe_dump({"placement": "line", "output": str(tmp_path / "runs")}))
     code, told = run(config)
     assert code == 2
-    assert told == f"{tmp_path}/runs/store is no store: no sweep has left its results there"
+    assert told == f"{tmp_path}/runs/store: not a store; no sweep has stored results there"
     store = Store(tmp_path / "runs" / "store")
     a, b = saved(store, "a", "b", size=1_000_000)
     store.refer("tiny", [a.key])
@@ -205,7 +205,7 @@ def test_what_is_not_a_store_is_left_alone(tmp_path):
     folder.mkdir(parents=True)
     code, told = run(tmp_path)
     assert code == 2
-    assert "is no store" in told
+    assert "not a store" in told
     Store(tmp_path).refer("one", [])
     assert run(tmp_path)[0] == 0
     assert folder.is_dir()

@@ -133,12 +133,3 @@ def test_the_script_for_slurm():
     subprocess.run(["bash", "-n", script], check=True)
     if shutil.which("shellcheck"):
         subprocess.run(["shellcheck", script], check=True)
-
-
-def test_the_image_gets_what_is_in_the_checkout():
-    text = (EXAMPLES / "Dockerfile").read_text().replace("\\\n", " ")
-    for *sources, _ in (line.split()[1:] for line in text.splitlines() if line.startswith("COPY")):
-        assert all((ROOT / source).exists() for source in sources)
-    extras = re.search(r'"\.\[(.+?)\]"', text)[1].split(",")
-    project = (ROOT / "pyproject.toml").read_text()
-    assert all(f"\n{extra} = [" in project for extra in extras)

@@ -132,6 +132,16 @@ def test_a_machine_without_sumo(monkeypatch):
     assert checks.sumo(needed=False).state == "optional"
 
 
+def test_a_machine_without_libraries_of_sumo(monkeypatch):
+    def sumo_home():
+        raise ImportError("libX11.so.6: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr("lidarplace.scenes.sumo.town.sumo_home", sumo_home)
+    found = checks.sumo(needed=True)
+    assert (found.state, found.remedy.split()[:2]) == ("missing", ["apt-get", "install"])
+    assert "libx11-6" in found.remedy
+
+
 @pytest.mark.parametrize(("free", "state"), [(5e8, "missing"), (5e9, "weak"), (5e11, "good")])
 def test_a_disk(monkeypatch, tmp_path, free, state):
     monkeypatch.setattr("shutil.disk_usage", lambda path: Usage(1e12, 1e12 - free, free))
@@ -246,7 +256,7 @@ def test_a_database_that_is_not_there_does_not_show_its_password(monkeypatch):
 def test_a_remote_store():
     assert checks.remote_store("memory://bucket/store").state == "good"
     found = checks.remote_store("nonsense://bucket")
-    assert (found.state, found.remedy) == ("missing", "mend store.url in the file")
+    assert (found.state, found.remedy) == ("missing", "correct store.url in the file")
 
 
 @pytest.mark.parametrize(("protocol", "package"), [("gs", "gcsfs"), ("abfs", "adlfs")])

@@ -35,7 +35,7 @@ def test_processes_of_ray_killed(tmp_path, reference):
     (node,) = [pid for pid, line in below.items() if "raylet/raylet" in line]
     os.kill(node, signal.SIGKILL)
     assert process.wait(timeout=GUARD_S) == 1
-    assert "the same command goes on" in sweep.output()
+    assert "run the same command to resume" in sweep.output()
     assert "Traceback" not in sweep.output()
     wait_for_end(below)
     sweep.look()

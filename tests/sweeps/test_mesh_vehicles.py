@@ -128,8 +128,8 @@ def broken(folder):
         ("body.xyz", "body.xyz: "),
         ("line.obj", "a mesh needs triangles that have an area, found none"),
         ("nan.obj", "nan.obj: "),
-        ({"mesh": "body.stl", "scale": 0}, "vehicle.scale: found 0; should be greater than 0"),
-        ({"scale": 2.0}, "scale: is of a mesh, and there is none"),
+        ({"mesh": "body.stl", "scale": 0}, "vehicle.scale: expected more than 0, found 0"),
+        ({"scale": 2.0}, "scale: needs mesh"),
         ({"mash": "body.stl"}, "vehicle.mash: unknown key (did you mean mesh?)"),
     ]
 
@@ -147,7 +147,9 @@ def test_wrong_files_are_one_line(folder):
 
 def test_too_many_triangles(folder, monkeypatch):
     monkeypatch.setattr("lidarplace.mounting.mesh_file.MOST_TRIANGLES", 11)
-    with pytest.raises(ConfigError, match=r"body\.stl: 12 triangles, allowed are 11; simplify it"):
+    with pytest.raises(
+        ConfigError, match=r"body\.stl: 12 triangles; expected at most 11; simplify the mesh"
+    ):
         read_sweep(sweep_file(folder))
 
 

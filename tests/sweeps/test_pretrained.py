@@ -117,7 +117,7 @@ MINE = {"mounts": [{"x": x / 10, "y": 0, "z": 2.2} for x in range(9)]}
         ({"lidar": LIDAR | {"beams": 64}}, "placement line: outside of what judge: pretrained "
          "was trained on: 61,440 rays a frame; expected 15,360 to 30,720"),
         ({"roi": {"x": [0, 60]}}, "a ROI with x = 60 m; expected 0 to 40"),
-        ({"detector": "second_tiny"}, "detector: the weights of .*base.pt are of another network; "
+        ({"detector": "second_tiny"}, "detector: .*base.pt has weights of another network; "
          "expected pointpillars_tiny, found second_tiny"),
         ({"training": {"checkpoint": "none.pt"}}, "training.checkpoint: none.pt: No such file"),
         ({"grid": {"placement": ["line"], "seed": [1, 2]}}, "are the same work, which does not "

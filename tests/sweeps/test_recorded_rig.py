@@ -162,22 +162,18 @@ ONE = {"placement": ["only_top"]}
             {},
             r"placements\.only_top: recorded and mounts: ",
         ),
-        ({}, {}, r"placements\.only_top: mounts: is missing"),
+        ({}, {}, r"placements\.only_top: mounts: missing"),
         (
             {"recorded": "top"},
             {},
-            r"placements\.only_top\.recorded: found 'top'; should be a list, such as \[top\]",
+            r"placements\.only_top\.recorded: expected a list, such as \[top\], found 'top'",
         ),
         (
             {"recorded": ["top"]},
             {"weather": {"rain": 1}},
-            "weather: recorded clouds are as they are",
+            "weather: does not apply to recorded clouds",
         ),
-        (
-            {"recorded": ["top"]},
-            {"judge": "generalist"},
-            "recorded clouds are of one rig as it was",
-        ),
+        ({"recorded": ["top"]}, {"judge": "generalist"}, "recorded clouds belong to one rig"),
     ],
 )
 def test_mistakes_are_one_line(log, tmp_path, placement, changes, message):

@@ -171,7 +171,7 @@ def test_few_placements_and_constants_say_why():
     assert five["note"] == "few placements: the smallest possible two-sided p is 0.017"
     assert five["pearson_p"] == pytest.approx(2 / 120)
     one_seed = correlate(*tables(np.arange(5.0), y[:, :1])).iloc[0]
-    assert "one seed: the interval lacks its noise" in one_seed["note"]
+    assert "one seed: the interval does not include seed noise" in one_seed["note"]
     assert np.isnan(one_seed["reliability"])
     three = correlate(*tables(np.arange(3.0), y[:3])).iloc[0]
     assert three["spearman"] == pytest.approx(1.0)

@@ -69,7 +69,12 @@ WEAK = {
         *(individuals, 15, "only 30 individuals in the test frames (at least 100)"),
         "scene.test_routes=27",
     ),
-    "training": (short, 0.2, "a short training (the last epoch still took 20 % off", "training."),
+    "training": (
+        short,
+        0.2,
+        "a short training (the last epoch still lowered the loss by 20 %",
+        "training.",
+    ),
     "learned": (ap, 3, "a detector that learned little (3D AP @ 0.7 of Car is", "training.epochs="),
 }
 
@@ -115,7 +120,7 @@ def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
     weak = short(individuals(routes(seeds(run, 2), 2), 20), 0.4)  # 1.5, 2, 2.5 and 8 times short
     said = answer(*recommended(weak))
     assert said.sure == (
-        "Not enough evidence: a short training (the last epoch still took 40 % off the loss) and "
+        "Not enough evidence: a short training (the last epoch still lowered the loss by 40 %) and "
         "only 40 individuals in the test frames (at least 100)."
     )
     assert all(key in said.command for key in ("grid.seed", "test_routes", "training.epochs"))

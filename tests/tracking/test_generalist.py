@@ -156,7 +156,7 @@ def test_where_all_placements_are_equal_nothing_is_told(tmp_path):
         table = pd.read_parquet(folder / f"{name}.parquet")
         table.assign(value=table["value"] * 0).to_parquet(folder / f"{name}.parquet", index=False)
     text = build_report(folder).with_suffix(".md").read_text()
-    assert "No ceiling is known: placements do not differ" in text
+    assert "The ceiling is unknown: placements do not differ" in text
     assert "What does it cost to follow a surrogate?" not in text
     # Columns without a number are left out.
     assert "\n| Car | 3D AP @ 0.7 |\n" in text

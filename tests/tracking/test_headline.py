@@ -103,7 +103,10 @@ def test_cautions_of_failures_objects_and_training(run):
     assert said[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
     assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
     assert any(s.startswith("Cyclist: no ground truth") for s in said)
-    assert any("in 12 of 12 trials the last epoch still took more than 5 %" in s for s in said)
+    assert any(
+        "in 12 of 12 trials the last epoch still lowered the loss by more than 5 %" in s
+        for s in said
+    )
 
 
 def test_what_was_learned_is_judged_by_the_metric_of_the_headline(run):
@@ -164,7 +167,7 @@ def test_surrogates_of_few_frames_are_a_caution(alone):
 
     assert said(10) == []
     (found,) = said(4)
-    assert found.startswith("The surrogates are of only 4 frames: ")
+    assert found.startswith("The surrogates use only 4 frames: ")
 
 
 def test_equal_surrogates_have_no_winner(alone):

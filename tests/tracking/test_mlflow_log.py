@@ -131,7 +131,7 @@ def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in)
     run = runs_of(uri)["line · tiny · seed 3"]
     assert [file.path for file in client(uri).list_artifacts(run.info.run_id)] == ["placement.png"]
     assert said == [
-        f"MLflow at {uri} is away, the sweep goes on: reset by peer",
+        f"MLflow at {uri} is unreachable, the sweep continues: reset by peer",
         f"MLflow at {uri} is back",
     ]
     assert_logged_once(uri, range(1, 4))
@@ -377,7 +377,7 @@ def test_a_server_in_trouble_is_away(tmp_path, status):
     ):
         log.artifact(tmp_path / "report.html")
     assert log.undelivered == 3
-    assert " is away, the sweep goes on: " in said[0]
+    assert " is unreachable, the sweep continues: " in said[0]
     assert said[1:] == [
         "MLflow has not got 3 runs, files or models; the same command delivers them"
     ]

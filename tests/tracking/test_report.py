@@ -354,7 +354,7 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(tmp_path):
     assert (held.exit_code, held.stderr) == (2, f"{built}: Is a directory\n")
     wrong = report(tmp_path)
     assert wrong.exit_code == 2
-    assert f"{tmp_path} is no run folder: it has no config.yaml" in wrong.stderr
+    assert f"{tmp_path}: not a run folder; missing config.yaml" in wrong.stderr
     assert len(wrong.stderr.splitlines()) == 1
     (tmp_path / ".lock").touch()
     early = report(tmp_path)

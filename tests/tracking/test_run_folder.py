@@ -45,7 +45,7 @@ def test_everything_is_read(made_up_run):
 
 
 def test_what_is_missing_is_named(copy, tmp_path):
-    with pytest.raises(ValueError, match=r"nowhere is no run folder: it has no config.yaml, sweep"):
+    with pytest.raises(ValueError, match=r"nowhere: not a run folder; missing config.yaml, sweep"):
         RunFolder.read(tmp_path / "nowhere")
     results = pd.read_parquet(copy / "results.parquet")
     results.drop(columns="iou").to_parquet(copy / "results.parquet")

@@ -292,8 +292,8 @@ def test_a_verification_without_the_rig_to_compare_with_has_values_alone(tmp_pat
     rows = rows[rows["rig"] != "line"].assign(difference=np.nan, difference_low=np.nan)
     rows.assign(difference_high=np.nan).to_parquet(folder / "verified.parquet")
     page = page_of(folder)
-    assert "No detector tells of line, with which rigs are compared here" in page.text
-    assert "No detector tells of" not in with_it.text
+    assert "No detector evaluated line, the baseline of this comparison" in page.text
+    assert "No detector evaluated" not in with_it.text
     assert len(page.figures) == len(with_it.figures) - rows.groupby(["class", "metric"]).ngroups
 
 

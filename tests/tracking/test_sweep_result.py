@@ -96,6 +96,6 @@ def test_a_configuration_that_is_no_text(folder):
     file = folder / "config.yaml"
     text = file.read_bytes()
     file.write_bytes(b"name: \xff")
-    with pytest.raises(ValueError, match=r"config\.yaml: is no text: byte 6 is not UTF-8"):
+    with pytest.raises(ValueError, match=r"config\.yaml: not a text file: byte 6 is not UTF-8"):
         RunFolder.read(folder)
     file.write_bytes(text)

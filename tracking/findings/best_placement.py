@@ -134,7 +134,7 @@ def best_placement(
     elif of_seeds.degrees == 0 and noise.degrees > 0:
         note = "one generalist: what another one would say is not in the intervals"
     elif of_seeds.degrees == 0:
-        note = "one seed each: how much the training scatters is unknown, so there is no interval"
+        note = "one seed each: the training noise is unknown, so there is no interval"
     return BestPlacement(
         best=str(y.index[0]),
         mean=float(shown[0]),

@@ -132,7 +132,11 @@ def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -
     alike = ranking[(ranking["behind_low"] <= 0) & (ranking["same_as"] == "")].index
     names = ", ".join(surrogate_name(str(other)) for other in alike)
     # The others were compared with the first.
-    told = f"; not told from {names}" if names and predictor == ranking.index[0] else ""
+    told = (
+        f"; not significantly better than {names}"
+        if names and predictor == ranking.index[0]
+        else ""
+    )
     return f"{about}: {surrogate_name(shown)} predicts it ({numbers}; {error}){told}."
 
 

@@ -133,7 +133,7 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
     if n < FEW_PLACEMENTS:
         notes.append(f"few placements: the smallest possible two-sided p is {smallest_p(n):.2g}")
     if seeds.max() < 2:
-        notes.append("one seed: the interval lacks its noise")
+        notes.append("one seed: the interval does not include seed noise")
     flat = np.isnan(scores(mean, "pearson")).any()
     for i, row in enumerate(rows):
         if flat:

@@ -146,7 +146,7 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
         yield Weakness(
             "unknown",
             (*run.classes, "all"),
-            "intervals over seeds alone, as no left_out.parquet tells of the test objects",
+            "intervals over seeds alone: left_out.parquet, with the test objects, is missing",
             "Intervals are over seeds alone, as if these were the only test objects: the run "
             "folder has no left_out.parquet, which earlier versions did not write. The sweep's "
             "command makes it.",
@@ -217,9 +217,9 @@ def _short_training(run: RunFolder, group: Group) -> Iterator[Weakness]:
         yield Weakness(
             "training",
             (*run.classes, "all"),
-            f"a short training (the last epoch still took {100 * took:.0f} % off the loss)",
-            f"Training was short: in {len(still)} of {len(fell)} trials the last epoch still took "
-            f"more than {100 * STILL_FALLING:g} % off the loss. A longer training may rank "
+            f"a short training (the last epoch still lowered the loss by {100 * took:.0f} %)",
+            f"Training was short: in {len(still)} of {len(fell)} trials the last epoch still "
+            f"lowered the loss by more than {100 * STILL_FALLING:g} %. A longer training may rank "
             "otherwise.",
             took / STILL_FALLING,
             # Of a loss that falls with a power of the epochs, an epoch takes a share of 1 / epochs.
@@ -261,7 +261,7 @@ def ray_counting_caution(share: float) -> str | None:
     if not share > MOSTLY_LINEAR:
         return None
     return (
-        f"Expected IG counts rays here: it is {100 * share:.0f} % of what it were if every ray "
+        f"Expected IG counts rays here: it is {100 * share:.0f} % of its value if every ray "
         "counted by itself, so a ray through voxels that others have seen is worth as much as one "
         "through new ones. More lidar.azimuth_steps (lidar.cloud_share thins the clouds alone), a "
         "greater surrogate.detection_probability or a coarser surrogate.resolution change that."

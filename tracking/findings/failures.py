@@ -243,11 +243,11 @@ def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
                 raise ValueError(f"{file}: column {column.name}: a value is missing")
         twice = table.duplicated(keys)
         if twice.any():
-            raise ValueError(f"{file}: object {table.loc[twice, 'object'].iloc[0]} is there twice")
+            raise ValueError(f"{file}: duplicate object {table.loc[twice, 'object'].iloc[0]}")
     other = objects.loc[~objects["class"].isin(run.classes), "class"]
     if len(other):
         raise ValueError(
-            f"{run.path / OBJECTS.file}: column class: {other.iloc[0]!r} is none of "
+            f"{run.path / OBJECTS.file}: column class: found {other.iloc[0]!r}; expected "
             f"{', '.join(run.classes)}"
         )
     unknown = found.loc[~found["object"].isin(objects["object"]), "object"]

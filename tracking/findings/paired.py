@@ -116,7 +116,7 @@ def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
         row = table[twice].iloc[0]
         raise ValueError(
             f"{source}: placement {row['placement']!r}, class {row['class']!r} has two values for "
-            f"{columns} {row[columns]}; name the axis that tells them apart in `axes`"
+            f"{columns} {row[columns]}; name the axis that separates them in `axes`"
         )
     placement, placements = pd.factorize(table["placement"])
     name, names = pd.factorize(table[columns])

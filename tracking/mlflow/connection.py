@@ -159,5 +159,5 @@ def reason(error: BaseException) -> str:
     *_, first = _causes(error)
     told = " ".join(str(first).split()) or type(first).__name__
     if type(first) is sqlite3.DatabaseError:  # its subclasses are of other faults than the file's
-        told += "; restore a copy, or move it away: a sweep that is run again fills a new one"
+        told += "; restore a copy, or move the file away: the next run of the sweep fills a new one"
     return told

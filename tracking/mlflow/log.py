@@ -266,7 +266,9 @@ class SweepLog:
     def _went_away(self, why: object) -> None:
         if not self._is_away and not self._stopped:
             self._is_away = True
-            self._say(f"MLflow at {public_url(self._uri)} is away, the sweep goes on: {why}")
+            self._say(
+                f"MLflow at {public_url(self._uri)} is unreachable, the sweep continues: {why}"
+            )
 
     def _is_back(self) -> None:
         if self._is_away:

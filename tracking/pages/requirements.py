@@ -19,11 +19,11 @@ from tracking.pages.section import Column, Section, Table, words
 from tracking.run_folders.arrays import Grounds
 
 ALONE = (
-    "An object stands alone on level ground at each position, in the worst of its headings; what "
+    "Each position has a single object on level ground, at its worst heading; "
     "hides it is the body of the vehicle, and its other LiDARs where their size is known."
 )
 COLOURS = (
-    "What is at each position, in the worst of all cases, in terms of what is needed: orange is "
+    "The value at each position, in the worst case, relative to the requirement: orange is "
     "too little, blue is enough. The cross is the worst place; diamonds are LiDARs."
 )
 MOST_DRAWN = 12

@@ -22,7 +22,7 @@ def cautions(run: RunFolder) -> list[str]:
     if run.results.empty:
         detectors = (run.trials["detector"] != "").any()
         reason = "no detector was evaluated" if detectors else "the sweep has no detector"
-        alone = f"There are no results: {reason}. Surrogates alone do not tell AP."
+        alone = f"No results: {reason}. Surrogates alone do not show AP."
         weak = [*_few_pog_frames(run), *_counted_rays(run)]
         return [*failed, alone, *weak, *run.sweep.cautions]
     return [
@@ -93,7 +93,7 @@ def _few_frames(run: RunFolder) -> list[str]:
     if train < FEW_FRAMES and not run.sweep.detections:
         said.append(
             f"Only {train} training frame{'s' * (train != 1)}: a detector learns little from so "
-            "few, and the surrogates are of the same frames."
+            "few, and the surrogates use the same frames."
         )
     if test < FEW_FRAMES:
         said.append(
@@ -109,7 +109,7 @@ def _few_pog_frames(run: RunFolder) -> list[str]:
     if run.surrogates.empty or frames >= FEW_POG_FRAMES:
         return []
     return [
-        f"The surrogates are of only {frames} frame{'s' * (frames != 1)}: other frames may rank "
+        f"The surrogates use only {frames} frame{'s' * (frames != 1)}: other frames may rank "
         "the placements otherwise."
     ]
 

@@ -16,7 +16,7 @@ def report(
     run: Annotated[Path, typer.Argument(help="folder of a sweep, runs/NAME")],
     as_json: JsonOption = False,
 ) -> None:
-    """Make the report of a sweep again from its folder alone, and print its path."""
+    """Write the report of a sweep again from its folder, and print its path."""
     from tracking.report.build import build_report
 
     try:

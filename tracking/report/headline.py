@@ -127,7 +127,7 @@ def _lead(best: BestPlacement) -> str:
 def _sure(best: BestPlacement, weak: Sequence[Weakness]) -> str:
     """How sure it is that the best is the best."""
     if best.others.empty:
-        return "There is no other placement."
+        return "No other placement."
     if weak:
         return grade(weak)
     if len(best.equal) > 1:

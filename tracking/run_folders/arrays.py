@@ -270,4 +270,6 @@ class Grounds(ArrayFile):
         for name, least in self.least.items():
             sides = [axis.get(name.partition("/")[0], ()) for axis in (self.x, self.y)]
             if least.shape != tuple(map(len, sides)):
-                raise ValueError(f"{path}: least/{name} is no grid of x and y, its {least.shape}")
+                raise ValueError(
+                    f"{path}: least/{name} is not a grid of x and y; its {least.shape}"
+                )

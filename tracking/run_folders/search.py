@@ -103,7 +103,9 @@ class SearchFolder:
         path = Path(path)
         missing = [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]
         if missing:
-            raise ValueError(f"{path} is no folder of a search: it has no {', '.join(missing)}")
+            raise ValueError(
+                f"{path}: not the run folder of a search; missing {', '.join(missing)}"
+            )
         search = SearchResult.read(path)
         config = path / "config.yaml"
         maps = UnseenMaps.read(path)

@@ -94,7 +94,7 @@ CHOSEN = replace(
     VERIFIED,
     name="chosen",
     doc="a metric of a rig that the generalist judged on traffic that the search did not see; "
-    "columns as `verified`, and as `surrogate` what the search took it to be worth",
+    "columns as `verified`, and in `surrogate` the objective value of the search",
 )
 
 REQUIREMENTS = replace(

@@ -88,11 +88,11 @@ class RunFolder:
         if missing == required and (path / _LOCK).is_file():
             raise ValueError(
                 f"{path} has no results yet: its sweep has not finished. "
-                f"`{command('status', 'FILE')}` tells where it stands, FILE being its "
+                f"`{command('status', 'FILE')}` shows its progress, FILE being its "
                 "configuration"
             )
         if missing:
-            raise ValueError(f"{path} is no run folder: it has no {', '.join(missing)}")
+            raise ValueError(f"{path}: not a run folder; missing {', '.join(missing)}")
         sweep = SweepResult.read(path)
         trials = TRIALS.read(path)
         # An axis over placements, detectors or seeds is one of the fixed columns already.

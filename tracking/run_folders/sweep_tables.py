@@ -63,7 +63,7 @@ SURROGATES = Table(
         Column(
             "linear_share",
             "float64",
-            "of `expected_ig`: its value by what it were if every ray counted by itself",
+            "of `expected_ig`: its value over that with every ray counted by itself",
             needed=False,
         ),
     ),
@@ -111,7 +111,7 @@ CURVES = Table(
 )
 PR_CURVES = Table(
     "pr_curves",
-    "a point of the curve of which an AP is the mean",
+    "a point of the precision-recall curve of an AP",
     (*_OF_TRIAL, Column("recall", "float64", "percent"), Column("precision", "float64", "percent")),
     axes=_EVERY_AXIS,
 )
@@ -276,12 +276,12 @@ REQUIREMENTS = Table(
         Column("case", "str", "`as built`, a dead LiDAR, a shorter range, weather, mounts off"),
         Column("met", "bool", "whether there is enough in this case; all cases have to have it"),
         Column("value", "float64", "what that share of the positions has at least"),
-        Column("short_by", "float64", "what is missing of `at_least`; 0 for nothing"),
+        Column("short_by", "float64", "missing part of `at_least`; 0 if it is met"),
         Column("enough", "float64", "share of the positions that have enough"),
         Column("x", "float64", "of the worst position, m"),
         Column("y", "float64", "of the worst position, m"),
         Column("heading_deg", "float64", "of the object there, degrees; none for a coverage"),
-        Column("at_worst", "float64", "what is there"),
+        Column("at_worst", "float64", "the worst value found"),
     ),
     axes=("lidar", "vehicle", "weather", "surrogate"),
 )
@@ -306,7 +306,7 @@ TASKS = Table(
     "a task of the sweep that has a result",
     (
         Column("stage", "str", "`scene`, `pog`, `surrogates`, …"),
-        Column("label", "str", "of which placement, detector, … it is"),
+        Column("label", "str", "its placement, detector, …"),
         Column("key", "str", "of its result in the store", needed=False),
         Column("seconds", "float64", "of work, s"),
         Column("cached", "bool", "whether the result was there before"),

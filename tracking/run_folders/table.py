@@ -146,7 +146,7 @@ class Table:
             return
         if not table.columns.is_unique:
             twice = table.columns[table.columns.duplicated()][0]
-            raise ValueError(f"{file}: column {twice} is there twice")
+            raise ValueError(f"{file}: duplicate column {twice}")
         needed = [column.name for column in self.columns if column.needed]
         check_columns(list(table.columns), needed, str(file))
         for column in self.columns:

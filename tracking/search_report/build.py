@@ -299,7 +299,7 @@ def _verified(run: SearchFolder) -> Section | None:
     section.tables.append(verified_table(rows, search.baseline, search.first))
     if search.baseline not in set(rows["rig"]):
         section.notes.append(
-            f"No detector tells of {search.baseline}, with which rigs are compared here: the "
+            f"No detector evaluated {search.baseline}, the baseline of this comparison: the "
             "vehicle does not carry it, or its trainings failed."
         )
         return section

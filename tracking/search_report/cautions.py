@@ -48,7 +48,7 @@ def _bound(run: SearchFolder) -> list[str]:
     if bound.best_value <= bound.value:
         return []
     return [
-        "The best rig is above the upper bound. This is no contradiction: the bound holds for the "
+        "The best rig is above the upper bound. The bound holds only for the "
         "grid of candidate mounts, and the search places LiDARs between them. A finer grid "
         "raises the bound."
     ]

@@ -13,10 +13,10 @@ app = new_app()
 
 @verb(app, "runs/search")
 def search_report(
-    run: Annotated[Path, typer.Argument(help="folder that a search has left, runs/NAME")],
+    run: Annotated[Path, typer.Argument(help="folder of a search, runs/NAME")],
     as_json: JsonOption = False,
 ) -> None:
-    """Make search.html again from the folder of a search alone, and print its path."""
+    """Write search.html again from the folder of a search, and print its path."""
     from tracking.search_report.build import build_search_report
 
     try:

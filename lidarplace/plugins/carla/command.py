@@ -81,7 +81,7 @@ def carla(
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.
 
-    What OUT holds already is not done again. A server that cannot be had is a wrong input.
+    Existing results in OUT are kept. An unreachable server is an invalid input.
     """
     try:
         content = read_yaml_file(config) or {}

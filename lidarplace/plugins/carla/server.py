@@ -75,7 +75,7 @@ def load_town(client: carla.Client, town: str) -> carla.World:
     if town not in maps:
         raise ValueError(
             f"the CARLA server has no map {town}; it has {', '.join(maps)}. Some towns are a "
-            "package of their own, AdditionalMaps, beside CARLA's release"
+            "package of their own, AdditionalMaps, in addition to CARLA's release"
         )
     world = client.load_world(town)
     if hasattr(world, "enable_environment_objects"):

@@ -51,7 +51,7 @@ class CarlaScene(RouteSettings):
     others.
     """
 
-    source: Literal["carla"] = Field("carla", description="tells this kind of scene from others")
+    source: Literal["carla"] = Field("carla", description="scene type")
     host: Text = Field("localhost", description="where the server runs")
     port: Annotated[CountFromOne, Field(le=65534)] = Field(
         default=2000, description="its first port; it also uses the next one"

@@ -95,8 +95,7 @@ def read_tabular(
     boxes = _boxes(source)
     if frames is None:
         raise ValueError(
-            f"{source}: boxes alone do not tell which frames have none; give a table of all frames "
-            "or their number"
+            f"{source}: frames without a box are unknown; add a table of all frames or their number"
         )
     if isinstance(frames, int):
         table = _counted(boxes, frames, source)
@@ -175,7 +174,7 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
     if (twice := frames["frame"].duplicated().to_numpy()).any():
         row = int(np.argmax(twice))
-        raise ValueError(f"{path}: row {row}: frame {frames['frame'].iloc[row]} is there twice")
+        raise ValueError(f"{path}: row {row}: frame {frames['frame'].iloc[row]} is a duplicate")
     if "split" in frames:
         one_of(frames, "split", SPLITS, str(path))
     if not (listed := boxes["frame"].isin(frames["frame"]).to_numpy()).all():

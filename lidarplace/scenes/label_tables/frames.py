@@ -92,7 +92,7 @@ def _frames_of_drive(
     if (most := (times[-1] - times[0]) / a_frame) >= FRAMES.high:
         raise ValueError(
             f"{source}: column {mapping.stamp}: a drive has {most:,.0f} frames at {rate:g} Hz, "
-            f"allowed are {FRAMES.high:,}; mend units.time or frames.rate_hz"
+            f"expected at most {FRAMES.high:,}; change units.time or frames.rate_hz"
         )
     number, off = _count(times, a_frame)
     if off.any():
@@ -100,7 +100,7 @@ def _frames_of_drive(
         raise ValueError(
             f"{source}: column {mapping.stamp}: {share:.1%} of the rows of a drive lie more than "
             f"a quarter of a frame off a rate of {rate:g} Hz, the first with "
-            f"{times[np.argmax(off)]:.16g}; mend frames.rate_hz or units.time"
+            f"{times[np.argmax(off)]:.16g}; change frames.rate_hz or units.time"
         )
     known, first = np.unique(number, return_index=True)
     return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]

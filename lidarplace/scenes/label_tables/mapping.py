@@ -108,7 +108,9 @@ class TableMapping(Settings):
 
     columns: Columns
     units: Units = Units()
-    box_z: Literal["centre", "bottom"] = Field("centre", description="what z is of a box")
+    box_z: Literal["centre", "bottom"] = Field(
+        "centre", description="reference point of z of a box"
+    )
     coordinates: Literal["ego", "world"] = Field(
         "ego", description="of boxes: in the vehicle's frame, or in the world's, with `poses`"
     )
@@ -119,13 +121,15 @@ class TableMapping(Settings):
     )
     frames: Frames = Frames()
     drives: Drives = Drives()
-    accept: tuple[Check, ...] = Field((), description="what is as it is, however it looks")
+    accept: tuple[Check, ...] = Field(
+        (), description="checks to skip, for values that are correct although they look implausible"
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
         for category, name in self.classes.items():
             if name is not None and (fault := fault_of_name(name)) is not None:
-                raise ValueError(f"classes.{category}: {fault}; null leaves its boxes out")
+                raise ValueError(f"classes.{category}: {fault}; null ignores its boxes")
         if self.coordinates == "world" and self.poses is None:
             raise ValueError("coordinates: world needs `poses` of the vehicle")
         if self.columns.drive is None and (self.drives.test or self.drives.train):

@@ -94,8 +94,8 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
         row = int(np.argmax(turned))
         raise ValueError(
             f"{source}: column {poses.yaw}: yaw is in radians; over two turns: {turned.mean():.1%} "
-            f"of the rows, the first is row {row} with {pose[row, 3]:g}; mend poses.angle of the "
-            "mapping; if it is meant: accept: [poses]"
+            f"of the rows, the first is row {row} with {pose[row, 3]:g}; change poses.angle of the "
+            "mapping, or accept the values: accept: [poses]"
         )
     return Track(
         read_stamps(table, drive, stamp, not of_time, source),
@@ -191,7 +191,7 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
         raise ValueError(
             f"{source}: column {mapping.columns.object}: {twice.mean():.1%} of the rows repeat an "
             f"object in its frame, the first is row {twice.idxmax()} with {box['object_id']!r} of "
-            f"drive {box['scene']!r}; mend columns.object, columns.drive, or what makes frames: "
+            f"drive {box['scene']!r}; change columns.object, columns.drive, or the key of frames: "
             f"{mapping.stamp}, units.time and frames.rate_hz"
         )
 

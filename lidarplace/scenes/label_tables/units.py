@@ -69,7 +69,7 @@ def guess_time(name: str, largest: float, step: float) -> Guess[TimeUnit]:
     for short, seconds in SECONDS.items():
         if STEP_S[0] <= step * seconds <= STEP_S[1]:
             return Guess(short, f"{step:.4g} from one to the next in the median")
-    return Guess("s", "nothing tells")
+    return Guess("s", "no evidence")
 
 
 UNITS = ("mm", "cm", "m", "rad", "deg", "degrees", "s", "ms", "us", "ns")

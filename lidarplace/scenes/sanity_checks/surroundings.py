@@ -82,7 +82,7 @@ def _heights(log: BoxLog) -> Iterator[Doubt]:
     elif median > 0 and abs(median - boxes["height"][near].median() / 2) < OFF_GROUND_M:
         remedy = "box_z: centre"
     else:
-        remedy = f"origin.z, {-median:+.2f} m from what it is, or units.position"
+        remedy = f"origin.z, {-median:+.2f} m from its value, or units.position"
     yield Doubt("ground", "z", near & (bottom.abs() > OFF_GROUND_M).to_numpy(), why, remedy)
 
 

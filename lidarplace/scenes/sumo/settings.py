@@ -60,9 +60,7 @@ class SumoScene(RouteSettings):
     map is the same place in both, its buildings included, unless `test_towns` names others.
     """
 
-    source: Literal["sumo"] = Field(
-        "sumo", description="tells this kind of scene from others: traffic is simulated"
-    )
+    source: Literal["sumo"] = Field("sumo", description="scene type: simulated traffic")
     seed: Seed = Field(
         default=0,
         description="decides generated towns, buildings, traffic and sizes; the same seed gives "
@@ -93,8 +91,8 @@ class SumoScene(RouteSettings):
     test_routes: Count = Field(default=4, description="egos recorded in each test town")
     egos_per_run: CountFromOne | None = Field(
         default=None,
-        description="egos recorded from one simulation of a town; all of them if null. Fewer are "
-        "less alike, and simulations can run in parallel",
+        description="egos recorded from one simulation of a town; all of them if null. Fewer "
+        "are more diverse, and simulations can run in parallel",
     )
 
     def town_runs(self) -> tuple[TownRun, ...]:

@@ -34,7 +34,8 @@ _TO_THE_LETTER = (
 _NOT_SUBMODULAR = (
     "objective {name}: is not submodular in the LiDARs. Greedy choice is that of what all of them "
     "find, without a guarantee; the bound is what one LiDAR less finds at most, or, where LiDARs "
-    "come in mirrored pairs, what all of them find; refinement is of the objective itself."
+    "come in mirrored pairs, the objects that all of them find; refinement optimizes the "
+    "objective itself."
 )
 
 _ONE_BY_ONE = (

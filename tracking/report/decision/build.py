@@ -57,7 +57,7 @@ def write_decision(
     parts = (*drawn[:1], recall, *drawn[1:], required, blind, short)
     steps = [("mount the LiDARs as “Where the LiDARs sit” has them", "")] if said.enough else []
     if said.command:
-        steps.append(("add what the evidence lacks; it goes on from what is there", said.command))
+        steps.append(("add the missing evidence; finished trials are reused", said.command))
     if rigs.exists():
         by_hand = "move LiDARs of these rigs by hand, and see at once what changes"
         steps.append((by_hand, command("studio", str(rigs))))

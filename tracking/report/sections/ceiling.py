@@ -20,21 +20,20 @@ from tracking.statistics.reliability import reliability_of_mean
 
 CEILING_IN_A_LINE = (
     "The ceiling is the ρ that a surrogate without any error is expected to reach, as AP and "
-    "recall are themselves measured with noise: of the training, and of which objects the test "
-    "frames met."
+    "recall are noisy measurements, by the training and by the objects in the test frames."
 )
 _NOTES = (
     "Noise of a metric lowers its correlation with whatever predicts it: to the root of the "
     "metric's reliability at best, the share of its variance between placements that is not noise "
     "(Spearman 1904). By seeds: from the agreement of two seeds, for the mean of those that there "
     "are. By test objects: from leaving out each route, or each individual, paired over "
-    "placements; two halves of the test frames agree by what stands beside it. Ceiling: by both, "
-    "with a 95 % interval. By luck a surrogate of few placements may be above it.",
+    "placements; the next column is the agreement of two halves of the test frames. "
+    "Ceiling: by both, with a 95 % interval. By luck a surrogate of few placements may exceed it.",
     "By detectors: if a surrogate knows only what the detectors agree in, it correlates with each "
     "by the root of their mean ρ.",
 )
 _UNKNOWN = (
-    "No ceiling is known: placements do not differ, or neither seeds nor test objects tell the "
+    "The ceiling is unknown: placements do not differ, or neither seeds nor test objects show the "
     "noise."
 )
 
@@ -106,14 +105,14 @@ def _span(shown: pd.DataFrame) -> list[str]:
     known = shown["ceiling"].dropna()
     if known.empty:
         return [_UNKNOWN]
-    return [f"Here it is {span(known.min(), known.max(), '.2f')} over what headlines tell."]
+    return [f"Here it is {span(known.min(), known.max(), '.2f')} over the headlines."]
 
 
 _NOTE = (
     "Halves of the test routes are evaluated apart, in up to five splits: Spearman's ρ of the "
-    "placements between two halves, the mean over splits, and what it would be between all these "
+    "placements between two halves, the mean over splits, and the expected value between all these "
     "test frames and as many others, by Spearman and Brown's formula. A reliable metric needs "
-    "fewer frames to tell placements apart; whether what it measures matters it does not say."
+    "fewer frames to separate placements; reliability does not mean that the metric matters."
 )
 
 
@@ -141,10 +140,10 @@ def reliability_section(found: Analysis) -> Section | None:
         numbers("reliability of all test frames", "reliability", ".2f"),
     ]
     table = Table.of(
-        "How reliably metrics tell placements apart", shown, columns, name="reliability", data=rated
+        "How reliably metrics separate placements", shown, columns, name="reliability", data=rated
     )
     notes = [_NOTE, *_most_reliable(shown)]
-    return Section("Which metric tells placements apart?", notes, tables=[table])
+    return Section("Which metric separates placements?", notes, tables=[table])
 
 
 def _most_reliable(shown: pd.DataFrame) -> Iterator[str]:

@@ -46,7 +46,7 @@ def counted_failures(found: Failures) -> Section:
     """
     counts = found.counts()
     ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
-    link = f"The frames that tell most, under {' and '.join(found.rigs)}"
+    link = f"The frames with the largest differences, under {' and '.join(found.rigs)}"
     section = Section(TITLE, columns=2, links={FILE: link})
     section.notes = [
         *sentences(found, counts),
@@ -95,7 +95,7 @@ def _where(found: Failures, counts: pd.DataFrame) -> str:
         for row in own.to_dict("records")
     ]
     if not places:
-        return f"In no group of {_FEW} objects or more can the two be told apart."
+        return f"In no group of {_FEW} objects or more do the two differ significantly."
     return f"{found.rigs[0]} is {', and '.join(places)}."
 
 

@@ -193,7 +193,7 @@ def by_distance_section(found: Analysis) -> Section | None:
     section.notes.append(
         "Test frames; distance is from the origin of the ego frame to the centre of the object. "
         "Points: the mean over objects, those without any included. AP: means over seeds with 95 % "
-        "intervals, which do not contain the chance of which objects are in a ring; with n below "
+        "intervals, which do not include the sampling of objects in a ring; with n below "
         "41 of them even a perfect detector has (n - 1) / 40."
     )
     names = list(run.placements)

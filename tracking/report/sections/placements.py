@@ -39,7 +39,7 @@ def placements_section(found: Analysis) -> Section:
     alone = (
         f"No detector was evaluated. Order: {surrogate_name(deciding_surrogate(run.surrogates))}. "
         "Ranks in brackets, 1 the highest value. The ranks of S-MIG, IG and residual entropy run "
-        "against those of covered entropy: which way round is better is for a detector to tell."
+        "against those of covered entropy: only a detector shows which sign is better."
     )
     section = Section("Placements", [alone if run.results.empty else with_results])
     for group in found.groups:

@@ -81,7 +81,7 @@ def published_section(found: Analysis) -> Section | None:
             section.figures.append(against_own(own, f"{heading} · {label}", list(run.placements)))
     if len(pairs):
         section.notes.append(
-            "Own results are beside those of the same network; the paper's training data, scale "
+            "Own results are next to those of the same network; the paper's training data, scale "
             "and clouds are others, so the level differs, and the order is what can be compared."
         )
         section.tables.append(_beside_table(pairs))

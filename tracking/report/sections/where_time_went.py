@@ -63,7 +63,7 @@ def _sentences(efficiency: pd.DataFrame, cores: int, tasks: pd.DataFrame) -> lis
         f"{idle:,.1f} s of these. Most of the clock went to {costly['stage']}, at an efficiency of "
         f"{costly['efficiency']:.2f}.",
         "Parallel efficiency is task seconds / (wall seconds × cores). Stages that run side by "
-        "side share the clock by the number of their tasks. Overhead is what a task took from "
+        "side share the clock by the number of their tasks. Overhead is the time of a task from "
         "start to end beyond its own work: fetching inputs, storing results.",
     ]
 
