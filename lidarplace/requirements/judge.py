@@ -5,14 +5,14 @@ met if enough positions have enough, as the rig is built and in every case that 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.near_field import seen_in_columns
+from lidarplace.mounting.near_field import seen_without
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.layout import Laid
@@ -81,7 +81,7 @@ class Outcome:
 def judge(laid: Sequence[Laid], placement: Placement, vehicle: Vehicle) -> list[Outcome]:
     """What becomes of requirements that are laid out around `vehicle` under one rig.
 
-    A LiDAR that is dead costs nothing: what a rig has without one is told from the counts of all.
+    LiDARs that are dead cost little: what a rig has without them is told from the counts of all.
     One inside of the vehicle's body sees nothing.
     """
     sights: dict[Placement, list[Sight]] = {}
@@ -95,7 +95,10 @@ def judge(laid: Sequence[Laid], placement: Placement, vehicle: Vehicle) -> list[
     for own in laid:
         findings, least = [], np.full(int(own.positions.held.sum()), np.inf)
         for case, rig in own.requirement.also_when.variants(placement).items():
-            dead = own.requirement.also_when.one_lidar_dead and case == AS_BUILT
+            names = [f"LiDAR {number + 1}" for number in range(len(rig.mounts))]
+            dead: dict[str, tuple[int, ...]] = {"": ()}
+            if case == AS_BUILT:
+                dead = own.requirement.also_when.dead(names, len(rig.mounts))
             if own.roi is None:
                 values = _of_objects(own, sights_once(rig), rig, dead)
             else:
@@ -113,23 +116,41 @@ Found = tuple[str, Finding, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, what was found, and what every position has."""
 
 
-def _of_objects(own: Laid, sights: list[Sight], rig: Placement, dead: bool) -> Iterator[Found]:
+def _of_objects(
+    own: Laid, sights: list[Sight], rig: Placement, dead: Mapping[str, tuple[int, ...]]
+) -> Iterator[Found]:
     wanted, placed = own.requirement, own.requirement.placed
     assert placed is not None
     sights = at_class(sights, rig, placed.object_class)
     there = ~np.isnan(own.boxes[:, :, 0])
     boxes = own.boxes[there]
     if wanted.measure == "points":
-        counts = count_points(sights, boxes, placed.reflectivity)
+        counts = count_points(sights, boxes, placed.reflectivity, [*dead.values()])
     else:
-        counts = count_cells(sights, boxes, wanted.cell, placed.reflectivity)
-    cases = {"": counts.all}
-    for number in range(len(rig.mounts) if dead else 0):
-        cases[f"without LiDAR {number + 1}"] = counts.all - counts.alone[:, number]
-    for label, numbers in cases.items():
+        counts = count_cells(sights, boxes, wanted.cell, placed.reflectivity, [*dead.values()])
+    curve = wanted.curve.probability if wanted.curve else np.asarray
+    each = None if wanted.sensors is None else curve(counts.each)
+    for number, (label, without) in enumerate(dead.items()):
         by_heading = np.full(there.shape, np.inf)
-        by_heading[there] = wanted.curve.probability(numbers) if wanted.curve else numbers
+        if each is None or wanted.sensors is None:
+            by_heading[there] = curve(counts.left[:, number])
+        else:
+            by_heading[there] = by_several(each, without, wanted.sensors)
         yield label, *_worst_heading(own, by_heading)
+
+
+def by_several(each: NDArray[np.float64], dead: Sequence[int], sensors: int) -> NDArray[np.float64]:
+    """What so many sensors have at least, each by itself; 0 where there are fewer.
+
+    Args:
+        each: of every sensor, shape (B, sensors).
+        dead: numbers of sensors that do not count.
+    """
+    alive = np.delete(each, list(dead), axis=1)
+    number = alive.shape[1]
+    if number < sensors:
+        return np.zeros(len(each))
+    return np.asarray(np.partition(alive, number - sensors, axis=1)[:, number - sensors])
 
 
 def _worst_heading(
@@ -154,14 +175,13 @@ def _worst_heading(
 
 
 def _of_volume(
-    own: Laid, roi: Roi, rig: Placement, vehicle: Vehicle, dead: bool
+    own: Laid, roi: Roi, rig: Placement, vehicle: Vehicle, dead: Mapping[str, tuple[int, ...]]
 ) -> Iterator[Found]:
-    cases: dict[str, int | None] = {"": None}
-    for number in range(len(rig.mounts) if dead else 0):
-        cases[f"without LiDAR {number + 1}"] = number
-    for label, unseeing in cases.items():
-        seen, outside = seen_in_columns(rig, vehicle, roi, unseeing)
-        seen, outside = seen[own.positions.held], outside[own.positions.held]
+    sensors = own.requirement.sensors or 1
+    every, outside = seen_without(rig, vehicle, roi, [*dead.values()], sensors)
+    outside = outside[own.positions.held]
+    for label, layer in zip(dead, every, strict=True):
+        seen = layer[own.positions.held]
         shares = np.divide(seen, outside, out=np.full(len(seen), np.inf), where=outside > 0)
         worst = int(shares.argmin())
         x, y = own.positions.points[worst].tolist()

@@ -1,6 +1,9 @@
 """A requirement: what has to be seen where, how much of it, and in which cases besides."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -68,12 +71,36 @@ AS_BUILT = "as built"
 Measure = Literal["points", "cells", "probability", "coverage"]
 
 
+def measured(measure: Measure, sensors: int | None) -> str:
+    """A measure, and by how many sensors it is needed, for tables."""
+    return measure if sensors is None else f"{measure} by {sensors} sensor{'s'[: sensors > 1]}"
+
+
+MOST_DEAD = 1000
+"""Sets of dead sensors of one rig."""
+
+
+def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
+    """All sets of so many dead sensors of a rig; all of them if it has no more.
+
+    Raises ValueError: there are too many sets.
+    """
+    dead = min(dead, sensors)
+    if (sets := math.comb(sensors, dead)) > MOST_DEAD:
+        raise ValueError(
+            f"too many cases; expected at most {MOST_DEAD:,} sets of {dead} dead sensors, found "
+            f"{sets:,} of {sensors} sensors; lower sensors_dead"
+        )
+    return list(combinations(range(sensors), dead))
+
+
 @dataclass(frozen=True)
 class AlsoWhen:
     """Cases in which a requirement holds, too; each by itself, the rig being as built otherwise.
 
     Attributes:
         one_lidar_dead: any one of the LiDARs sees nothing.
+        sensors_dead: any so many of the sensors see nothing; 0: no such case.
         range_factor: every LiDAR reaches so much of its range; None: no such case.
         weather: fog or rain; None: no such case.
         mounts_off: how far every mount is off at most; each rig that is drawn is a case.
@@ -85,6 +112,21 @@ class AlsoWhen:
     weather: Weather | None = None
     mounts_off: MountingErrors | None = None
     draws: int = 0
+    sensors_dead: int = 0
+
+    def dead(self, names: Sequence[str], lidars: int) -> dict[str, tuple[int, ...]]:
+        """Numbers of the sensors that are dead, by case; first "", in which none is.
+
+        Args:
+            names: of all sensors, the LiDARs first.
+            lidars: number of LiDARs.
+
+        Raises:
+            ValueError: as `dead_sets`.
+        """
+        sets = dead_sets(1, lidars) if self.one_lidar_dead else []
+        sets += dead_sets(self.sensors_dead, len(names)) if self.sensors_dead else []
+        return {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}
 
     def variants(self, placement: Placement) -> dict[str, Placement]:
         """The rig by case, without those of a dead LiDAR, which are told from it as built."""
@@ -118,6 +160,7 @@ class Requirement:
         curve: detection curve, for a probability.
         cell: edge of a cell of the surface, metres.
         also_when: further cases.
+        sensors: so many have to have it, each by itself; None: all LiDARs together.
     """
 
     name: str
@@ -131,3 +174,9 @@ class Requirement:
     curve: DetectionCurve | None = None
     cell: float = CELL_M
     also_when: AlsoWhen = AlsoWhen()
+    sensors: int | None = None
+
+    @property
+    def measured(self) -> str:
+        """The measure, and by how many sensors it is needed, for tables."""
+        return measured(self.measure, self.sensors)

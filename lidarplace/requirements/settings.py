@@ -30,6 +30,7 @@ from lidarplace.requirements.requirement import (
     Measure,
     PlacedObject,
     Requirement,
+    measured,
 )
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
@@ -150,6 +151,10 @@ class AtLeastSettings(Settings):
         None, gt=0, description="share of the voxels above the area that some beam crosses"
     )
     iou: Probability = Field(IOU, gt=0, lt=1, description="overlap that a detection must exceed")
+    sensors: CountFromOne | None = Field(
+        None,
+        description="so many sensors have that much, each by itself; null: all LiDARs together",
+    )
 
     @model_validator(mode="after")
     def _one(self) -> AtLeastSettings:
@@ -161,6 +166,11 @@ class AtLeastSettings(Settings):
     def measure(self) -> Measure:
         """Which of them."""
         return next(key for key in get_args(Measure) if getattr(self, key) is not None)
+
+    @property
+    def measured(self) -> str:
+        """The same for tables."""
+        return measured(self.measure, self.sensors)
 
 
 class MountsOffSettings(OffsetSettings):
@@ -179,6 +189,9 @@ class AlsoWhenSettings(Settings):
     """Cases beside the rig as it is built; each by itself, not all at once."""
 
     one_lidar_dead: bool = Field(False, description="any one of the LiDARs sees nothing")
+    sensors_dead: CountFromOne | None = Field(
+        None, description="any so many of the sensors see nothing at once"
+    )
     range_factor: Probability | None = Field(
         None, gt=0, description="every LiDAR reaches so much of its range, range_10 and range_80"
     )
@@ -198,7 +211,14 @@ class AlsoWhenSettings(Settings):
             None if self.weather is None else self.weather.weather(),
             None if off is None else off.errors(),
             0 if off is None else off.draws,
+            self.sensors_dead or 0,
         )
+
+    @model_validator(mode="after")
+    def _dead_once(self) -> AlsoWhenSettings:
+        if self.one_lidar_dead and self.sensors_dead is not None:
+            raise ValueError("one_lidar_dead and sensors_dead: name one of the two")
+        return self
 
 
 class RequirementSettings(Settings):
@@ -272,6 +292,7 @@ class RequirementSettings(Settings):
             curve=curve,
             cell=curves.cell,
             also_when=self.also_when.cases(),
+            sensors=wanted.sensors,
         )
 
 

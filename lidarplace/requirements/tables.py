@@ -53,7 +53,7 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
     return [
         {
             "requirement": own.requirement.name,
-            "measure": own.requirement.measure,
+            "measure": own.requirement.measured,
             "positions": int(own.positions.held.sum()),
             "objects": int(np.isfinite(own.boxes[:, :, 0]).sum()),
         }
@@ -85,7 +85,7 @@ def case_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
     rows = [
         {
             "requirement": outcome.requirement.name,
-            "measure": outcome.requirement.measure,
+            "measure": outcome.requirement.measured,
             "at_least": outcome.requirement.least,
             "for": outcome.requirement.share,
             **case_row(outcome, finding),

@@ -165,7 +165,7 @@ def unmet(outcomes: Sequence[Outcome]) -> Iterator[Violation]:
         lacks = wanted.least - worst.value
         case = "" if worst.case == AS_BUILT else f", {worst.case}"
         text = (
-            f"{wanted.name}: {worst.value:.3g} {wanted.measure}, {lacks:.3g} short of "
+            f"{wanted.name}: {worst.value:.3g} {wanted.measured}, {lacks:.3g} short of "
             f"{wanted.least:g}{case}; worst at x {worst.x:.2f}, y {worst.y:.2f}"
         )
         if not outcome.met:

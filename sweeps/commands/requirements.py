@@ -95,7 +95,7 @@ def _as_json(outcome: Outcome) -> dict[str, Any]:
         "rig": outcome.rig,
         "requirement": wanted.name,
         "met": outcome.met,
-        "measure": wanted.measure,
+        "measure": wanted.measured,
         "at_least": wanted.least,
         "for": wanted.share,
         "cases": [case_row(outcome, finding) for finding in outcome.findings],

@@ -19,6 +19,7 @@ from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.mounting.vehicle import Vehicle, depth_in
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
+from lidarplace.requirements.requirement import dead_sets
 from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from sweeps.configuration.file import ConfigError, override, read_yaml
@@ -166,3 +167,12 @@ def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) ->
             if found is not None:
                 key, told = found
                 raise ValueError(f"{own.name!r}: {key}: LiDAR {number} of {rig.name!r}: {told}")
+        check_dead(own, len(rig.mounts))
+
+
+def check_dead(own: RequirementSettings, sensors: int) -> None:
+    """Raise ValueError if sensors of a rig of so many can be dead in too many ways."""
+    try:
+        dead_sets(own.also_when.sensors_dead or 0, sensors)
+    except ValueError as error:
+        raise ValueError(f"{own.name!r}: also_when.sensors_dead: {error}") from None

@@ -488,7 +488,7 @@ class SearchSettings(Settings):
         if self.near_start and not self.start:
             raise ValueError("near_start: name the rigs in `start`")
         self._check_zones()
-        if any(o.one_lidar_dead for o in self.objective) and self._most_lidars < 2:
+        if any(o.one_lidar_dead for o in self.objective) and self.most_lidars < 2:
             raise ValueError(
                 "objective: one_lidar_dead: of a single LiDAR nothing is left; allow two or more"
             )
@@ -526,7 +526,7 @@ class SearchSettings(Settings):
         return any(zone.lidars is not None for zone in self.zones.values())
 
     @property
-    def _most_lidars(self) -> int:
+    def most_lidars(self) -> int:
         """How many a rig has at most, those that are fixed and mirror images with them."""
         own = [(2 if z.mirrored else 1) * z.lidars[1] for z in self.zones.values() if z.lidars]
         return (sum(own) if self.counted else self.lidars[1]) + len(self.fixed)

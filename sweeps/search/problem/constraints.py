@@ -78,7 +78,7 @@ def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
     for requirement in search.requirements:
         wanted = requirement.at_least
         name, least = requirement_name(requirement.name), getattr(wanted, wanted.measure)
-        found.append(Constraint(name, wanted.measure, float(least), at_least=True))
+        found.append(Constraint(name, wanted.measured, float(least), at_least=True))
     return tuple(found)
 
 

@@ -22,7 +22,7 @@ from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
-from sweeps.configuration.question import check_lidars, laid_out
+from sweeps.configuration.question import check_dead, check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import (
     PRETRAINED,
@@ -311,6 +311,8 @@ def _laid(
     try:
         for name, lidar in models.items():
             check_lidars(Placement(name, [Mount()], lidar), asked)
+        for own in asked:
+            check_dead(own, file.search.most_lidars)
     except ValueError as error:
         raise ConfigError(f"{path}: search.requirements: {error}") from None
     try:
