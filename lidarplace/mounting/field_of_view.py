@@ -6,7 +6,6 @@ Cameras have a pyramid, as their images are flat.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
+from lidarplace.rigs.further_sensors import Camera, MountedSensor
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -25,17 +25,21 @@ class FieldOfView(NamedTuple):
 
     Attributes:
         azimuth: the first one and how far it goes on to the left, radians.
-        elevation: lowest and highest, radians.
+        sines: of the lowest and the highest elevation.
         cosine: of half the angle of a cone about the x axis; -1: none.
-        slopes: largest |y / x| and |z / x| of a pyramid about the x axis; infinite: none.
+        slopes: of a pyramid about the x axis to the left, to the right, up and down, as parts of
+            what is ahead; infinite: none.
         reach: metres.
     """
 
     azimuth: tuple[float, float]
-    elevation: tuple[float, float]
+    sines: tuple[float, float]
     cosine: float
-    slopes: tuple[float, float]
+    slopes: tuple[float, float, float, float]
     reach: float
+
+
+NO_SLOPES = (math.inf, math.inf, math.inf, math.inf)
 
 
 class View(NamedTuple):
@@ -52,15 +56,26 @@ def field_of(lidar: Lidar) -> FieldOfView:
     start, end = lidar.azimuth
     width = 2 * math.pi if lidar.full_turn else end - start
     cosine = -1.0 if lidar.pattern is None else float(lidar.directions()[:, 0].min())
-    elevation = min(lidar.elevations), max(lidar.elevations)
-    return FieldOfView((start, width), elevation, cosine, (math.inf, math.inf), lidar.reach)
+    sines = math.sin(min(lidar.elevations)), math.sin(max(lidar.elevations))
+    return FieldOfView((start, width), sines, cosine, NO_SLOPES, lidar.reach)
 
 
-def pyramid(horizontal: float, vertical: float, reach: float) -> FieldOfView:
-    """Of a camera with these angles between the edges of its image, radians, below pi."""
-    across, up = math.tan(0.5 * horizontal), math.tan(0.5 * vertical)
-    ends = (-0.5 * vertical, 0.5 * vertical)
-    return FieldOfView((-0.5 * horizontal, horizontal), ends, -1.0, (across, up), reach)
+def pyramid(slopes: tuple[float, float, float, float], reach: float) -> FieldOfView:
+    """Of a camera whose image ends there, see `FieldOfView.slopes`."""
+    left, right, up, down = (math.atan(slope) for slope in slopes)
+    return FieldOfView((-right, right + left), (-math.sin(down), math.sin(up)), -1.0, slopes, reach)
+
+
+def view_of_sensor(sensor: MountedSensor, reach: float) -> View:
+    """What a camera or a radar looks at, so far."""
+    model = sensor.model
+    if isinstance(model, Camera):
+        (width, height), (fx, fy), (cx, cy) = model.pixels, model.focal, model.centre
+        slopes = (cx / fx, (width - cx) / fx, cy / fy, (height - cy) / fy)
+        return view_of(sensor.mount, pyramid(slopes, reach))
+    low, high = model.elevation
+    sines = math.sin(low), math.sin(high)
+    return view_of(sensor.mount, FieldOfView(model.azimuth, sines, -1.0, NO_SLOPES, reach))
 
 
 def view_of(mount: Mount, field: FieldOfView) -> View:
@@ -91,21 +106,17 @@ def in_view(view, x, y, z):
 @njit(cache=True, nogil=True, error_model="numpy")
 def has_direction(field, ahead, left, up):
     """Whether a unit vector in the sensor's frame is within its field of view."""
-    elevation = math.asin(min(max(up, -1.0), 1.0))
-    low, high = field.elevation
-    if not low - _HAIR <= elevation <= high + _HAIR:
+    if not field.sines[0] - _HAIR <= up <= field.sines[1] + _HAIR:
         return False
     start, width = field.azimuth
-    if (math.atan2(left, ahead) - start + _HAIR) % (2.0 * math.pi) > width + 2.0 * _HAIR:
-        return False
+    if width < 2.0 * math.pi - _HAIR:
+        azimuth = math.atan2(left, ahead)
+        if (azimuth - start + _HAIR) % (2.0 * math.pi) > width + 2.0 * _HAIR:
+            return False
     if ahead < field.cosine - _HAIR:
         return False
-    across, high_slope = field.slopes
-    if across == math.inf:
+    to_left, to_right, upwards, downwards = field.slopes
+    if to_left == math.inf:
         return True
-    return abs(left) <= across * ahead + _HAIR and abs(up) <= high_slope * ahead + _HAIR
-
-
-def seen_points(view: View, points: Sequence[Sequence[float]]) -> list[bool]:
-    """Whether each point is within a field of view, whatever stands in the way."""
-    return [bool(in_view(view, float(x), float(y), float(z))) for x, y, z in points]
+    across = -to_right * ahead - _HAIR <= left <= to_left * ahead + _HAIR
+    return across and -downwards * ahead - _HAIR <= up <= upwards * ahead + _HAIR

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Interval
+from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.recall.detection_curve import CELL_M, DetectionCurve
 from lidarplace.requirements.area import Area
+from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.weather import Weather
 
@@ -68,12 +70,21 @@ of six years."""
 
 AS_BUILT = "as built"
 
-Measure = Literal["points", "cells", "probability", "coverage"]
+Measure = Literal[
+    "points", "cells", "probability", "coverage", "pixels", "reach", "common view", "times the need"
+]
 
 
-def measured(measure: Measure, sensors: int | None) -> str:
+KIND_OF: dict[Measure, Kind] = {"pixels": "camera", "reach": "radar"}
+"""Who has a measure; others are of LiDARs."""
+
+
+def measured(measure: Measure, sensors: int | None, kinds: int) -> str:
     """A measure, and by how many sensors it is needed, for tables."""
-    return measure if sensors is None else f"{measure} by {sensors} sensor{'s'[: sensors > 1]}"
+    if sensors is None or (sensors == 1 and measure in KIND_OF):
+        return measure
+    of = f" of {kinds} kinds" if kinds > 1 else ""
+    return f"{measure} by {sensors} sensor{'s'[: sensors > 1]}{of}"
 
 
 MOST_DEAD = 1000
@@ -151,9 +162,11 @@ class Requirement:
         name: for tables.
         area: where the middle of the object is; of coverage the ground plan of the volume.
         measure: what is counted: returns from the object, distinct cells of its surface, the
-            probability that a detector finds it, or the share of a volume that is seen.
+            probability that a detector finds it, the share of a volume that is seen, pixels of a
+            camera, the reach of a radar as a multiple of the distance, or the share of a field of
+            view that another sensor sees, too.
         least: so much of it is needed.
-        placed: the object; None for coverage.
+        placed: the object; None for coverage and common view.
         share: of the positions that need to have it; 1: the worst one, too.
         step: between positions, or edge of a voxel; metres.
         heights: of the volume, metres; for coverage.
@@ -161,6 +174,9 @@ class Requirement:
         cell: edge of a cell of the surface, metres.
         also_when: further cases.
         sensors: so many have to have it, each by itself; None: all LiDARs together.
+        kinds: of so many kinds: LiDARs, cameras, radars.
+        needs: of several kinds what each of them needs, in place of `least`, which is 1 then.
+        common_view: of pairs of sensors, in place of an area; None: it is of an area.
     """
 
     name: str
@@ -175,8 +191,11 @@ class Requirement:
     cell: float = CELL_M
     also_when: AlsoWhen = AlsoWhen()
     sensors: int | None = None
+    common_view: CommonView | None = None
+    kinds: int = 1
+    needs: tuple[tuple[Measure, float], ...] = ()
 
     @property
     def measured(self) -> str:
         """The measure, and by how many sensors it is needed, for tables."""
-        return measured(self.measure, self.sensors)
+        return measured(self.measure, self.sensors, self.kinds)

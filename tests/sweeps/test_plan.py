@@ -403,7 +403,8 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
         generalist={"rigs": list(named)},
         vehicle=[],
     )
-    coincide, outside = rig_cautions(plan, Empty())
+    coincide, facing, outside = rig_cautions(plan, Empty())
+    assert facing.startswith("high: LiDARs 1 and 2, 1 and 3, 1 and 4 and 3 pairs more look into ea")
     assert coincide.startswith("high: ")
     assert "pitches of −0.75, −0.25, +0.25, +0.75 degrees" in coincide
     assert outside == (
@@ -433,7 +434,11 @@ def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_pat
         for n in range(12)
     }
     plan = plan_of(tmp_path, placements=rigs, grid={"placement": list(rigs)}, detector=None)
-    said = rig_cautions(plan, Empty())
+    said, facing = [], []
+    for line in rig_cautions(plan, Empty()):
+        (said if "rings" in line else facing).append(line)
+    assert len(facing) == MOST_NAMED + 1
+    assert facing[-1].startswith("So do LiDARs of ")
     shares = {
         trial.grid_point.point.placement: trial.interleaving.before
         for trial in plan.trials
