@@ -128,8 +128,8 @@ def ignored(name: str, sensors: Sequence[object]) -> list[str]:
     if not sensors:
         return []
     return [
-        f"{name}: its {len(sensors)} cameras and radars make no clouds; detectors and surrogates "
-        "ignore them, requirements do not."
+        f"{name}: cameras and radars ({len(sensors)}) make no clouds: detectors and surrogates "
+        "ignore them."
     ]
 
 

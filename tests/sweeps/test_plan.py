@@ -464,3 +464,21 @@ def test_16_bits_are_another_result_and_a_processor_without_them_is_named(tmp_pa
         assert odd.finetune.key != even.finetune.key
         assert odd.evaluate.key != even.evaluate.key
         assert odd.surrogates.key == even.surrogates.key
+
+
+def test_cameras_are_said_to_be_ignored_and_change_no_key(tmp_path):
+    """Clouds and detectors are the same with them; requirements alone know them."""
+    mounts = {"mounts": [{"x": 0, "y": 0, "z": 2.2}]}
+    people = {"name": "x", "where": {"x": [3, 5], "y": [0, 1]}, "what": "Pedestrian"}
+    people |= {"at_least": {"pixels": 5}, "step": 1.0}
+    camera = {"x": 1, "z": 1.5, "model": "a2d2_front_camera"}
+    plans = [
+        plan_of(tmp_path, placements={"mine": own}, placement="mine", requirements=[people])
+        for own in (mounts, mounts | {"cameras": [camera]})
+    ]
+    keys = [{task.stage + task.label: task.key for task in plan.tasks} for plan in plans]
+    assert {name for name in keys[0] if keys[0][name] != keys[1][name]} == {
+        name for name in keys[0] if name.startswith("requirements")
+    }
+    said = "mine: cameras and radars (1) make no clouds: detectors and surrogates ignore them."
+    assert [said in plan.cautions for plan in plans] == [False, True]

@@ -16,7 +16,8 @@ from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.facing import facing_pairs
 from lidarplace.requirements.judge import judge
 from sweeps.commands.search import app
-from sweeps.search.output.terminal import rig_warnings
+from sweeps.configuration.file import ConfigError
+from sweeps.search.output.terminal import rig_warnings, warnings_of
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint
@@ -275,3 +276,27 @@ def test_what_is_not_said_of_pairs_and_sensors_leaves_the_key(tmp_path):
     assert not any(f'"{key}"' in said for key in _LATER)
     keys = [problem_of(tmp_path, constraints={"facing": n}).key for n in (0, 1)]
     assert len({plain.key, *keys}) == 3
+
+
+def test_cameras_and_radars_that_every_rig_has(tmp_path):
+    """They count in requirements, common view, price and power, and are of no rig's clouds."""
+    both = EASY | {
+        "at_least": {"points": 1, "pixels": 5, "sensors": 2, "kinds": 2},
+        "where": {"x": [3, 5], "y": [-1, 1]}, "also_when": {},
+    }  # fmt: skip
+    camera = {"name": "front", "x": 0.5, "z": 1.6, "model": "a2d2_front_camera", "price": 7}
+    radar = {"x": 2.3, "z": 0.5, "model": "drvegrd169", "price": 2, "power": 3.0}
+    limits = {"constraints": {"price": 10, "common_view": {"pairs": "all", "share": 0.05}}}
+    changes = {"requirements": [both], "objective": ["margin", "price"], **limits}
+    with_them = problem_of(tmp_path, **changes, cameras=[camera], radars=[radar])
+    found = assess(RIG, with_them.question, Traffic({}, None))
+    alone = assess(RIG, problem_of(tmp_path, **changes).question, Traffic({}, None))
+    name = "requirement.somebody around"
+    assert found.measures[name] > 0 == alone.measures[name]
+    assert found.values["price"] == alone.values["price"] + 9
+    assert found.measures["common_view"] < alone.measures["common_view"]
+    assert any("make no clouds" in said for said in warnings_of(with_them))
+    assert with_them.key != problem_of(tmp_path, **changes).key
+    watts = {"objective": "power", "models": {"small": "vlp16"}, "cameras": [camera]}
+    with pytest.raises(ConfigError, match="cameras: power of front: is missing; say it"):
+        problem_of(tmp_path, **watts)
