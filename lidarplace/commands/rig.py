@@ -12,23 +12,24 @@ from pydantic import ValidationError
 
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
-from lidarplace.rig_files.mounted import MountedLidar, Vector, check_lidars
-from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.rig_files.mounted import MountedLidar, Vector, check_lidars, lidars_in, of_frame
+from lidarplace.rig_files.own import read_further, read_own, write_own
 from lidarplace.rigs.catalogue.datasheet import catalogue
 
 app = new_app()
 
 OWN = (".yaml", ".yml")
-HEAD = ("LiDAR", "x", "y", "z", "roll", "pitch", "yaw", "beams")
+HEAD = ("sensor", "x", "y", "z", "roll", "pitch", "yaw", "beams")
 
 
 @verb(
     app,
     "car.urdf rig.yaml --origin -1.4 0 0.3 --only '*lidar*'",
-    "data/nuscenes/v1.0-mini rig.yaml --format nuscenes --lidar hdl32e",
+    "data/nuscenes/v1.0-mini rig.yaml --format nuscenes --lidar hdl32e --radar drvegrd171",
     "rig.yaml objects.json --format carla",
 )
 def rig(
@@ -55,9 +56,19 @@ def rig(
         list[str] | None,
         typer.Option(
             metavar="PATTERN",
-            help="LiDARs by name, * being any text; repeatable. urdf and ros2 have frames of all "
-            "kinds, and need it; of the others all are taken",
+            help="sensors by name, * being any text; repeatable. urdf and ros2 have frames of all "
+            "kinds, and need it for LiDARs; of the others all are taken",
         ),
+    ] = None,
+    cameras: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN", help="frames of urdf and ros2 that are cameras; repeatable"
+        ),
+    ] = None,
+    radars: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="frames of urdf and ros2 that are radars; repeatable"),
     ] = None,
     lidar: Annotated[
         str | None,
@@ -66,6 +77,12 @@ def rig(
             help="model of those without one, of the catalogue (`lidarplace sensors`)",
             autocompletion=lambda: list(catalogue()),
         ),
+    ] = None,
+    camera: Annotated[
+        str | None, typer.Option(metavar="NAME", help="model of cameras whose angles are not known")
+    ] = None,
+    radar: Annotated[
+        str | None, typer.Option(metavar="NAME", help="model of radars whose angles are not known")
     ] = None,
 ) -> None:
     """Read a rig from another tool's file, or write one; SOURCE or OUT is a YAML file of `mounts`.
@@ -79,16 +96,29 @@ def rig(
         source.stat()  # raises if it is not there, before its frame is asked for
         known = format_of(source if reads else out, format_)
         start = _start(known, origin, source if reads else out)
-        found = known.read(source, only or []) if reads else read_own(source)
+        if (cameras or radars) and not (reads and known.frames):
+            raise ValueError("--cameras, --radars: are for frames that urdf and ros2 are read of")
+        if reads:
+            found = known.read(source, only or [])
+            for patterns, model in ((cameras, CameraSettings), (radars, RadarSettings)):
+                frames = known.read(source, patterns) if patterns else []
+                found += [of_frame(frame, model(z=0.0)) for frame in frames]
+        else:
+            found = [*read_own(source), *read_further(source)]
         lidars = [each.moved(*start) for each in found] if reads else found
         if not reads and only:
             raise ValueError("--only: applies only when reading another tool's file")
         check_lidars(lidars, str(source))
         lidars = _with_model(lidars, lidar)
+        for kind, name in (("camera", camera), ("radar", radar)):
+            lidars = _with_further(lidars, kind, name)
         if reads:
             write_own(out, lidars)
         else:
             known.write(out, [each.moved(-start[0], -start[1], -start[2]) for each in lidars])
+    alone = len(lidars_in(lidars))
+    if not reads and known.lidars_alone and alone < len(lidars):
+        say(f"left out, as {out} holds LiDARs alone: {len(lidars) - alone} others", sys.stderr)
     for each in lidars:
         if each.mount.z < 0:
             say(f"warning: {each.name} is {-each.mount.z:g} m under the ground", sys.stderr)
@@ -116,7 +146,27 @@ def _with_model(lidars: Sequence[MountedLidar], name: str | None) -> list[Mounte
         model = SensorSettings(name=name)
     except ValidationError as error:
         raise fault(error, "--lidar") from None
-    return [each if each.model else replace(each, model=model) for each in lidars]
+    return [
+        replace(each, model=model) if each.kind == "lidar" and not each.model else each
+        for each in lidars
+    ]
+
+
+def _with_further(
+    sensors: Sequence[MountedLidar], kind: str, name: str | None
+) -> list[MountedLidar]:
+    """`name` of the catalogue for cameras or radars of which it is not known what they see."""
+    found = []
+    for own in sensors:
+        settings = own.further
+        if settings is not None and own.kind == kind and name and settings.built() is None:
+            said = settings.model_dump(include=settings.model_fields_set) | {"model": name}
+            try:
+                own = replace(own, further=type(settings).model_validate(said))
+            except ValidationError as error:
+                raise fault(error, f"--{kind}") from None
+        found.append(own)
+    return found
 
 
 def _row(lidar: MountedLidar) -> tuple[str, ...]:
@@ -124,4 +174,5 @@ def _row(lidar: MountedLidar) -> tuple[str, ...]:
     angles = (math.degrees(angle) for angle in (mount.roll, mount.pitch, mount.yaw))
     numbers = (mount.x, mount.y, mount.z, *angles)
     beams = "–" if lidar.model is None else str(lidar.model.lidar().beams)
+    beams = beams if lidar.kind == "lidar" else lidar.kind
     return (lidar.name, *(f"{value:z.6g}" for value in numbers), beams)

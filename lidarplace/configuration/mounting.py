@@ -9,11 +9,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from lidarplace.configuration.settings import (
     Amount,
     Aside,
+    Count,
+    CountFromOne,
     Distance,
     Height,
     Length,
@@ -21,6 +23,7 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
 )
+from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.polygon import NANOMETRE
 from lidarplace.mounting.vehicle import Vehicle, top_near
 from lidarplace.mounting.zone import Zone
@@ -142,6 +145,38 @@ def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float6
     return np.array([own.box for own in keep_out.values()], np.float64).reshape(-1, 2, 3)
 
 
+class CommonViewSettings(Settings):
+    """What pairs of sensors see in common, for their calibration against each other."""
+
+    pairs: str | tuple[tuple[CountFromOne, CountFromOne], ...] = Field(
+        "chain",
+        description="all: every pair; chain: so many pairs that each sensor is connected with each "
+        "other one; or a list of pairs, numbers from 1, such as [[1, 2], [2, 3]]",
+    )
+    share: Probability = Field(
+        gt=0, description="least share of the smaller field of view that both see past the vehicle"
+    )
+    range: Distance = Field(20.0, gt=0, description="at which views are compared, metres")
+
+    @field_validator("pairs", mode="before")
+    @classmethod
+    def _known(cls, pairs: Any) -> Any:
+        listed = isinstance(pairs, (list, tuple)) and all(
+            isinstance(pair, (list, tuple)) and len(pair) == 2 and pair[0] != pair[1]
+            for pair in pairs
+        )
+        if pairs not in ("all", "chain") and not (listed and pairs):
+            raise ValueError("expected all, chain or pairs of two LiDARs, such as [[1, 2], [2, 3]]")
+        return pairs
+
+    def asked(self) -> CommonView:
+        """In the terms of `lidarplace`."""
+        if isinstance(self.pairs, str):
+            return CommonView("all" if self.pairs == "all" else "chain", self.share, self.range)
+        pairs = tuple((min(pair) - 1, max(pair) - 1) for pair in self.pairs)
+        return CommonView(pairs, self.share, self.range)
+
+
 class LimitSettings(Settings):
     """What a placement has to keep."""
 
@@ -151,3 +186,9 @@ class LimitSettings(Settings):
     )
     price: Amount | None = Field(None, description="maximum price of all LiDARs")
     power: Amount | None = Field(None, description="maximum power of all LiDARs, watts")
+    common_view: CommonViewSettings | None = Field(
+        None, description="what LiDARs have to see in common, to be calibrated against each other"
+    )
+    facing: Count | None = Field(
+        None, description="most pairs of LiDARs that may look into each other"
+    )

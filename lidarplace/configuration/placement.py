@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,18 +9,12 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
+from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import (
-    Angle,
-    Aside,
-    Degrees,
-    Height,
-    Name,
-    Settings,
-    fault,
-    short_for,
-)
+from lidarplace.configuration.settings import Name, Settings, fault, short_for
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.rigs.pose import from_carla
@@ -29,40 +22,12 @@ from lidarplace.rigs.pose import from_carla
 MOST_MOUNTS = 100
 
 
-class MountSettings(Settings):
-    """Pose of one LiDAR, metres and radians or degrees, in the convention of its placement."""
+class MountSettings(PoseSettings):
+    """Pose of one LiDAR and its model, in the convention of its placement."""
 
-    name: Name | None = Field(None, description="of the LiDAR, for other tools")
-    x: Aside = Field(0.0, description="forward, metres")
-    y: Aside = Field(0.0, description="to the left, metres")
-    z: Height = Field(description="above the ground, metres")
-    roll: Angle = Field(0.0, description="radians; > 0 lifts the left side")
-    pitch: Angle = Field(0.0, description="radians; > 0 tips the nose down")
-    yaw: Angle = Field(0.0, description="radians; > 0 turns to the left")
-    roll_deg: Degrees | None = Field(None, description="degrees, in place of roll")
-    pitch_deg: Degrees | None = Field(None, description="degrees, in place of pitch")
-    yaw_deg: Degrees | None = Field(None, description="degrees, in place of yaw")
     lidar: Annotated[SensorSettings, short_for("name")] | None = Field(
         None, description="this mount's own LiDAR model; by default that of the whole placement"
     )
-
-    @model_validator(mode="after")
-    def _one_unit(self) -> MountSettings:
-        for name in ("roll", "pitch", "yaw"):
-            if getattr(self, name) != 0 and getattr(self, f"{name}_deg") is not None:
-                raise ValueError(f"{name} and {name}_deg: set only one of the two")
-        return self
-
-    @property
-    def pose(self) -> tuple[float, float, float, float, float, float]:
-        """x, y, z in metres; roll, pitch, yaw in radians."""
-        radians = (self.roll, self.pitch, self.yaw)
-        degrees = (self.roll_deg, self.pitch_deg, self.yaw_deg)
-        roll, pitch, yaw = (
-            angle if other is None else math.radians(other)
-            for angle, other in zip(radians, degrees, strict=True)
-        )
-        return self.x, self.y, self.z, roll, pitch, yaw
 
 
 class PlacementSettings(Settings):
@@ -77,8 +42,19 @@ class PlacementSettings(Settings):
     mounts: tuple[MountSettings, ...] = Field(
         min_length=1, max_length=MOST_MOUNTS, description="a LiDAR each"
     )
+    cameras: tuple[CameraSettings, ...] = Field(
+        (), max_length=MOST_MOUNTS, description="they count in requirements, and make no clouds"
+    )
+    radars: tuple[RadarSettings, ...] = Field(
+        (), max_length=MOST_MOUNTS, description="they count in requirements, and make no clouds"
+    )
 
-    def in_ego(self, mounts: Sequence[MountSettings]) -> list[Mount]:
+    def further(self) -> tuple[MountedSensor, ...]:
+        """Cameras, then radars, in our ego frame. Raises ValueError as `further_sensors` does."""
+        mounts = self.in_ego((*self.cameras, *self.radars))
+        return further_sensors(self.cameras, self.radars, mounts)
+
+    def in_ego(self, mounts: Sequence[PoseSettings]) -> list[Mount]:
         """Mounts of the placement in our ego frame."""
         poses = (mount.pose for mount in mounts)
         return [Mount(*(from_carla(*p) if self.convention == "carla" else p)) for p in poses]

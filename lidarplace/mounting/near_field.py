@@ -1,6 +1,7 @@
 """How much of the space right around the vehicle its LiDARs see."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,43 @@ def seen_in_columns(
 
     Returns two arrays of shape (nx, ny).
     """
+    seen, outside = seen_without(placement, vehicle, roi, [() if dead is None else (dead,)])
+    return seen[0], outside
+
+
+def sensors_over_columns(
+    placement: Placement, vehicle: Vehicle, roi: Roi
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """How many LiDARs see a voxel of every column, and its voxels outside of the body.
+
+    Returns two arrays of shape (nx, ny).
+    """
+    numbers = range(len(placement.mounts))
+    others = [tuple(n for n in numbers if n != own) for own in numbers]
+    seen, outside = seen_without(placement, vehicle, roi, others)
+    return (seen > 0).sum(axis=0), outside
+
+
+def seen_without(
+    placement: Placement,
+    vehicle: Vehicle,
+    roi: Roi,
+    dead: Sequence[tuple[int, ...]],
+    sensors: int = 1,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """As `seen_in_columns`, without each of several sets of LiDARs, each ray being looked at once.
+
+    Args:
+        dead: numbers of the LiDARs in each set.
+        sensors: so many LiDARs have to see a voxel.
+
+    Returns:
+        Voxels that are seen, shape (sets, nx, ny), and all that count, shape (nx, ny).
+    """
     tiles = Tiles.whole(roi.shape)
-    working = [number for number in range(len(placement.mounts)) if number != dead]
+    always = set(range(len(placement.mounts))).intersection(*map(set, dead))
+    working = [number for number in range(len(placement.mounts)) if number not in always]
+    works = np.array([[number not in own for number in working] for own in dead], np.bool_)
     bits = np.zeros((len(working), math.ceil(roi.shape[2] / 64), *roi.shape[:2]), np.uint64)
     for row, number in enumerate(working):
         own = Placement("one", [placement.mounts[number]], placement.lidars[number])
@@ -58,16 +94,19 @@ def seen_in_columns(
     numbers, housings = np.array(working, np.int64), housings_in(placement)
     inside = voxels_in_body(vehicle, roi)
     obstacles = obstacles_of(vehicle, housings)
-    return _count_seen(bits, numbers, origins, xs, ys, zs, inside, obstacles)
+    works = works.reshape(len(dead), len(working))
+    return _count_seen(bits, numbers, origins, xs, ys, zs, inside, obstacles, works, sensors)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_seen(
-    bits, numbers, origins, xs, ys, zs, inside, obstacles
+    bits, numbers, origins, xs, ys, zs, inside, obstacles, works, sensors
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Voxels that are covered and in sight of a sensor, and voxels outside of the body."""
-    seen = np.zeros((len(xs), len(ys)), np.int64)
+    """Voxels that are covered and in sight of so many sensors that work, a layer for each row of
+    `works`, and voxels outside of the body."""
+    seen = np.zeros((len(works), len(xs), len(ys)), np.int64)
     outside = np.zeros((len(xs), len(ys)), np.int64)
+    counts = np.empty(len(works), np.int64)
     for i in range(len(xs)):
         for j in range(len(ys)):
             for k in range(len(zs)):
@@ -75,11 +114,19 @@ def _count_seen(
                 if inside[i, j, k]:
                     continue
                 outside[i, j] += 1
+                counts[:] = 0
                 for s in range(len(origins)):
                     covered = bits[s, k >> 6, i, j] >> np.uint64(k & 63) & np.uint64(1)
                     origin = origins[s]
                     dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
-                    if covered and not stopped(origin, dx, dy, dz, 1.0, obstacles, numbers[s]):
-                        seen[i, j] += 1
-                        break
+                    needed = False
+                    for row in range(len(works)):
+                        needed |= works[row, s] and counts[row] < sensors
+                    if not covered or not needed:
+                        continue
+                    if not stopped(origin, dx, dy, dz, 1.0, obstacles, numbers[s]):
+                        for row in range(len(works)):
+                            counts[row] += works[row, s]
+                for row in range(len(works)):
+                    seen[row, i, j] += counts[row] >= sensors
     return seen, outside

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.housing import behind_housing
-from lidarplace.mounting.mesh import NO_TREE, Tree, first_hit
+from lidarplace.mounting.mesh import NO_TREE, Tree, depths, first_hit
 from lidarplace.mounting.vehicle import Vehicle
 
 
@@ -29,6 +29,19 @@ def obstacles_of(vehicle: Vehicle, housings: NDArray[np.float64]) -> Obstacles:
     """The body of a vehicle, and LiDARs on it."""
     mesh = NO_TREE if vehicle.mesh is None else vehicle.mesh.tree
     return Obstacles(vehicle.interior, housings, mesh)
+
+
+def obstacles_around(
+    vehicle: Vehicle, housings: NDArray[np.float64], place: NDArray[np.float64]
+) -> Obstacles:
+    """The same for a sensor behind a window or a bumper: parts that it is inside of hide nothing
+    from it."""
+    found = obstacles_of(vehicle, housings)
+    inside = ((found.boxes[:, 0] < place) & (place < found.boxes[:, 1])).all(axis=1)
+    found = found._replace(boxes=found.boxes[~inside])
+    if vehicle.mesh is not None and depths(vehicle.mesh, place[None])[0] > 0:
+        found = found._replace(mesh=NO_TREE)
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -22,7 +22,7 @@ class Laid:
     """A requirement laid out around a vehicle, the same for every rig; `lay_out` makes it.
 
     Attributes:
-        positions: of the objects, or columns of voxels.
+        positions: of the objects, or columns of voxels; none of a common view.
         boxes: the objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape
             (headings, P, 7), NaN where one would be within the body.
         roi: voxels of a coverage.
@@ -40,6 +40,9 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
     Raises ValueError: the area has no end, is empty, or lies within the vehicle.
     """
     placed = requirement.placed
+    if requirement.common_view is not None:
+        nowhere = Positions(np.empty(0), np.empty(0), np.empty((0, 0), np.bool_))
+        return Laid(requirement, nowhere, np.empty((0, 0, 7)), None)
     if placed is None:
         return _columns(requirement, vehicle)
     positions = grid_over(requirement.area, vehicle, requirement.step)

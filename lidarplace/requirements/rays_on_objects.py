@@ -7,7 +7,7 @@ cell with `1 - product of (1 - p)` over the rays that hit it. They are whole whe
 nor a correction loses returns.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -100,20 +100,29 @@ class Counts:
     Attributes:
         all: of all LiDARs together, shape (B,).
         alone: what would be lost without each LiDAR, shape (B, LiDARs).
+        each: what each LiDAR has by itself, shape (B, LiDARs).
+        left: what is left of `all` without each of the sets of LiDARs that were asked for, shape
+            (B, sets).
     """
 
     all: NDArray[np.float64]
     alone: NDArray[np.float64]
+    each: NDArray[np.float64]
+    left: NDArray[np.float64]
 
 
 def count_points(
-    sights: list[Sight], boxes: NDArray[np.float64], reflectivity: float = DARK
+    sights: list[Sight],
+    boxes: NDArray[np.float64],
+    reflectivity: float = DARK,
+    dead: Sequence[tuple[int, ...]] = (),
 ) -> Counts:
     """Rays that hit each box and return.
 
     Args:
         boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
         reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
+        dead: sets of numbers of LiDARs, for `Counts.left`.
     """
 
     def points(part: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -124,18 +133,23 @@ def count_points(
         return found
 
     alone = _in_threads(points, boxes, _PORTION)
-    return Counts(alone.sum(axis=1), alone)
+    left = alone @ (~_marked(dead, alone.shape[1])).T.astype(np.float64)
+    return Counts(alone.sum(axis=1), alone, alone, left)
 
 
 def count_cells(
-    sights: list[Sight], boxes: NDArray[np.float64], cell: float, reflectivity: float = DARK
+    sights: list[Sight],
+    boxes: NDArray[np.float64],
+    cell: float,
+    reflectivity: float = DARK,
+    dead: Sequence[tuple[int, ...]] = (),
 ) -> Counts:
     """Cells of the surface of each box that are hit, as `lidarplace.recall.surface_cells` has them.
 
     Args:
         boxes: of one size; rows of `GEOMETRY`, shape (B, 7).
         cell: edge, metres.
-        reflectivity: as of `count_points`.
+        reflectivity, dead: as of `count_points`.
 
     Raises:
         ValueError: a box has too many cells.
@@ -148,16 +162,26 @@ def count_cells(
         )
 
     lidars = sights[-1].number + 1
+    marked = _marked(dead, lidars)
 
     def shares(part: NDArray[np.float64]) -> NDArray[np.float64]:
         missed = np.ones((lidars, len(part), cells))
         for sight in sights:
             _hit(sight, part, reflectivity, cell, missed[sight.number])
-        return _expected(missed)
+        return _expected(missed, marked)
 
     portion = max(1, min(_PORTION, _MOST_BYTES // (8 * lidars * cells)))
     found = _in_threads(shares, boxes, portion)
-    return Counts(found[:, -1].copy(), found[:, :-1])
+    alone, each, left = np.split(found[:, 1:], [lidars, 2 * lidars], axis=1)
+    return Counts(found[:, 0].copy(), alone, each, left)
+
+
+def _marked(sets: Sequence[tuple[int, ...]], lidars: int) -> NDArray[np.bool_]:
+    """Whether each set has each LiDAR, shape (sets, LiDARs)."""
+    marked = np.zeros((len(sets), lidars), np.bool_)
+    for row, own in zip(marked, sets, strict=True):
+        row[list(own)] = True
+    return marked
 
 
 def _in_threads(
@@ -323,13 +347,16 @@ def _slice(place, number):
 
 
 @njit(cache=True, nogil=True)
-def _expected(missed) -> NDArray[np.float64]:
-    """Cells that each LiDAR alone hits, and in the last column those that any hits.
+def _expected(missed, dead) -> NDArray[np.float64]:
+    """Cells that any LiDAR hits; that no other hits and that each hits, a column for each LiDAR;
+    that any hits without each set of dead ones.
 
-    `missed` is of every LiDAR, shape (LiDARs, parts, cells).
+    Args:
+        missed: of every LiDAR, shape (LiDARs, parts, cells).
+        dead: shape (sets, LiDARs).
     """
     lidars, parts, cells = missed.shape
-    counts, before = np.zeros((parts, lidars + 1)), np.empty(lidars + 1)
+    counts, before = np.zeros((parts, 1 + 2 * lidars + len(dead))), np.empty(lidars + 1)
     before[0] = 1.0
     for p in range(parts):
         for c in range(cells):
@@ -337,9 +364,16 @@ def _expected(missed) -> NDArray[np.float64]:
                 before[number + 1] = before[number] * missed[number, p, c]
             if before[lidars] == 1.0:
                 continue
-            counts[p, lidars] += 1.0 - before[lidars]
+            counts[p, 0] += 1.0 - before[lidars]
             after = 1.0
             for number in range(lidars - 1, -1, -1):
-                counts[p, number] += before[number] * after * (1.0 - missed[number, p, c])
+                hit = 1.0 - missed[number, p, c]
+                counts[p, 1 + number] += before[number] * after * hit
+                counts[p, 1 + lidars + number] += hit
                 after *= missed[number, p, c]
+            for row in range(len(dead)):
+                left = 1.0
+                for number in range(lidars):
+                    left *= 1.0 if dead[row, number] else missed[number, p, c]
+                counts[p, 1 + 2 * lidars + row] += 1.0 - left
     return counts

@@ -1,15 +1,20 @@
 """A requirement: what has to be seen where, how much of it, and in which cases besides."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Interval
+from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.recall.detection_curve import CELL_M, DetectionCurve
 from lidarplace.requirements.area import Area
+from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.weather import Weather
 
@@ -65,7 +70,39 @@ of six years."""
 
 AS_BUILT = "as built"
 
-Measure = Literal["points", "cells", "probability", "coverage"]
+Measure = Literal[
+    "points", "cells", "probability", "coverage", "pixels", "reach", "common view", "times the need"
+]
+
+
+KIND_OF: dict[Measure, Kind] = {"pixels": "camera", "reach": "radar"}
+"""Who has a measure; others are of LiDARs."""
+
+
+def measured(measure: Measure, sensors: int | None, kinds: int) -> str:
+    """A measure, and by how many sensors it is needed, for tables."""
+    if sensors is None or (sensors == 1 and measure in KIND_OF):
+        return measure
+    of = f" of {kinds} kinds" if kinds > 1 else ""
+    return f"{measure} by {sensors} sensor{'s'[: sensors > 1]}{of}"
+
+
+MOST_DEAD = 1000
+"""Sets of dead sensors of one rig."""
+
+
+def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
+    """All sets of so many dead sensors of a rig; all of them if it has no more.
+
+    Raises ValueError: there are too many sets.
+    """
+    dead = min(dead, sensors)
+    if (sets := math.comb(sensors, dead)) > MOST_DEAD:
+        raise ValueError(
+            f"too many cases; expected at most {MOST_DEAD:,} sets of {dead} dead sensors, found "
+            f"{sets:,} of {sensors} sensors; lower sensors_dead"
+        )
+    return list(combinations(range(sensors), dead))
 
 
 @dataclass(frozen=True)
@@ -74,6 +111,7 @@ class AlsoWhen:
 
     Attributes:
         one_lidar_dead: any one of the LiDARs sees nothing.
+        sensors_dead: any so many of the sensors see nothing; 0: no such case.
         range_factor: every LiDAR reaches so much of its range; None: no such case.
         weather: fog or rain; None: no such case.
         mounts_off: how far every mount is off at most; each rig that is drawn is a case.
@@ -85,6 +123,21 @@ class AlsoWhen:
     weather: Weather | None = None
     mounts_off: MountingErrors | None = None
     draws: int = 0
+    sensors_dead: int = 0
+
+    def dead(self, names: Sequence[str], lidars: int) -> dict[str, tuple[int, ...]]:
+        """Numbers of the sensors that are dead, by case; first "", in which none is.
+
+        Args:
+            names: of all sensors, the LiDARs first.
+            lidars: number of LiDARs.
+
+        Raises:
+            ValueError: as `dead_sets`.
+        """
+        sets = dead_sets(1, lidars) if self.one_lidar_dead else []
+        sets += dead_sets(self.sensors_dead, len(names)) if self.sensors_dead else []
+        return {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}
 
     def variants(self, placement: Placement) -> dict[str, Placement]:
         """The rig by case, without those of a dead LiDAR, which are told from it as built."""
@@ -109,15 +162,21 @@ class Requirement:
         name: for tables.
         area: where the middle of the object is; of coverage the ground plan of the volume.
         measure: what is counted: returns from the object, distinct cells of its surface, the
-            probability that a detector finds it, or the share of a volume that is seen.
+            probability that a detector finds it, the share of a volume that is seen, pixels of a
+            camera, the reach of a radar as a multiple of the distance, or the share of a field of
+            view that another sensor sees, too.
         least: so much of it is needed.
-        placed: the object; None for coverage.
+        placed: the object; None for coverage and common view.
         share: of the positions that need to have it; 1: the worst one, too.
         step: between positions, or edge of a voxel; metres.
         heights: of the volume, metres; for coverage.
         curve: detection curve, for a probability.
         cell: edge of a cell of the surface, metres.
         also_when: further cases.
+        sensors: so many have to have it, each by itself; None: all LiDARs together.
+        kinds: of so many kinds: LiDARs, cameras, radars.
+        needs: of several kinds what each of them needs, in place of `least`, which is 1 then.
+        common_view: of pairs of sensors, in place of an area; None: it is of an area.
     """
 
     name: str
@@ -131,3 +190,12 @@ class Requirement:
     curve: DetectionCurve | None = None
     cell: float = CELL_M
     also_when: AlsoWhen = AlsoWhen()
+    sensors: int | None = None
+    common_view: CommonView | None = None
+    kinds: int = 1
+    needs: tuple[tuple[Measure, float], ...] = ()
+
+    @property
+    def measured(self) -> str:
+        """The measure, and by how many sensors it is needed, for tables."""
+        return measured(self.measure, self.sensors, self.kinds)

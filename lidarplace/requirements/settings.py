@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from lidarplace.base.sectors import SECTORS, bounds_of
+from lidarplace.configuration.mounting import CommonViewSettings
 from lidarplace.configuration.mounting_errors import OffsetSettings
 from lidarplace.configuration.settings import (
     CountFromOne,
     Distance,
+    Factor,
     Length,
     Name,
     Probability,
@@ -25,15 +35,22 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.requirement import (
+    KIND_OF,
     STANDARD,
     AlsoWhen,
     Measure,
     PlacedObject,
     Requirement,
+    measured,
 )
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
+AREA_MEASURES: tuple[Measure, ...] = (
+    *("points", "cells", "probability", "coverage"),
+    *("pixels", "reach"),
+)
+"""Keys of `at_least`."""
 LANES = ("right", "own", "left")
 
 
@@ -137,7 +154,8 @@ class WhatSettings(Settings):
 
 
 class AtLeastSettings(Settings):
-    """How much of it is needed; one of the first four keys."""
+    """How much of it is needed: one of the first four keys of LiDARs, pixels of cameras, reach of
+    radars."""
 
     points: CountFromOne | None = Field(None, description="returns from the object")
     cells: CountFromOne | None = Field(
@@ -150,17 +168,56 @@ class AtLeastSettings(Settings):
         None, gt=0, description="share of the voxels above the area that some beam crosses"
     )
     iou: Probability = Field(IOU, gt=0, lt=1, description="overlap that a detection must exceed")
+    pixels: CountFromOne | None = Field(
+        None, description="pixels of a camera across or up, whichever are fewer, on what it sees"
+    )
+    reach: Annotated[Factor, Field(gt=0)] | None = Field(
+        None, description="range of a radar for such objects as a multiple of the distance; 1: seen"
+    )
+    sensors: CountFromOne | None = Field(
+        None,
+        description="so many sensors have that much, each by itself; null: all LiDARs together, or "
+        "as many as kinds",
+    )
+    kinds: Annotated[CountFromOne, Field(le=3)] = Field(
+        1, description="of so many kinds they are: LiDARs, cameras and radars"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> AtLeastSettings:
-        if sum(getattr(self, key) is not None for key in get_args(Measure)) != 1:
+        named = [key for key, _ in self.needs]
+        of_lidars = [key for key in named if key not in KIND_OF]
+        if not named or len(of_lidars) > 1:
             raise ValueError("name one of points, cells, probability and coverage")
+        if "coverage" in named and (len(named) > 1 or self.kinds > 1):
+            raise ValueError("coverage: is of LiDARs alone; take out pixels, reach and kinds")
+        if self.kinds > len(named):
+            raise ValueError(
+                f"kinds: expected at most {len(named)}, as many as have a measure (a measure of "
+                f"LiDARs, pixels, reach), found {self.kinds}"
+            )
+        if self.sensors is not None and self.sensors < self.kinds:
+            raise ValueError(
+                f"sensors: expected at least kinds, {self.kinds}, found {self.sensors}"
+            )
         return self
+
+    @property
+    def needs(self) -> tuple[tuple[Measure, float], ...]:
+        """All that are named, those of LiDARs first."""
+        named = {key: getattr(self, key) for key in AREA_MEASURES}
+        return tuple((key, float(own)) for key, own in named.items() if own is not None)
 
     @property
     def measure(self) -> Measure:
         """Which of them."""
-        return next(key for key in get_args(Measure) if getattr(self, key) is not None)
+        return self.needs[0][0] if len(self.needs) == 1 else "times the need"
+
+    @property
+    def by(self) -> int | None:
+        """How many sensors need it; None: all LiDARs together."""
+        alone = self.kinds > 1 or any(key in KIND_OF for key, _ in self.needs)
+        return self.kinds if self.sensors is None and alone else self.sensors
 
 
 class MountsOffSettings(OffsetSettings):
@@ -179,6 +236,9 @@ class AlsoWhenSettings(Settings):
     """Cases beside the rig as it is built; each by itself, not all at once."""
 
     one_lidar_dead: bool = Field(False, description="any one of the LiDARs sees nothing")
+    sensors_dead: CountFromOne | None = Field(
+        None, description="any so many of the sensors see nothing at once"
+    )
     range_factor: Probability | None = Field(
         None, gt=0, description="every LiDAR reaches so much of its range, range_10 and range_80"
     )
@@ -198,20 +258,36 @@ class AlsoWhenSettings(Settings):
             None if self.weather is None else self.weather.weather(),
             None if off is None else off.errors(),
             0 if off is None else off.draws,
+            self.sensors_dead or 0,
         )
+
+    @model_validator(mode="after")
+    def _dead_once(self) -> AlsoWhenSettings:
+        if self.one_lidar_dead and self.sensors_dead is not None:
+            raise ValueError("one_lidar_dead and sensors_dead: name one of the two")
+        return self
 
 
 class RequirementSettings(Settings):
     """What has to be seen where."""
 
     name: Name = Field(description="for tables and pictures")
-    where: Annotated[WhereSettings, short_for("preset")] = Field(
-        description="a text is short for preset"
+    common_view: CommonViewSettings | None = Field(
+        None, description="of pairs of sensors, in place of all other keys but name"
+    )
+    where: Annotated[WhereSettings, short_for("preset")] | None = Field(
+        None,
+        validate_default=True,
+        description="a text is short for preset; needed without common_view",
     )
     what: Annotated[WhatSettings, short_for("class")] | None = Field(
         None, description="what stands there; a text is short for class; none for coverage"
     )
-    at_least: AtLeastSettings = Field(description="how much of it is needed")
+    at_least: AtLeastSettings | None = Field(
+        None,
+        validate_default=True,
+        description="how much of it is needed; needed without common_view",
+    )
     share: Probability = Field(
         1.0, alias="for", gt=0, description="share of the positions; 1: the worst one, too"
     )
@@ -222,8 +298,42 @@ class RequirementSettings(Settings):
         0.25, gt=0, description="metres between positions, or edge of a voxel of coverage"
     )
 
+    @field_validator("where", "at_least")
+    @classmethod
+    def _needed(cls, value: Any, info: ValidationInfo) -> Any:
+        if value is None and info.data.get("common_view", True) is None:
+            raise PydanticCustomError("missing", "Field required")
+        return value
+
+    @property
+    def least(self) -> float:
+        """How much is needed of the measure."""
+        if self.common_view is not None:
+            return self.common_view.share
+        assert self.at_least is not None
+        needs = self.at_least.needs
+        return needs[0][1] if len(needs) == 1 else 1.0
+
+    @property
+    def measured(self) -> str:
+        """The measure as tables have it."""
+        if self.common_view is not None:
+            return "common view"
+        assert self.at_least is not None
+        return measured(self.at_least.measure, self.at_least.by, self.at_least.kinds)
+
     @model_validator(mode="after")
     def _fits(self) -> RequirementSettings:
+        if self.common_view is not None:
+            others = self.model_fields_set - {"name", "common_view"}
+            if others:
+                named = sorted(str(type(self).model_fields[own].alias or own) for own in others)
+                raise ValueError(
+                    f"common_view: is of pairs of sensors; take out {', '.join(named)}"
+                )
+            return self
+        assert self.at_least is not None
+        assert self.where is not None
         if self.at_least.measure == "coverage":
             if self.what is not None or "share" in self.model_fields_set:
                 raise ValueError("at_least: coverage is of all voxels; take out what and for")
@@ -232,7 +342,7 @@ class RequirementSettings(Settings):
             raise ValueError("where.z: is of coverage; an object stands on the ground")
         if self.what is None:
             raise ValueError(f"what: is missing; {self.at_least.measure} are of an object")
-        if self.at_least.measure == "probability" and self.what.object_class is None:
+        if self.at_least.probability is not None and self.what.object_class is None:
             raise ValueError("what: a probability needs a class, which has a detection curve")
         return self
 
@@ -256,15 +366,20 @@ class RequirementSettings(Settings):
 
         Raises ValueError: the vehicle has no body that a preset lies around, or there is no curve.
         """
+        if self.common_view is not None:
+            asked = self.common_view.asked()
+            return Requirement(self.name, Area(), "common view", asked.share, common_view=asked)
         wanted, placed = self.at_least, None if self.what is None else self.what.placed()
+        assert wanted is not None
+        assert self.where is not None
         curve = None
-        if wanted.measure == "probability" and placed is not None:
+        if wanted.probability is not None and placed is not None:
             curve = curves.of(str(placed.object_class), wanted.iou)
         return Requirement(
             name=self.name,
             area=self.where.area(vehicle),
             measure=wanted.measure,
-            least=float(getattr(wanted, wanted.measure)),
+            least=self.least,
             placed=placed,
             share=self.share,
             step=self.step,
@@ -272,6 +387,9 @@ class RequirementSettings(Settings):
             curve=curve,
             cell=curves.cell,
             also_when=self.also_when.cases(),
+            sensors=wanted.by,
+            kinds=wanted.kinds,
+            needs=wanted.needs if len(wanted.needs) > 1 else (),
         )
 
 

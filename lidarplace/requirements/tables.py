@@ -37,6 +37,8 @@ class Ground:
     def of(cls, outcome: Outcome) -> Ground:
         """That of a requirement under one rig."""
         positions = outcome.positions
+        if not positions.held.size:  # a common view is nowhere
+            return cls(positions.x, positions.y, np.empty((0, 0)))
         least = np.full(positions.held.shape, np.nan)
         least[positions.held] = np.where(np.isfinite(outcome.least_of), outcome.least_of, np.nan)
         middles = []
@@ -53,7 +55,7 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
     return [
         {
             "requirement": own.requirement.name,
-            "measure": own.requirement.measure,
+            "measure": own.requirement.measured,
             "positions": int(own.positions.held.sum()),
             "objects": int(np.isfinite(own.boxes[:, :, 0]).sum()),
         }
@@ -62,9 +64,10 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
 
 
 def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
-    """What a requirement finds in one case; `short_by` is 0 where it is met, heading None if none.
+    """What a requirement finds in one case.
 
-    Of `met`, every case of a requirement is needed.
+    Place and heading are None where there is none, `short_by` is 0 where it is met. Of `met`,
+    every case of a requirement is needed.
     """
     wanted = outcome.requirement
     return {
@@ -73,8 +76,8 @@ def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
         "value": finding.value,
         "short_by": max(0.0, wanted.least - finding.value),
         "enough": finding.enough,
-        "x": finding.x,
-        "y": finding.y,
+        "x": None if math.isnan(finding.x) else finding.x,
+        "y": None if math.isnan(finding.y) else finding.y,
         "heading_deg": None if finding.heading is None else math.degrees(finding.heading),
         "at_worst": finding.at_worst,
     }
@@ -85,7 +88,7 @@ def case_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
     rows = [
         {
             "requirement": outcome.requirement.name,
-            "measure": outcome.requirement.measure,
+            "measure": outcome.requirement.measured,
             "at_least": outcome.requirement.least,
             "for": outcome.requirement.share,
             **case_row(outcome, finding),
@@ -93,7 +96,7 @@ def case_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         for outcome in outcomes
         for finding in outcome.findings
     ]
-    return pd.DataFrame(rows).astype({"heading_deg": np.float64})
+    return pd.DataFrame(rows).astype(dict.fromkeys(("x", "y", "heading_deg"), np.float64))
 
 
 def by_rig(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
+from lidarplace.rig_files.mounted import MountedLidar, lidars_in, mount_at, named_like
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.routes import STEP_S
 
@@ -194,7 +194,7 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
             even about its x axis.
     """
     sensors = []
-    for each in lidars:
+    for each in lidars_in(lidars):
         if each.model is None:
             raise ValueError(f"{each.name}: no LiDAR model; --lidar names one of the catalogue")
         lidar = each.model.lidar()

@@ -18,26 +18,30 @@ class RigFormat:
     """How another tool writes a rig.
 
     Attributes:
-        read: the LiDARs at a path whose names fit patterns, in the file's vehicle frame.
-        write: LiDARs in that frame to a path.
+        read: the sensors at a path whose names fit patterns, in the file's vehicle frame.
+        write: sensors in that frame to a path; LiDARs alone where it knows no others.
         origin: where the file's vehicle frame starts in our ego frame, metres; None: it may be
             anywhere. Axes are ours in all of them.
         suffixes: by which it is known, without a name.
+        frames: whether it holds frames of all kinds: what each is has to be told.
+        lidars_alone: whether cameras and radars have no place in it.
     """
 
     read: Callable[[Path, Sequence[str]], list[MountedLidar]]
     write: Callable[[Path, Sequence[MountedLidar]], None]
     origin: Vector | None = None
     suffixes: tuple[str, ...] = ()
+    frames: bool = False
+    lidars_alone: bool = False
 
 
 FORMATS = {
     "nuscenes": RigFormat(
         read_nuscenes_rig, write_nuscenes_rig, (0 - ORIGIN[0], 0 - ORIGIN[1], 0 - ORIGIN[2])
     ),
-    "urdf": RigFormat(read_urdf, write_urdf, suffixes=(".urdf",)),
-    "ros2": RigFormat(read_ros2, write_ros2, suffixes=(".launch.xml", ".launch")),
-    "carla": RigFormat(read_carla, write_carla, (0.0, 0.0, 0.0)),
+    "urdf": RigFormat(read_urdf, write_urdf, suffixes=(".urdf",), frames=True),
+    "ros2": RigFormat(read_ros2, write_ros2, suffixes=(".launch.xml", ".launch"), frames=True),
+    "carla": RigFormat(read_carla, write_carla, (0.0, 0.0, 0.0), lidars_alone=True),
     "osi": RigFormat(read_osi, write_osi),
 }
 """By name."""

@@ -1,4 +1,4 @@
-"""A LiDAR on a vehicle as files of rigs have it: a name, a pose, and maybe a model."""
+"""A sensor on a vehicle as files of rigs have it: a name, a pose, and maybe a model."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,9 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import angles
 
@@ -17,17 +19,26 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MountedLidar:
-    """One LiDAR of a rig.
+    """One LiDAR of a rig; or a camera or a radar, which files of rigs have beside them.
 
     Attributes:
         name: in the file.
-        mount: in the vehicle frame of whoever has it.
+        mount: in the vehicle frame of whoever has it; cameras look along its x axis.
         model: None where the file tells none.
+        further: of a camera or a radar what is known of it; its own pose is of no account.
     """
 
     name: str
     mount: Mount
     model: SensorSettings | None = None
+    further: CameraSettings | RadarSettings | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """What it is."""
+        if self.further is None:
+            return "lidar"
+        return "camera" if isinstance(self.further, CameraSettings) else "radar"
 
     def moved(self, x: float, y: float, z: float) -> "MountedLidar":
         """The same LiDAR, farther by so many metres."""
@@ -72,13 +83,38 @@ def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> li
 
 
 def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
-    """Raise ValueError if there is no LiDAR, or two have one name."""
-    if not lidars:
+    """Raise ValueError if there is no LiDAR, or two sensors have one name."""
+    if not lidars_in(lidars):
         raise ValueError(f"{source}: no LiDAR")
     names = [lidar.name for lidar in lidars]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise ValueError(f"{source}: two LiDARs are called {twice[0]}; names must differ")
+        raise ValueError(f"{source}: two sensors are called {twice[0]}; names must differ")
+
+
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""From the frame of an image, x to the right, y down, z ahead, to that of a mount."""
+
+
+def of_frame(frame: MountedLidar, further: CameraSettings | RadarSettings) -> MountedLidar:
+    """A frame that is one of a camera or a radar; optical ones as REP 103 has them, by their
+    name."""
+    mount = frame.mount
+    if "optical" in frame.name and isinstance(further, CameraSettings):
+        mount = mount_of(mount.position, mount.rotation @ OPTICAL.T)
+    return replace(frame, mount=mount, further=further)
+
+
+def mount_in_frame(sensor: MountedLidar) -> Mount:
+    """As `of_frame` reads it."""
+    if "optical" in sensor.name and sensor.kind == "camera":
+        return mount_of(sensor.mount.position, sensor.mount.rotation @ OPTICAL)
+    return sensor.mount
+
+
+def lidars_in(sensors: Iterable[MountedLidar]) -> list[MountedLidar]:
+    """Those that are LiDARs."""
+    return [own for own in sensors if own.kind == "lidar"]
 
 
 BASE = "base_link"

@@ -8,21 +8,29 @@ import uuid
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
+from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, mount_of, named_like
+from lidarplace.rig_files.mounted import OPTICAL, MountedLidar, mount_of, named_like
 from lidarplace.scenes.datasets.nuscenes_tables import read_table
 from lidarplace.scenes.datasets.se3 import poses
 
+_KINDS = ("lidar", "camera", "radar")
+PIXELS = (1600, 900)
+_SOURCE = "camera_intrinsic; images of nuScenes are 1600 x 900"
 DECIMALS = 9
 """Of metres and parts of a rotation, up to which two calibrations are one."""
 
 
 def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The sensors of modality lidar, by channel.
+    """The sensors, by channel; cameras have their intrinsics, and images of the size that the
+    data set has.
 
     Every recording has calibrations of its own. Where those of a channel differ, they are called
     `CHANNEL.TOKEN`, and `only` has to choose.
@@ -31,14 +39,16 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
         ValueError: a table is missing or wrong, or a channel is left with several calibrations.
     """
     sensor = read_table(folder / "sensor.json", ("channel", "modality"))
-    rows = read_table(
-        folder / "calibrated_sensor.json", ("sensor_token", "translation", "rotation")
-    )
+    columns = ["sensor_token", "translation", "rotation"]
+    columns += ["camera_intrinsic"] if "camera" in sensor.columns["modality"] else []
+    rows = read_table(folder / "calibrated_sensor.json", columns)
     owner = rows.rows_in(sensor, "sensor_token")
-    lidar = np.array([kind == "lidar" for kind in sensor.columns["modality"]], bool)
-    rows, owner = rows.take(np.flatnonzero(lidar[owner])), owner[lidar[owner]]
+    known = np.array([kind in _KINDS for kind in sensor.columns["modality"]], bool)
+    rows, owner = rows.take(np.flatnonzero(known[owner])), owner[known[owner]]
     pose = poses(rows.numbers("translation", 3), rows.numbers("rotation", 4), rows.row)
     matrices = pose.rotation.as_matrix()
+    camera = np.array([kind == "camera" for kind in sensor.columns["modality"]], bool)[owner]
+    matrices[camera] = matrices[camera] @ OPTICAL.T
     numbers = np.column_stack([owner, pose.position, matrices.reshape(-1, 9)]).round(DECIMALS)
     different = np.sort(np.unique(numbers, axis=0, return_index=True)[1]).tolist()
     channels = {row: str(sensor.columns["channel"][owner[row]]) for row in different}
@@ -57,9 +67,43 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
                 f"--only {first}"
             )
     return [
-        MountedLidar(channels[row], mount_of(pose.position[row], matrices[row]))
+        MountedLidar(
+            channels[row],
+            mount_of(pose.position[row], matrices[row]),
+            further=_further(
+                str(sensor.columns["modality"][owner[row]]),
+                rows.columns.get("camera_intrinsic", {row: []})[row],
+                f"{rows.path}: {channels[row]}",
+            ),
+        )
         for row in (by_name[name] for name in chosen)
     ]
+
+
+def _further(kind: str, intrinsic: Any, where: str) -> CameraSettings | RadarSettings | None:
+    """What is known of a camera or a radar, which is nowhere yet; None of a LiDAR."""
+    if kind == "lidar":
+        return None
+    if kind == "radar":
+        return RadarSettings(z=0.0)
+    known = {"intrinsic": intrinsic, "pixels": PIXELS, "source": _SOURCE} if intrinsic else {}
+    try:
+        return CameraSettings.model_validate({"z": 0.0} | known)
+    except ValidationError as error:
+        raise fault(error, where) from None
+
+
+def _intrinsic(sensor: MountedLidar) -> list[list[float]]:
+    """Of a camera whose angles are known; none of others."""
+    if not isinstance(sensor.further, CameraSettings):
+        return []
+    if sensor.further.intrinsic is not None:
+        return [list(row) for row in sensor.further.intrinsic]
+    camera = sensor.further.built()
+    if camera is None:
+        return []
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
 
 
 def write_nuscenes_rig(folder: Path, lidars: Sequence[MountedLidar]) -> None:
@@ -67,15 +111,17 @@ def write_nuscenes_rig(folder: Path, lidars: Sequence[MountedLidar]) -> None:
     sensors, calibrated = [], []
     for lidar in lidars:
         token = uuid.uuid5(uuid.NAMESPACE_URL, lidar.name).hex
-        quaternion = Rotation.from_matrix(lidar.mount.rotation).as_quat()  # its real part last
-        sensors.append({"token": token, "channel": lidar.name, "modality": "lidar"})
+        matrix = lidar.mount.rotation
+        matrix = matrix @ OPTICAL if lidar.kind == "camera" else matrix
+        quaternion = Rotation.from_matrix(matrix).as_quat()  # its real part last
+        sensors.append({"token": token, "channel": lidar.name, "modality": lidar.kind})
         calibrated.append(
             {
                 "token": uuid.uuid5(uuid.NAMESPACE_URL, f"{lidar.name} calibrated").hex,
                 "sensor_token": token,
                 "translation": lidar.mount.position.tolist(),
                 "rotation": np.roll(quaternion, 1).tolist(),
-                "camera_intrinsic": [],
+                "camera_intrinsic": _intrinsic(lidar),
             }
         )
     folder.mkdir(parents=True, exist_ok=True)

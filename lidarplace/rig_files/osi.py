@@ -6,16 +6,20 @@ them may be any number, so models are not read.
 """
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.alias_generators import to_camel
 
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.record import NoTruth, Number, read_record
+from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import write_text
 from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
+from lidarplace.rigs.further_sensors import Camera
 
 
 class _Message(BaseModel):
@@ -47,55 +51,103 @@ class _Identifier(_Message):
     value: Annotated[int, NoTruth] = 0
 
 
-class _LidarSensorViewConfiguration(_Message):
+class _OneSensor(_Message):
+    """What LiDARs, cameras and radars have; angles are of cameras and radars, radians."""
+
     sensor_id: _Identifier = _Identifier()
     mounting_position: _MountingPosition
+    field_of_view_horizontal: Number = 0.0
+    field_of_view_vertical: Number = 0.0
+    number_of_pixels_horizontal: Annotated[int, NoTruth] = 0
+    number_of_pixels_vertical: Annotated[int, NoTruth] = 0
 
 
 class _SensorViewConfiguration(_Message):
-    lidar_sensor_view_configuration: list[_LidarSensorViewConfiguration]
+    lidar_sensor_view_configuration: list[_OneSensor] = []
+    camera_sensor_view_configuration: list[_OneSensor] = []
+    radar_sensor_view_configuration: list[_OneSensor] = []
 
 
 def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The LiDARs of a configuration, called by their ids, `lidar_1`.
+    """The sensors of a configuration, called by kind and id, `lidar_1`.
+
+    Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
+    and no range.
 
     Raises ValueError: the file is no such configuration.
     """
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []
-    for each in view.lidar_sensor_view_configuration:
-        at, turned = each.mounting_position.position, each.mounting_position.orientation
-        name = f"lidar_{each.sensor_id.value}"
-        angles = (turned.roll, turned.pitch, turned.yaw)
-        mount = mount_at((at.x, at.y, at.z), angles, f"{path}: {name}")
-        lidars.append(MountedLidar(name, mount))
+    for kind in ("lidar", "camera", "radar"):
+        for each in getattr(view, f"{kind}_sensor_view_configuration"):
+            at, turned = each.mounting_position.position, each.mounting_position.orientation
+            name = f"{kind}_{each.sensor_id.value}"
+            angles = (turned.roll, turned.pitch, turned.yaw)
+            mount = mount_at((at.x, at.y, at.z), angles, f"{path}: {name}")
+            further = None if kind == "lidar" else _further(kind, each, f"{path}: {name}")
+            lidars.append(MountedLidar(name, mount, further=further))
     names = named_like([lidar.name for lidar in lidars], only, str(path))
     return [lidar for lidar in lidars if lidar.name in names]
 
 
+def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSettings:
+    across, up = (
+        round(math.degrees(angle), 9)
+        for angle in (own.field_of_view_horizontal, own.field_of_view_vertical)
+    )
+    pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
+    known: dict[str, Any] = {"z": 0.0}
+    try:
+        if kind == "camera":
+            known |= {"fov_deg": (across, up)} if across and up else {}
+            known |= {"pixels": pixels} if all(pixels) else {}
+            return CameraSettings.model_validate(known)
+        known |= {"azimuth_deg": (-across / 2, across / 2)} if across else {}
+        known |= {"elevation_deg": (-up / 2, up / 2)} if up else {}
+        return RadarSettings.model_validate(known)
+    except ValidationError as error:
+        raise fault(error, where) from None
+
+
 def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write a configuration; ids count from 1.
+    """Write a configuration; ids count from 1, of each kind.
 
     Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
     OSI's fields of view are even about the sensor's axis: the smallest that holds all beams.
     """
-    views = [
-        {
-            "sensorId": {"value": str(number)},
-            "mountingPosition": {
-                "position": {axis: getattr(lidar.mount, axis) for axis in "xyz"},
-                "orientation": {
-                    axis: getattr(lidar.mount, axis) for axis in ("roll", "pitch", "yaw")
+    found: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
+    for each in lidars:
+        views = found.setdefault(f"{each.kind}SensorViewConfiguration", [])
+        views.append(
+            {
+                "sensorId": {"value": str(len(views) + 1)},
+                "mountingPosition": {
+                    "position": {axis: getattr(each.mount, axis) for axis in "xyz"},
+                    "orientation": {
+                        axis: getattr(each.mount, axis) for axis in ("roll", "pitch", "yaw")
+                    },
                 },
-            },
-            **_rays(lidar),
-        }
-        for number, lidar in enumerate(lidars, 1)
-    ]
-    write_text(path, json.dumps({"lidarSensorViewConfiguration": views}, indent=1))
+                **_rays(each),
+            }
+        )
+    write_text(path, json.dumps(found, indent=1))
 
 
 def _rays(mounted: MountedLidar) -> dict[str, Any]:
+    if mounted.further is not None and (built := mounted.further.built()) is not None:
+        if isinstance(built, Camera):
+            angles = [
+                2 * math.atan(max(at, side - at) / focal)
+                for side, at, focal in zip(built.pixels, built.centre, built.focal, strict=True)
+            ]
+            pixels = zip(("Horizontal", "Vertical"), built.pixels, strict=True)
+            view = {f"numberOfPixels{side}": number for side, number in pixels}
+        else:
+            start, width = built.azimuth
+            angles = [2 * max(abs(start), abs(start + width)), 2 * max(map(abs, built.elevation))]
+            view = {}
+        across, up = angles
+        return {"fieldOfViewHorizontal": across, "fieldOfViewVertical": up} | view
     if mounted.model is None:
         return {}
     lidar = mounted.model.lidar()

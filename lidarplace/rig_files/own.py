@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import yaml
 
+from lidarplace.configuration.further_sensors import further_catalogue
 from lidarplace.configuration.placement import read_placement_settings
+from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.mounted import MountedLidar, lidars_in
 
 DIGITS = 9
 """Decimals of metres and degrees: of what rounding leaves of 45 degrees there is no trace."""
@@ -30,11 +32,24 @@ def read_own(path: Path) -> list[MountedLidar]:
     ]
 
 
+def read_further(path: Path) -> list[MountedLidar]:
+    """Its cameras and radars. Raises ValueError as `read_own`."""
+    settings = read_placement_settings(path)
+    found, several = [], (*settings.cameras, *settings.radars)
+    for number, (each, mount) in enumerate(zip(several, settings.in_ego(several), strict=True)):
+        name = each.name or f"{each.KIND}_{number + 1}"
+        found.append(MountedLidar(name, mount, further=each))
+    return found
+
+
 def write_own(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write LiDARs in the ego frame; angles in degrees."""
-    mounts = [_mount(lidar) for lidar in lidars]
+    """Write LiDARs, cameras and radars in the ego frame; angles in degrees."""
+    content = {"mounts": [_mount(lidar) for lidar in lidars_in(lidars)]}
+    for key, kind in (("cameras", "camera"), ("radars", "radar")):
+        if own := [_mount(sensor) for sensor in lidars if sensor.kind == kind]:
+            content[key] = own
     text = yaml.safe_dump(
-        {"mounts": mounts}, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True
+        content, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True
     )
     write_text(path, text)
 
@@ -48,6 +63,12 @@ def _mount(lidar: MountedLidar) -> dict[str, Any]:
         if (degrees := round(float(np.degrees(getattr(mount, name))), DIGITS))
     }
     model = {} if lidar.model is None else {"lidar": as_written(lidar.model)}
+    if lidar.further is not None:
+        written = lidar.further.model_dump(mode="json", include=lidar.further.model_fields_set)
+        model = {key: own for key, own in written.items() if key not in PoseSettings.model_fields}
+        if lidar.further.model is not None:
+            known = further_catalogue()[lidar.further.model]
+            model = {key: own for key, own in model.items() if own != known.get(key)}
     return {"name": lidar.name, **place, **turned, **model}
 
 

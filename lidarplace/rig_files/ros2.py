@@ -14,7 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_at
+from lidarplace.rig_files.mounted import (
+    BASE,
+    Joint,
+    MountedLidar,
+    lidars_of,
+    mount_at,
+    mount_in_frame,
+)
 
 PUBLISHER = "static_transform_publisher"
 PLACE = ("x", "y", "z")
@@ -110,7 +117,7 @@ def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:
     """Write a launch file with a publisher for every LiDAR, in `base_link`."""
     root = Element("launch")
     for lidar in lidars:
-        mount = lidar.mount
+        mount = mount_in_frame(lidar)
         words = [f"--{name} {getattr(mount, name)!r}" for name in (*PLACE, *ANGLES)]
         words += [f"--frame-id {BASE}", f"--child-frame-id {shlex.quote(lidar.name)}"]
         SubElement(root, "node", pkg="tf2_ros", exec=PUBLISHER, args=" ".join(words))

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_at
+from lidarplace.rig_files.mounted import (
+    BASE,
+    Joint,
+    MountedLidar,
+    lidars_of,
+    mount_at,
+    mount_in_frame,
+)
 
 
 def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
@@ -64,7 +71,7 @@ def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:
         joint = SubElement(root, "joint", name=f"{BASE}_to_{lidar.name}", type="fixed")
         SubElement(joint, "parent", link=BASE)
         SubElement(joint, "child", link=lidar.name)
-        mount = lidar.mount
+        mount = mount_in_frame(lidar)
         SubElement(
             joint,
             "origin",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.near_field import seen_in_columns
+from lidarplace.mounting.near_field import seen_in_columns, sensors_over_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.judge import Outcome
 from lidarplace.rigs.placement import Placement
@@ -20,6 +20,8 @@ LOWEST_M = 0.25
 HEIGHTS_M = {"a child": 1.0, "an adult": 1.5}
 """Up to which somebody is looked for: below the top of the head, in whole voxels. A cyclist and a
 car are as tall as an adult."""
+COUNTED_M = {f"sensors on {who}": height for who, height in HEIGHTS_M.items()}
+"""The same, for the number of LiDARs that see them."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,14 @@ class BlindGround:
         middles: x, y in metres, shape (cells, 2).
         share: of all cells that are asked for.
         edge: of a cell, metres.
+        sensors: how many LiDARs see each cell, for cells whatever is seen in them; None: these are
+            those with too little.
     """
 
     middles: NDArray[np.float64]
     share: float
     edge: float = EDGE_M
+    sensors: NDArray[np.int64] | None = None
 
 
 def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
@@ -46,18 +51,39 @@ def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -
         placement: None for no LiDAR, by which all is blind.
         height: metres, a multiple of EDGE_M above LOWEST_M.
     """
-    low = vehicle.extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
-    high = vehicle.extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
-    (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
-    roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
+    roi = _around(vehicle, height)
     blind = np.ones(roi.shape[:2], bool)
     cells = blind.size
     if placement is not None:
         seen, outside = seen_in_columns(placement, vehicle, roi)
         blind, cells = (seen == 0) & (outside > 0), int((outside > 0).sum())
-    rows, columns = np.nonzero(blind)
-    middles = np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
-    return BlindGround(middles, float(blind.sum() / cells))
+    return BlindGround(_middles(roi, blind), float(blind.sum() / cells))
+
+
+def counted_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
+    """All cells around the vehicle with the number of LiDARs that see a voxel below `height` there.
+
+    The share is of those with less than two. Arguments as of `blind_ground`.
+    """
+    roi = _around(vehicle, height)
+    sensors, there = np.zeros(roi.shape[:2], np.int64), np.ones(roi.shape[:2], bool)
+    if placement is not None:
+        sensors, outside = sensors_over_columns(placement, vehicle, roi)
+        there = outside > 0
+    few = float((sensors[there] < 2).mean())
+    return BlindGround(_middles(roi, there), few, sensors=sensors[there])
+
+
+def _around(vehicle: Vehicle, height: float) -> Roi:
+    low = vehicle.extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
+    high = vehicle.extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
+    (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
+    return Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
+
+
+def _middles(roi: Roi, cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+    rows, columns = np.nonzero(cells)
+    return np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
 
 
 def failing_ground(outcome: Outcome) -> BlindGround:

@@ -11,8 +11,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from lidarplace.configuration.placement import MountSettings
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
+from lidarplace.configuration.placement import MountSettings, PlacementSettings
 from lidarplace.configuration.settings import fault
+from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.pose import from_carla
@@ -69,11 +71,13 @@ class Rig:
         name: of the rig.
         lidars: in their order.
         carla: whether the file has poses in CARLA's convention.
+        further: keys of cameras and radars as the file has them.
     """
 
     name: str
     lidars: tuple[MountedLidar, ...] = ()
     carla: bool = False
+    further: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_written(cls, name: str, written: Mapping[str, Any], folder: Path | None = None) -> Rig:
@@ -84,13 +88,30 @@ class Rig:
                 lidars.append(MountedLidar(mount, folder=folder))
             except ValueError as error:
                 raise ValueError(f"mounts[{number}].{error}") from None
-        return cls(name, tuple(lidars), written.get("convention") == "carla")
+        further = {key: written[key] for key in ("cameras", "radars") if key in written}
+        return cls(name, tuple(lidars), written.get("convention") == "carla", further)
 
     @property
     def written(self) -> dict[str, Any]:
         """The keys of `PlacementSettings`; of LiDARs that are disabled, too: they are mounted."""
         convention = {"convention": "carla"} if self.carla else {}
-        return convention | {"mounts": [dict(lidar.written) for lidar in self.lidars]}
+        mounts = {"mounts": [dict(lidar.written) for lidar in self.lidars]}
+        return convention | mounts | dict(self.further)
+
+    @cached_property
+    def _as_placement(self) -> PlacementSettings:
+        return PlacementSettings.model_validate(self.written | {"mounts": [{"z": 0.0}]})
+
+    @cached_property
+    def sensors(self) -> tuple[MountedSensor, ...]:
+        """Its cameras and radars, in the ego frame; they always work."""
+        return self._as_placement.further() if self.further else ()
+
+    @property
+    def settings_of_sensors(self) -> tuple[CameraSettings | RadarSettings, ...]:
+        """Of the same, in the same order."""
+        found = self._as_placement if self.further else None
+        return () if found is None else (*found.cameras, *found.radars)
 
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:

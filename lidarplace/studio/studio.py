@@ -21,7 +21,7 @@ from lidarplace.requirements.judge import Outcome
 from lidarplace.rigs.placement import Placement
 from lidarplace.studio import rig as edits
 from lidarplace.studio.best_pose import BestPose, best_addition, improved
-from lidarplace.studio.blind_ground import BlindGround, blind_ground, failing_ground
+from lidarplace.studio.blind_ground import BlindGround, blind_ground, counted_ground, failing_ground
 from lidarplace.studio.frame_view import FrameView
 from lidarplace.studio.history import History
 from lidarplace.studio.log_frames import LogFrames
@@ -298,6 +298,10 @@ class Studio:
     def blind_ground(self, height: float) -> BlindGround:
         """Where somebody of that height is not seen around the vehicle."""
         return blind_ground(self.placement, self.file.body, height)
+
+    def counted_ground(self, height: float) -> BlindGround:
+        """How many LiDARs see somebody of that height around the vehicle."""
+        return counted_ground(self.placement, self.file.body, height)
 
     def failing_ground(self, requirement: str) -> BlindGround | None:
         """Where a requirement has too little; None without a LiDAR that works."""

@@ -10,6 +10,8 @@ import numpy as np
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import OBJECTS_M, blind_lidars
 from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.common_view import common_view, weakest
+from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
@@ -32,7 +34,8 @@ class Violation:
     """A constraint that is not kept.
 
     Attributes:
-        constraint: zone, body, keep_out, distance, body_share, price, power, blind or requirement.
+        constraint: zone, body, keep_out, distance, body_share, common_view, facing, price, power,
+            blind or requirement.
         lidars: numbers of those concerned; none if it is the rig.
         excess: by how much: metres, a share, money, watts, or what a requirement lacks in its own
             measure; NaN where it is not known.
@@ -46,14 +49,17 @@ class Violation:
 
 
 def prices_of(rig: Rig, file: RigsFile) -> list[float]:
-    """Of its LiDARs, disabled or not, in the file's currency; NaN where the file does not say."""
+    """Of its LiDARs, disabled or not, and of cameras and radars, in the file's currency; NaN where
+    the file does not say."""
     prices = file.settings.prices
-    return [prices.get(name or "", math.nan) for name in _models(rig, file)]
+    own = [math.nan if one.price is None else one.price for one in rig.settings_of_sensors]
+    return [prices.get(name or "", math.nan) for name in _models(rig, file)] + own
 
 
 def powers_of(rig: Rig, file: RigsFile) -> list[float]:
     """The same in watts, by their data sheets."""
     sheets = [None if name is None else datasheet(name).power_w for name in _models(rig, file)]
+    sheets += [own.power for own in rig.settings_of_sensors]
     return [math.nan if watts is None else watts for watts in sheets]
 
 
@@ -63,9 +69,14 @@ def _models(rig: Rig, file: RigsFile) -> list[str | None]:
     return [lidar.model if "lidar" in lidar.written else default for lidar in rig.lidars]
 
 
+def _called(rig: Rig, file: RigsFile) -> list[str | None]:
+    """The same and names of cameras and radars, in the order of `prices_of`."""
+    return [*_models(rig, file), *(sensor.name for sensor in rig.sensors)]
+
+
 def violations(rig: Rig, file: RigsFile) -> tuple[Violation, ...]:
     """All that the rig does not keep of what the file says."""
-    parts = (_outside, _inside, _close, _blocked, totals_above)
+    parts = (_outside, _inside, _close, _blocked, _paired, totals_above)
     return tuple(one for part in parts for one in part(rig, file))
 
 
@@ -81,7 +92,7 @@ def totals_above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
             continue
         text = f"{name} {total:g}{unit}: {total - limit:g}{unit} above {limit:g}{unit}"
         if math.isnan(total):
-            known = zip(_models(rig, file), values, strict=True)
+            known = zip(_called(rig, file), values, strict=True)
             strange = {model or "a LiDAR without a name" for model, one in known if one != one}
             text = f"{name}: of {', '.join(sorted(strange))} it is not known"
         yield Violation(name, (), total - limit, text)
@@ -134,6 +145,34 @@ def _blocked(rig: Rig, file: RigsFile) -> Iterator[Violation]:
             yield Violation("body_share", (number,), share - limit, text)
 
 
+def _paired(rig: Rig, file: RigsFile) -> Iterator[Violation]:
+    limits = file.settings.constraints
+    if (limits.common_view is None and limits.facing is None) or not rig.lidars:
+        return
+    try:
+        whole = Placement(rig.name, rig.mounts, lidar=rig.models(file.settings.lidar.lidar()))
+    except ValueError:  # of two in one place `_close` tells
+        return
+    if limits.common_view is not None:
+        asked = limits.common_view.asked()
+        share, pair = weakest(common_view(whole, file.body, asked, rig.sensors), asked)
+        if pair is not None and share < asked.share - ROUNDING:
+            names = [f"LiDAR {n}" for n in range(len(rig.lidars))]
+            names += [sensor.name for sensor in rig.sensors]
+            between = " and ".join(names[n] if n < len(names) else "none" for n in pair)
+            text = (
+                f"{between}: {100 * share:.3g} % of the smaller field of view in common, expected "
+                f"at least {100 * asked.share:g} %"
+            )
+            lidars = tuple(n for n in pair if n < len(rig.lidars))
+            yield Violation("common_view", lidars, asked.share - share, text)
+    if limits.facing is not None:
+        pairs = facing_pairs(whole, file.body)
+        for pair in pairs if len(pairs) > limits.facing else ():
+            text = f"LiDARs {pair[0]} and {pair[1]}: look into each other"
+            yield Violation("facing", pair, float(len(pairs) - limits.facing), text)
+
+
 def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
     """The LiDARs that see nothing of the ROI, dead or not, unless the file allows them."""
     if file.settings.allow_blind_lidars or not rig.lidars:
@@ -164,9 +203,10 @@ def unmet(outcomes: Sequence[Outcome]) -> Iterator[Violation]:
         wanted, worst = outcome.requirement, outcome.worst
         lacks = wanted.least - worst.value
         case = "" if worst.case == AS_BUILT else f", {worst.case}"
+        place = "" if math.isnan(worst.x) else f"; worst at x {worst.x:.2f}, y {worst.y:.2f}"
         text = (
-            f"{wanted.name}: {worst.value:.3g} {wanted.measure}, {lacks:.3g} short of "
-            f"{wanted.least:g}{case}; worst at x {worst.x:.2f}, y {worst.y:.2f}"
+            f"{wanted.name}: {worst.value:.3g} {wanted.measured}, {lacks:.3g} short of "
+            f"{wanted.least:g}{case}{place}"
         )
         if not outcome.met:
             yield Violation("requirement", (), lacks, text)
@@ -203,4 +243,4 @@ def judged(rig: Rig, file: RigsFile, laid: Sequence[Laid]) -> list[Outcome]:
         return []
     left_out = unknown(rig, file)
     asked = [own for own in laid if own.requirement.name not in left_out]
-    return judge(asked, placement, file.body)
+    return judge(asked, placement, file.body, rig.sensors)

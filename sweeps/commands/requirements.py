@@ -29,6 +29,7 @@ app = new_app()
     app,
     "examples/requirements.yaml",
     "examples/requirements.yaml --dry-run",
+    "examples/sensor_needs.yaml",
     failed="a rig fails a requirement",
 )
 def requirements(
@@ -59,7 +60,10 @@ def requirements(
             return
         console = Terminal(stderr=True)
         rigs = track(question.rigs, "rigs", console=console, disable=not console.is_terminal)
-        outcomes = [judge(question.laid, rig, question.vehicle) for rig in rigs]
+        outcomes = [
+            judge(question.laid, rig, question.vehicle, further)
+            for rig, further in zip(rigs, question.further, strict=True)
+        ]
         cases = _cases(question, outcomes)
         worst = worst_cases(cases, ["rig"])
         paths = _write(question, outcomes, cases, worst, out)
@@ -95,7 +99,7 @@ def _as_json(outcome: Outcome) -> dict[str, Any]:
         "rig": outcome.rig,
         "requirement": wanted.name,
         "met": outcome.met,
-        "measure": wanted.measure,
+        "measure": wanted.measured,
         "at_least": wanted.least,
         "for": wanted.share,
         "cases": [case_row(outcome, finding) for finding in outcome.findings],
@@ -147,6 +151,8 @@ def _sections(
     yield first
     for laid in question.laid:
         name = laid.requirement.name
+        if laid.requirement.common_view is not None:
+            continue
         figures = [
             requirement_map(
                 row,

@@ -12,14 +12,21 @@ from lidarplace.base.number_text import point
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.mounting import KeepOuts, KeepOutSettings, keep_out_boxes
-from lidarplace.configuration.placement import PlacementSettings, read_placement
+from lidarplace.configuration.placement import (
+    PlacementSettings,
+    read_placement,
+    read_placement_settings,
+)
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import FilePath, Name, Settings, short_for
 from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
+from lidarplace.mounting.common_view import check_pairs
 from lidarplace.mounting.vehicle import Vehicle, depth_in
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
+from lidarplace.requirements.requirement import KIND_OF, dead_sets
 from lidarplace.requirements.settings import Requirements, RequirementSettings
+from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
@@ -57,11 +64,13 @@ class Question:
         rigs: each under another name.
         vehicle: carries them; what is kept out belongs to its body.
         laid: the requirements, laid out around it.
+        further: cameras and radars of each rig.
     """
 
     rigs: tuple[Placement, ...]
     vehicle: Vehicle
     laid: tuple[Laid, ...]
+    further: tuple[tuple[MountedSensor, ...], ...]
 
 
 def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
@@ -78,14 +87,15 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
     curves = default_curves() if file.curves is None else read_curves(file.curves)
     try:
         body = vehicle_of(file.vehicle)
-        rigs = _rigs(file)
-        for rig in rigs:
-            check_asked(rig, body, file.requirements)
+        rigs, further = zip(*_rigs(file), strict=True)
+        for rig, others in zip(rigs, further, strict=True):
+            check_asked(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     vehicle = body.with_boxes(keep_out_boxes(file.keep_out))
-    return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves, f"{path}: "))
+    laid = laid_out(file.requirements, vehicle, curves, f"{path}: ")
+    return Question(rigs, vehicle, laid, further)
 
 
 def laid_out(
@@ -104,7 +114,8 @@ def laid_out(
     return tuple(laid)
 
 
-def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
+def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, ...]]]:
+    """Each with its cameras and radars."""
     lidar = file.lidar.lidar()
     taken = sorted(set(file.placements) & set(PAPER_PLACEMENTS))
     if taken:
@@ -115,20 +126,27 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
     rigs = []
     for name in names:
         if name in file.placements:
-            rigs.append(file.placements[name].placement(name, lidar))
+            own = file.placements[name]
+            try:
+                rigs.append((own.placement(name, lidar), own.further()))
+            except ValueError as error:
+                raise ValueError(f"placements.{name}: {error}") from None
         elif name in PAPER_PLACEMENTS:
-            rigs.append(PAPER_PLACEMENTS[name].with_lidar(lidar))
-        elif Path(name).is_dir():
-            rigs.append(replace(read_placement(Path(name) / "placement.yaml", lidar), name=name))
-        elif name.endswith((".yaml", ".yml")):
-            rigs.append(replace(read_placement(Path(name), lidar), name=name))
+            rigs.append((PAPER_PLACEMENTS[name].with_lidar(lidar), ()))
+        elif Path(name).is_dir() or name.endswith((".yaml", ".yml")):
+            path = Path(name) / "placement.yaml" if Path(name).is_dir() else Path(name)
+            rig = replace(read_placement(path, lidar), name=name)
+            try:
+                rigs.append((rig, read_placement_settings(path).further()))
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}") from None
         else:
             known = [*file.placements, *PAPER_PLACEMENTS]
             raise ValueError(
                 f"rigs: no placement {name!r}{did_you_mean(name, known)}; expected "
                 f"{', '.join(known)}, a FILE.yaml, a run folder"
             )
-    return tuple(rigs)
+    return rigs
 
 
 def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> None:
@@ -143,7 +161,10 @@ def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> 
 
 
 def check_asked(
-    rig: Placement, vehicle: Vehicle, requirements: Sequence[RequirementSettings]
+    rig: Placement,
+    vehicle: Vehicle,
+    requirements: Sequence[RequirementSettings],
+    further: Sequence[MountedSensor] = (),
 ) -> None:
     """Refuse a rig that cannot be asked.
 
@@ -151,6 +172,14 @@ def check_asked(
         ValueError: a LiDAR is inside of the vehicle's body, or as `check_lidars`.
     """
     check_lidars(rig, requirements)
+    kinds = ["lidar"] * len(rig.mounts) + [sensor.kind for sensor in further]
+    for own in requirements:
+        check_dead(own, kinds)
+        if own.common_view is not None:
+            try:
+                check_pairs(own.common_view.asked(), len(kinds))
+            except ValueError as error:
+                raise ValueError(f"{own.name!r}: {error} in {rig.name!r}") from None
     check_mounts(rig, vehicle)
 
 
@@ -166,3 +195,14 @@ def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) ->
             if found is not None:
                 key, told = found
                 raise ValueError(f"{own.name!r}: {key}: LiDAR {number} of {rig.name!r}: {told}")
+
+
+def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:
+    """Raise ValueError if sensors of a rig, which are of these kinds, can be dead in too many
+    ways."""
+    needs = () if own.at_least is None else own.at_least.needs
+    count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}
+    try:
+        dead_sets(own.also_when.sensors_dead or 0, sum(kind in count for kind in kinds))
+    except ValueError as error:
+        raise ValueError(f"{own.name!r}: also_when.sensors_dead: {error}") from None

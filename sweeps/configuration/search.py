@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 
 from lidarplace.base.metrics import METRICS, RANKING, Direction, headline_metric
 from lidarplace.base.registry import OneOf
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
@@ -44,6 +45,8 @@ from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.pog.surrogates.table import SURROGATES
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.catalogue.datasheet import datasheet
+from lidarplace.rigs.further_sensors import MountedSensor
+from lidarplace.rigs.placement import Mount
 from sweeps.configuration.sweep import Common, Point, best_of
 
 Scalar = Text | bool | int | Number | None
@@ -362,6 +365,10 @@ class SearchSettings(Settings):
         False, description="mirrored pairs, and one on the centre line if the number is odd"
     )
     fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs with a fixed mount")
+    cameras: tuple[CameraSettings, ...] = Field(
+        (), description="of every rig, which count in requirements, common view, price and power"
+    )
+    radars: tuple[RadarSettings, ...] = Field((), description="the same")
     start: tuple[Name, ...] = Field(
         (), description="first trials: the paper's or own placements, such as your current rig"
     )
@@ -491,8 +498,11 @@ class SearchSettings(Settings):
         if self.near_start and not self.start:
             raise ValueError("near_start: name the rigs in `start`")
         self._check_zones()
-        if any(o.one_lidar_dead for o in self.objective) and self._most_lidars < 2:
-            raise ValueError("objective: one_lidar_dead: needs two or more LiDARs")
+        self.further()
+        if any(o.one_lidar_dead for o in self.objective) and self.most_lidars < 2:
+            raise ValueError(
+                "objective: one_lidar_dead: needs two or more LiDARs"
+            )
         if self.space and not any(measured):
             raise ValueError(
                 "space: surrogates depend on the placement alone; choose a measured objective such "
@@ -523,12 +533,22 @@ class SearchSettings(Settings):
         return FAMILIES if self.objective[0].judged else 0
 
     @property
+    def further_settings(self) -> tuple[CameraSettings | RadarSettings, ...]:
+        """Cameras, then radars."""
+        return (*self.cameras, *self.radars)
+
+    def further(self) -> tuple[MountedSensor, ...]:
+        """The same. Raises ValueError as `further_sensors` does."""
+        mounts = [Mount(*own.pose) for own in self.further_settings]
+        return further_sensors(self.cameras, self.radars, mounts)
+
+    @property
     def counted(self) -> bool:
         """Whether zones say how many LiDARs they have."""
         return any(zone.lidars is not None for zone in self.zones.values())
 
     @property
-    def _most_lidars(self) -> int:
+    def most_lidars(self) -> int:
         """How many a rig has at most, those that are fixed and mirror images with them."""
         own = [(2 if z.mirrored else 1) * z.lidars[1] for z in self.zones.values() if z.lidars]
         return (sum(own) if self.counted else self.lidars[1]) + len(self.fixed)
@@ -551,6 +571,14 @@ class SearchSettings(Settings):
             if unknown:
                 known = ", ".join(self.models) or "none: give search.models"
                 raise ValueError(f"zones.{name}.models: no model {unknown[0]!r}; there are {known}")
+        common = {"constraints": self.constraints.common_view}
+        common |= {f"requirements {own.name!r}": own.common_view for own in self.requirements}
+        for place, view in common.items():
+            if view is not None and not isinstance(view.pairs, str):
+                raise ValueError(
+                    f"{place}: common_view.pairs: LiDARs of a search have no fixed numbers; "
+                    f"expected all or chain, found {[list(pair) for pair in view.pairs]}"
+                )
         for key in ("keep_out", "requirements"):
             if getattr(self, key) and not self.zones:
                 raise ValueError(f"{key}: no zones to place LiDARs in")
@@ -562,6 +590,10 @@ class SearchSettings(Settings):
                     if unknown
                     else "models: name the LiDARs there, so that their power is known"
                 )
+            for own in self.further_settings:
+                if own.power is None:
+                    key = "cameras" if own in self.cameras else "radars"
+                    raise ValueError(f"{key}: power of {own.name or key}: is missing; say it")
         if any(o.by == "margin" for o in self.objective) and not self.requirements:
             raise ValueError("objective: margin is that of search.requirements; there are none")
 

@@ -123,6 +123,16 @@ def _without_bfloat16() -> list[str]:
     return [] if device().type != "cpu" or cpu_has_bfloat16() else [NO_BFLOAT16]
 
 
+def ignored(name: str, sensors: Sequence[object]) -> list[str]:
+    """That cameras and radars are of requirements alone; nothing without any."""
+    if not sensors:
+        return []
+    return [
+        f"{name}: cameras and radars ({len(sensors)}) make no clouds: detectors and surrogates "
+        "ignore them."
+    ]
+
+
 def _hint(trial: Trial) -> str:
     judge = trial.grid_point.point.judge
     seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
@@ -174,6 +184,8 @@ class _Builder:
         typical = self._typical(point)
         if point.detector is not None and point.training.mixed_precision == "everywhere":
             self.cautions |= dict.fromkeys(_without_bfloat16())
+        if (own := self._common.placements.get(point.placement)) is not None:
+            self.cautions |= dict.fromkeys(ignored(point.placement, (*own.cameras, *own.radars)))
         scenes = [
             self._task("scene", grid_point, SceneParams(part.recording), (), part.name)
             for part in parts
@@ -294,11 +306,13 @@ class _Builder:
             return None
         vehicle = vehicle_of(grid_point.point.vehicle)
         try:
-            check_asked(grid_point.rig, vehicle, self._common.requirements)
+            own = self._common.placements.get(grid_point.point.placement)
+            further = () if own is None else own.further()
+            check_asked(grid_point.rig, vehicle, self._common.requirements, further)
         except ValueError as error:
             raise ConfigError(f"requirements: {error}") from None
         asked = tuple(own.requirement for own in laid)
-        params = RequirementsParams(grid_point.rig, vehicle, asked)
+        params = RequirementsParams(grid_point.rig, vehicle, asked, further)
         return self._task("requirements", grid_point, params, ())
 
     def _detected(

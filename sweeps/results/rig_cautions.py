@@ -5,15 +5,17 @@ from collections.abc import Sequence
 
 from lidarplace import Placement
 from lidarplace.base.metrics import headline_metric
-from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.own_body import body_parts, sedan
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.shade import ends_of
 from lidarplace.clouds.shapes import BODY
 from lidarplace.coverage import count_covered
 from lidarplace.mounting.body_share import AZIMUTH_STEPS
+from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
+from lidarplace.mounting.vehicle import Vehicle
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import headline_value
 from sweeps.store.open import AnyStore
@@ -21,7 +23,10 @@ from sweeps.tasks.parameters import CollectParams
 from tracking.labels import digits
 
 MOST_NAMED = 8
-"""Of rigs whose rings coincide; those with the most."""
+"""Of rigs whose rings coincide, those with the most; of others the first."""
+
+MOST_PAIRS = 3
+"""Of LiDARs of a rig that look into each other."""
 
 LEAST_COVERED = 0.01
 """Share of the ROI's voxels; a level LiDAR of 16 beams on the roof covers 30 % of those of 0.2 m in
@@ -32,8 +37,8 @@ MOST_STOPPED = 0.25
 
 
 def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
-    """Rings that coincide, with what a generalist says of others; LiDARs that see little; rigs that
-    the generalist cannot know."""
+    """Rings that coincide, with what a generalist says of others; LiDARs that look into each other
+    or see little; rigs that the generalist cannot know."""
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
@@ -49,6 +54,13 @@ def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
     if more:
         least = 100 * coincide[worst[MOST_NAMED]].before
         said.append(f"So do rings of {more} rigs more, of each at most {least:.0f} %.")
+    blinded = []
+    for name, trials in by_rig.items():
+        placement, vehicle = trials[0].surrogates.params.placement, trials[0].grid_point.vehicle
+        blinded += facing(placement, sedan() if vehicle is None else vehicle, name)
+    said += blinded[:MOST_NAMED]
+    if len(blinded) > MOST_NAMED:
+        said.append(f"So do LiDARs of {len(blinded) - MOST_NAMED} rigs more.")
     for name, trials in by_rig.items():
         outside_of = _outside(name, trials)
         said += [*_wasted(name, trials[0]), *([outside_of] if outside_of else [])]
@@ -75,6 +87,18 @@ def _wasted(name: str, trial: Trial) -> list[str]:
                 f"{name}: {100 * stopped:.0f} % of what LiDAR {number} fires meets the vehicle."
             )
     return said
+
+
+def facing(placement: Placement, vehicle: Vehicle, name: str) -> list[str]:
+    """That LiDARs of a rig look into each other; nothing if none do."""
+    pairs = [f"{i + 1} and {j + 1}" for i, j in facing_pairs(placement, vehicle)]
+    if not pairs:
+        return []
+    more = f" and {len(pairs) - MOST_PAIRS} pairs more" if len(pairs) > MOST_PAIRS else ""
+    return [
+        f"{name}: LiDARs {', '.join(pairs[:MOST_PAIRS])}{more} look into each other, which blinds "
+        "or deceives those that are not made for it; raise, tilt or shield one."
+    ]
 
 
 def coinciding(name: str, found: Interleaving) -> str:

@@ -18,6 +18,7 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.requirements.requirement import Requirement
+from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.parts import Recording
 from sweeps.configuration.command import CommandJudge
@@ -106,6 +107,7 @@ class RequirementsParams:
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     vehicle: Annotated[Vehicle, "vehicle"]
     requirements: Annotated[tuple[Requirement, ...], "surrogate.curves"]
+    further: Annotated[tuple[MountedSensor, ...], "placement"] = ()
 
 
 @dataclass(frozen=True)

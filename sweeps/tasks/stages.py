@@ -203,7 +203,7 @@ def requirements(params: RequirementsParams) -> Required:
     from lidarplace.requirements.tables import Ground, case_table
 
     laid = [lay_out(own, params.vehicle) for own in params.requirements]
-    outcomes = judge(laid, params.placement, params.vehicle)
+    outcomes = judge(laid, params.placement, params.vehicle, params.further)
     grounds = {str(number): Ground.of(outcome) for number, outcome in enumerate(outcomes)}
     return Required(
         case_table(outcomes),

@@ -17,6 +17,7 @@ READ = re.compile(
 OWN = {
     "lidarplace.clouds.cloud_files": "by regular itself",
     "lidarplace.configuration.correction": "of the package",
+    "lidarplace.configuration.further_sensors": "of the package",
     "lidarplace.rigs.catalogue.datasheet": "of the package",
     "lidarplace.recall.detection_curve": "of the package",
     "lidarplace.viewing.page": "of the package",

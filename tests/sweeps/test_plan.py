@@ -403,7 +403,8 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
         generalist={"rigs": list(named)},
         vehicle=[],
     )
-    coincide, outside = rig_cautions(plan, Empty())
+    coincide, facing, outside = rig_cautions(plan, Empty())
+    assert facing.startswith("high: LiDARs 1 and 2, 1 and 3, 1 and 4 and 3 pairs more look into ea")
     assert coincide.startswith("high: ")
     assert "pitches of −0.75, −0.25, +0.25, +0.75 degrees" in coincide
     assert outside == (
@@ -433,7 +434,11 @@ def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_pat
         for n in range(12)
     }
     plan = plan_of(tmp_path, placements=rigs, grid={"placement": list(rigs)}, detector=None)
-    said = rig_cautions(plan, Empty())
+    said, facing = [], []
+    for line in rig_cautions(plan, Empty()):
+        (said if "rings" in line else facing).append(line)
+    assert len(facing) == MOST_NAMED + 1
+    assert facing[-1].startswith("So do LiDARs of ")
     shares = {
         trial.grid_point.point.placement: trial.interleaving.before
         for trial in plan.trials
@@ -459,3 +464,21 @@ def test_16_bits_are_another_result_and_a_processor_without_them_is_named(tmp_pa
         assert odd.finetune.key != even.finetune.key
         assert odd.evaluate.key != even.evaluate.key
         assert odd.surrogates.key == even.surrogates.key
+
+
+def test_cameras_are_said_to_be_ignored_and_change_no_key(tmp_path):
+    """Clouds and detectors are the same with them; requirements alone know them."""
+    mounts = {"mounts": [{"x": 0, "y": 0, "z": 2.2}]}
+    people = {"name": "x", "where": {"x": [3, 5], "y": [0, 1]}, "what": "Pedestrian"}
+    people |= {"at_least": {"pixels": 5}, "step": 1.0}
+    camera = {"x": 1, "z": 1.5, "model": "a2d2_front_camera"}
+    plans = [
+        plan_of(tmp_path, placements={"mine": own}, placement="mine", requirements=[people])
+        for own in (mounts, mounts | {"cameras": [camera]})
+    ]
+    keys = [{task.stage + task.label: task.key for task in plan.tasks} for plan in plans]
+    assert {name for name in keys[0] if keys[0][name] != keys[1][name]} == {
+        name for name in keys[0] if name.startswith("requirements")
+    }
+    said = "mine: cameras and radars (1) make no clouds: detectors and surrogates ignore them."
+    assert [said in plan.cautions for plan in plans] == [False, True]

@@ -140,3 +140,31 @@ def test_what_is_kept_out_hides_what_is_behind_it():
 def test_overrides():
     done = run(SMALL, "--set", "lidar.beams=1", "--set", "lidar.elevation_deg=[89, 89]")
     assert done.exit_code == 1, "it looks at the sky"
+
+
+def test_several_sensors_and_their_common_view():
+    """Four LiDARs on the roof: any two dead, two of the others see people; a front one is apart."""
+    people = SMALL["requirements"][0]
+    twice = people | {"at_least": {"points": 1, "sensors": 2}, "also_when": {"sensors_dead": 2}}
+    view = {"name": "calibration", "common_view": {"pairs": "chain", "share": 0.2}}
+    sky = {"x": 0.9, "z": 1.6, "pitch": -1.5, "lidar": {"beams": 4, "elevation_deg": [0, 5]}}
+    roof = [{"x": x, "y": y, "z": 1.8} for x in (-0.5, 0.5) for y in (-0.4, 0.4)]
+    rigs = {"roof": {"mounts": roof}, "apart": {"mounts": [*roof[:2], sky]}}
+    done = run(SMALL | {"placements": rigs, "requirements": [twice, view]})
+    assert done.exit_code == 1, done.output
+    lines = [line.split() for line in done.stdout.splitlines() if "roof" in line or "apart" in line]
+    verdicts = {
+        (words[0], words[1]): next(w for w in words if w in ("pass", "FAIL")) for words in lines
+    }
+    assert verdicts == {
+        ("roof", "people"): "pass",
+        ("roof", "calibration"): "pass",
+        ("apart", "people"): "FAIL",
+        ("apart", "calibration"): "FAIL",
+    }
+    assert "1 points by 2 sensors" in done.stdout
+    found = json.loads(run(SMALL | {"placements": rigs, "requirements": [view]}, "--json").stdout)
+    (case,) = next(own["cases"] for own in found["outcomes"] if own["rig"] == "apart")
+    assert case["case"].endswith("and LiDAR 3")
+    assert case["x"] is None
+    assert case["value"] < 0.2

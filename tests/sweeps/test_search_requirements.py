@@ -2,6 +2,7 @@
 
 import html
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,16 @@ from search_files import write_search
 from typer.testing import CliRunner
 
 from lidarplace import Mount
+from lidarplace.mounting.common_view import CommonView, common_view
+from lidarplace.mounting.facing import facing_pairs
 from lidarplace.requirements.judge import judge
 from sweeps.commands.search import app
+from sweeps.configuration.file import ConfigError
+from sweeps.search.output.terminal import rig_warnings, warnings_of
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint
-from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.problem import _LATER, _without_paths, read_problem
 from tracking.run_folders.search import SearchFolder
 
 AROUND = {
@@ -225,3 +230,73 @@ def test_zones_that_may_all_be_empty(tmp_path):
     trials = SearchFolder.read(tmp_path / "runs/small").trials
     assert set(trials.loc[~trials["possible"], "lidars"]) <= {0}
     assert trials["possible"].any()
+
+
+def test_pairs_of_lidars_as_constraints(tmp_path):
+    """What calibration needs and what blinds, of a rig as of a placement by itself."""
+    limits = {"common_view": {"pairs": "all", "share": 0.999}, "facing": 0}
+    problem = problem_of(tmp_path, constraints=limits, requirements=[], objective="price")
+    carrier = problem.question.carrier
+    found = assess(RIG, problem.question, Traffic({}, None))
+    rig = placement_of(RIG, problem.models)
+    asked = CommonView("all", 0.999, 20.0)
+    (share,) = common_view(rig, carrier.vehicle, asked).values()
+    assert found.measures["common_view"] == share
+    assert found.violations["common_view"] == pytest.approx(0.999 - share)
+    assert found.violations["facing"] == len(facing_pairs(rig, carrier.vehicle)) == 1
+    level = tuple(replace(own, mount=replace(own.mount, roll=0.0)) for own in RIG)
+    assert assess(level, problem.question, Traffic({}, None)).measures["facing"] == 1
+    apart = (level[0], replace(level[1], mount=replace(level[1].mount, z=2.5)))
+    assert assess(apart, problem.question, Traffic({}, None)).violations["facing"] == 0
+    assert any("look into each other" in said for said in rig_warnings({"level": level}, problem))
+    assert not any("each other" in said for said in rig_warnings({"apart": apart}, problem))
+
+
+def test_rigs_that_are_found_are_redundant_and_can_be_calibrated(tmp_path):
+    twice = EASY | {"at_least": {"points": 1, "sensors": 2}}
+    view = {"name": "calibration", "common_view": {"pairs": "chain", "share": 0.5}}
+    search = {"requirements": [twice, view], "objective": "margin", "constraints": {"facing": 0}}
+    path = write_search(tmp_path, search=search | {"roll_deg": [-20, 20], "trials": 24})
+    done = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert "requirement.somebody around at least 1 points by 2 sensors" in done.output
+    assert "facing at most 0 pairs" in done.output
+    folder = SearchFolder.read(tmp_path / "runs/small")
+    best = folder.search.rigs[folder.search.best[0]]
+    problem = read_problem(path)
+    rig = tuple(Choice("lidar", "roof", mount) for mount in best.placed)
+    found = assess(rig, problem.question, Traffic({}, None))
+    assert found.feasible
+    assert best.values["margin"] == found.values["margin"] >= 1
+
+
+def test_what_is_not_said_of_pairs_and_sensors_leaves_the_key(tmp_path):
+    plain = problem_of(tmp_path)
+    said = json.dumps(_without_paths(plain.file.search.model_dump(mode="json")))
+    assert not any(f'"{key}"' in said for key in _LATER)
+    keys = [problem_of(tmp_path, constraints={"facing": n}).key for n in (0, 1)]
+    assert len({plain.key, *keys}) == 3
+
+
+def test_cameras_and_radars_that_every_rig_has(tmp_path):
+    """They count in requirements, common view, price and power, and are of no rig's clouds."""
+    both = EASY | {
+        "at_least": {"points": 1, "pixels": 5, "sensors": 2, "kinds": 2},
+        "where": {"x": [3, 5], "y": [-1, 1]}, "also_when": {},
+    }  # fmt: skip
+    camera = {"name": "front", "x": 0.5, "z": 1.6, "model": "a2d2_front_camera", "price": 7}
+    radar = {"x": 2.3, "z": 0.5, "model": "drvegrd169", "price": 2, "power": 3.0}
+    limits = {"constraints": {"price": 10, "common_view": {"pairs": "all", "share": 0.05}}}
+    changes = {"requirements": [both], "objective": ["margin", "price"], **limits}
+    with_them = problem_of(tmp_path, **changes, cameras=[camera], radars=[radar])
+    found = assess(RIG, with_them.question, Traffic({}, None))
+    alone = assess(RIG, problem_of(tmp_path, **changes).question, Traffic({}, None))
+    name = "requirement.somebody around"
+    assert found.measures[name] > 0 == alone.measures[name]
+    assert found.values["price"] == alone.values["price"] + 9
+    assert found.measures["common_view"] < alone.measures["common_view"]
+    assert any("make no clouds" in said for said in warnings_of(with_them))
+    assert with_them.key != problem_of(tmp_path, **changes).key
+    watts = {"objective": "power", "models": {"small": "vlp16"}, "cameras": [camera]}
+    with pytest.raises(ConfigError, match="cameras: power of front: is missing; say it"):
+        problem_of(tmp_path, **watts)

@@ -146,3 +146,26 @@ def test_a_dry_run_says_what_is_asked_and_what_is_there():
     assert planned["estimate"]["stages"]["requirements"]["seconds"] > 0
     assert planned["stages"]["requirements"] == {"tasks": 2, "cached": 0}
     assert planned["stages"]["surrogates"] == {"tasks": 2, "cached": 2}
+
+
+def test_several_sensors_and_common_view_in_a_sweep():
+    """The pages have them as other requirements; a common view has no ground to draw."""
+    twice = NEEDS[0] | {
+        "at_least": {"points": 5, "sensors": 2}, "also_when": {"sensors_dead": 2},
+    }  # fmt: skip
+    view = {"name": "calibration", "common_view": {"pairs": "all", "share": 0.99}}
+    done = sweep(SWEEP | {"name": "twice", "requirements": [twice, view]})
+    assert done.exit_code == 0, done.output
+    run_folder = RunFolder.read(Path("runs/twice"))
+    table = run_folder.requirements.set_index(["placement", "requirement", "case"]).sort_index()
+    own = table.loc[("line", "people / near")]
+    assert set(own["measure"]) == {"points by 2 sensors"}
+    assert len(own) == 1 + 6
+    shared = table.loc["line", "calibration"]
+    assert len(shared) == 1
+    assert shared["x"].isna().all()
+    assert not shared["met"].any()
+    page = Path("runs/twice/report.html").read_text(encoding="utf-8")
+    assert "5 points by 2 sensors" in page
+    assert "line · calibration" not in page
+    assert "nan" not in Path("runs/twice/report.md").read_text(encoding="utf-8").lower()

@@ -66,6 +66,8 @@ def _needed(row: Mapping[Any, Any]) -> str:
 
 
 def _place(row: Mapping[Any, Any]) -> str:
+    if math.isnan(row["x"]):
+        return ""
     heading = "" if math.isnan(row["heading_deg"]) else f", {row['heading_deg']:.0f}°"
     return f"x {digits(row['x'], 'z.2f')}, y {digits(row['y'], 'z.2f')}{heading}"
 
@@ -74,7 +76,11 @@ def in_short(row: Mapping[Any, Any]) -> str:
     """A verdict in a cell: what is there of what is needed."""
     verdict = "pass" if row["met"] else "FAIL"
     said = f"{verdict}: {row['value']:.3g} of {_needed(row)}"
-    return said if row["met"] else f"{said}; {row['case']}, {_place(row)}"
+    return (
+        said
+        if row["met"]
+        else "; ".join([said, ", ".join(filter(None, [row["case"], _place(row)]))])
+    )
 
 
 def draw_failures(
@@ -96,7 +102,9 @@ def draw_failures(
         (name, row, ground)
         for name in order
         for row in worst[(worst[rig] == name) & ~worst["met"]].to_dict("records")
-        if grounds is not None and (ground := grounds.under(name, row["requirement"])) is not None
+        if grounds is not None
+        and (ground := grounds.under(name, row["requirement"])) is not None
+        and ground.least.size
     ]
     if grounds is None or not failing:
         return

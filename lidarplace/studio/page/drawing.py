@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.studio.blind_ground import HEIGHTS_M, BlindGround
+from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M, BlindGround
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
 from lidarplace.studio.page.beside import Beside
 from lidarplace.studio.page.dragged import quaternion
@@ -154,6 +154,8 @@ class Drawing:
             return None
         if asked in HEIGHTS_M:
             return self._studio.blind_ground(HEIGHTS_M[asked])
+        if asked in COUNTED_M:
+            return self._studio.counted_ground(COUNTED_M[asked])
         return self._studio.failing_ground(asked) if resting else self._ground
 
     def _draw_numbers(self, resting: bool, ground: BlindGround | None) -> None:
@@ -165,6 +167,7 @@ class Drawing:
         if ground is not None:
             asked = self._panel.ground.value
             label = f"Blind for {asked}, %" if asked in HEIGHTS_M else f"Fails: {asked}, %"
+            label = f"Less than 2 {asked}, %" if asked in COUNTED_M else label
             others.append((label, 100 * ground.share, None, ".1f"))
         self._panel.numbers.content = numbers_table(
             studio.numbers(resting), studio.numbers_begun(resting), studio.meter.h_pog, others

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.rigs.catalogue.datasheet import catalogue
-from lidarplace.studio.blind_ground import HEIGHTS_M
+from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M
 from lidarplace.studio.page.dragged import STEPS
 from lidarplace.studio.page.tables import left_out, message
 from lidarplace.studio.rig import POSE
@@ -76,7 +76,8 @@ class Panel:
             self.beside = gui.add_dropdown("also, in violet", (NO_RIG,))
             self.apart = gui.add_checkbox("apart", False)
             required = (own.name for own in studio.file.settings.requirements)
-            self.ground = gui.add_dropdown("too little for", (NOBODY, *HEIGHTS_M, *required))
+            ground = (NOBODY, *HEIGHTS_M, *COUNTED_M, *required)
+            self.ground = gui.add_dropdown("too little for", ground)
             self.unseen = gui.add_html("")
             self.object = gui.add_dropdown("why not seen", (NO_OBJECT,))
             self.answer = gui.add_html("")

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 LANE_M = 3.5
 BLIND = "#e8590c"
+SENSORS = (BLIND, "#fab005", "#82c91e", "#2b8a3e")
+"""Of ground by the number of LiDARs that see it, the last one of three and more."""
 UNSEEN = "#e03131"
 EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)
 """Of the camera at the beginning, metres."""
@@ -124,18 +126,27 @@ class Scene:
         self._boxes_as_lines(f"{below}/objects/unseen", rows, UNSEEN, 3.0)
 
     def blind(self, ground: BlindGround | None) -> None:
-        """Draw the cells of the ground in which too little is seen."""
-        if ground is None or not len(ground.middles):
-            self._scene.remove_by_name("/blind")
-            return
-        half = 0.5 * ground.edge
+        """Draw the cells of the ground in which too little is seen, or all by their sensors."""
+        for number, colour in enumerate(SENSORS):
+            name, middles = f"/blind/{number}", np.empty((0, 2))
+            if ground is not None and ground.sensors is not None:
+                own = np.minimum(ground.sensors, len(SENSORS) - 1) == number
+                middles = ground.middles[own]
+            elif ground is not None and number == 0:
+                middles = ground.middles
+            if len(middles):
+                self._cells(name, middles, 0.5 * ground.edge if ground else 0.0, colour)
+            else:
+                self._scene.remove_by_name(name)
+
+    def _cells(self, name: str, middles: NDArray[np.float64], half: float, colour: str) -> None:
         corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-        flat = (ground.middles[:, None] + corners).reshape(-1, 2)
+        flat = (middles[:, None] + corners).reshape(-1, 2)
         vertices = np.concatenate([flat, np.full((len(flat), 1), 0.02)], axis=1)
-        first = 4 * np.arange(len(ground.middles))[:, None, None]
+        first = 4 * np.arange(len(middles))[:, None, None]
         faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
         self._scene.add_mesh_simple(
-            "/blind", vertices.astype(np.float32), faces.astype(np.uint32), color=rgb(BLIND),
+            name, vertices.astype(np.float32), faces.astype(np.uint32), color=rgb(colour),
             opacity=0.45, side="double", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 

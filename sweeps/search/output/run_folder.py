@@ -100,7 +100,10 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
     carrier = problem.question.carrier
     outcomes = {
         name: judge(
-            carrier.requirements, placement_of(own.rig, problem.models, name), carrier.vehicle
+            carrier.requirements,
+            placement_of(own.rig, problem.models, name),
+            carrier.vehicle,
+            carrier.further,
         )
         for name, own in found.judged.items()
     }

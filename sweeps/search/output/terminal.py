@@ -10,7 +10,8 @@ from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
-from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
+from sweeps.plan.plan import ignored
+from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding, facing
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.output.tables import mount_columns
@@ -59,7 +60,9 @@ def warnings_of(problem: Problem) -> list[str]:
         and objective.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    return contested + greedy_warnings(problem) + rig_warnings(begun_with, problem)
+    settings = problem.file.search
+    further = ignored("each rig", settings.further_settings)
+    return contested + further + greedy_warnings(problem) + rig_warnings(begun_with, problem)
 
 
 def greedy_warnings(problem: Problem) -> list[str]:
@@ -84,10 +87,13 @@ def _may_hide_each_other(problem: Problem) -> bool:
 
 
 def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
-    """Of which of these rigs rings coincide, and which ones a generalist cannot know."""
+    """Of which of these rigs rings coincide or LiDARs look into each other, and which ones a
+    generalist cannot know."""
     placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
     found = {name: interleaving(placement) for name, placement in placements.items()}
     said = [coinciding(name, better) for name, better in found.items() if better is not None]
+    for name, placement in placements.items():
+        said += facing(placement, problem.question.carrier.vehicle, name)
     if not problem.judged or problem.pretrained:
         return said
     beyond = {name: outside(rig, problem.seen_rigs) for name, rig in placements.items()}

@@ -14,12 +14,15 @@ from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.configuration.mounting import keep_out_boxes, mountable
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.common_view import CommonView, common_view, weakest
+from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, zone_in_body
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
+from lidarplace.rigs.further_sensors import MountedSensor
 from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
@@ -75,10 +78,13 @@ def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
             found.append(Constraint(total, unit, most, at_least=False))
     if settings.near_field is not None:
         found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
-    for requirement in search.requirements:
-        wanted = requirement.at_least
-        name, least = requirement_name(requirement.name), getattr(wanted, wanted.measure)
-        found.append(Constraint(name, wanted.measure, float(least), at_least=True))
+    if settings.common_view is not None:
+        found.append(Constraint("common_view", "", settings.common_view.share, at_least=True))
+    if settings.facing is not None:
+        found.append(Constraint("facing", "pairs", float(settings.facing), at_least=False))
+    for own in search.requirements:
+        name = requirement_name(own.name)
+        found.append(Constraint(name, own.measured, own.least, at_least=True))
     return tuple(found)
 
 
@@ -117,7 +123,10 @@ class Carrier:
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
         roi: of which every LiDAR has to see something.
         near_field: the zone around it that has to be seen; None if none has.
+        common_view: what LiDARs see in common; None if that is not asked for.
         requirements: laid out around it.
+        further: cameras and radars, which every rig has.
+        beside: price and power of these.
     """
 
     models: Mapping[str, Lidar]
@@ -128,7 +137,10 @@ class Carrier:
     keep_out: NDArray[np.float64]
     roi: Roi
     near_field: Roi | None
+    common_view: CommonView | None
     requirements: tuple[Laid, ...]
+    further: tuple[MountedSensor, ...]
+    beside: Mapping[str, float]
 
     @classmethod
     def of(
@@ -136,7 +148,7 @@ class Carrier:
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
         settings = file.search
-        near = settings.constraints.near_field
+        near, common = settings.constraints.near_field, settings.constraints.common_view
         # The rig that one has without `search.models` costs nothing more.
         unknown = math.nan if settings.models else 0.0
         own = {name: (model.price, model.watts) for name, model in settings.models.items()}
@@ -153,13 +165,20 @@ class Carrier:
             keep_out_boxes(settings.keep_out),
             file.voxel_roi(),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
+            None if common is None else common.asked(),
             tuple(requirements),
+            settings.further(),
+            {
+                total: math.fsum(getattr(own, total) or 0.0 for own in settings.further_settings)
+                for total in TOTALS
+            },
         )
 
     def total_of(self, total: str, rig: Choices) -> float:
-        """Price or power of all LiDARs, and the price of their mounts; the fixed are in no zone."""
+        """Price or power of all sensors, and the price of mounts; the fixed are in no zone."""
         mounts = self.mount_prices if total == "price" else {}
-        return math.fsum(self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
+        own = (self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
+        return math.fsum([*own, self.beside[total]])
 
     def depths_of(self, rig: Choices) -> dict[str, float]:
         """How far the deepest LiDAR is inside of the body and of what is kept out, metres."""
@@ -181,7 +200,8 @@ def _seen_of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
     names = [requirement_name(own.requirement.name) for own in carrier.requirements]
     if not is_possible(rig):
         return dict.fromkeys([*names, *(f"enough.{name}" for name in names)], 0.0)
-    outcomes = judge(carrier.requirements, placement_of(rig, carrier.models), carrier.vehicle)
+    placement = placement_of(rig, carrier.models)
+    outcomes = judge(carrier.requirements, placement, carrier.vehicle, carrier.further)
     found = {}
     for name, outcome in zip(names, outcomes, strict=True):
         found[name] = outcome.worst.value
@@ -217,6 +237,16 @@ def measures_of(
                 for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True))
             )
             found["body_share"] = max(shares, default=0.0)
+        elif constraint.name == "facing":
+            pairs = facing_pairs(placement, carrier.vehicle) if placement else rig
+            found["facing"] = float(len(pairs))
+        elif constraint.name == "common_view":
+            wanted = carrier.common_view
+            assert wanted is not None
+            found["common_view"] = 0.0
+            if placement:
+                shared = common_view(placement, carrier.vehicle, wanted, carrier.further)
+                found["common_view"] = weakest(shared, wanted)[0]
         else:
             assert carrier.near_field is not None
             found["near_field"] = (

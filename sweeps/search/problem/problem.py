@@ -22,7 +22,7 @@ from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
-from sweeps.configuration.question import check_lidars, laid_out
+from sweeps.configuration.question import check_dead, check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import (
     PRETRAINED,
@@ -52,6 +52,12 @@ _ANSWERING = {
     *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
 """Keys beside the scene, the ROI and the classes that decide what trials are worth."""
+
+_LATER = {
+    *("sensors", "sensors_dead", "common_view", "facing", "pixels", "reach"),
+    *("cameras", "radars"),
+}
+"""Keys that the first searches did not have."""
 
 OWN_MODEL = "lidar"
 """Name of the model that the key `lidar` describes."""
@@ -311,6 +317,9 @@ def _laid(
     try:
         for name, lidar in models.items():
             check_lidars(Placement(name, [Mount()], lidar), asked)
+        for own in asked:
+            further = (sensor.kind for sensor in file.search.further())
+            check_dead(own, [*["lidar"] * file.search.most_lidars, *further])
     except ValueError as error:
         raise ConfigError(f"{path}: search.requirements: {error}") from None
     try:
@@ -504,12 +513,17 @@ def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed
 
 
 def _without_paths(value: Any) -> Any:
-    """Settings without the files of LiDARs; what is called like such a key is no text."""
+    """Settings without the files of LiDARs; what is called like such a key is no text.
+
+    Nor with keys that came later, where nothing is said of them: old searches go on.
+    """
     if isinstance(value, dict):
         return {
             key: _without_paths(own)
             for key, own in value.items()
-            if key not in ("pattern", "correction") or not isinstance(own, str)
+            if (key not in ("pattern", "correction") or not isinstance(own, str))
+            and (key not in _LATER or own not in (None, []))
+            and (key, own) != ("kinds", 1)
         }
     return [_without_paths(own) for own in value] if isinstance(value, list) else value
 

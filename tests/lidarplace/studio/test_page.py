@@ -239,6 +239,9 @@ def test_every_button_does_what_it_says(page):
     page.panel.object.value = "none"
     page.refresh()
     until(lambda: "blind-for-a-child" in page.panel.numbers.content)
+    page.panel.ground.value = "sensors on an adult"
+    page.refresh()
+    until(lambda: "less-than-2-sensors-on-an-adult" in page.panel.numbers.content)
 
 
 def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(page):

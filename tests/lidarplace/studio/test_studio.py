@@ -519,3 +519,32 @@ def test_the_example_keeps_its_own_constraints():
         "a child ahead",
         "cyclists in the next lanes",
     ]
+
+
+def test_pairs_of_sensors_and_prices_of_cameras(tmp_path):
+    """What calibration needs and what blinds; a camera has a price, and goes back into the file."""
+    text = """
+lidar: {beams: 5, elevation_deg: [-20, 10], azimuth_steps: 90, range: 30}
+constraints: {common_view: {pairs: all, share: 0.9}, facing: 0, price: 20}
+prices: {vlp16: 4}
+placements:
+  a:
+    mounts:
+      - {x: 0.6, y: 0.4, z: 1.8, lidar: vlp16}
+      - {x: 0.6, y: -0.4, z: 1.8, lidar: vlp16}
+    cameras: [{name: rear, x: -1.7, z: 1.6, yaw_deg: 180, model: a2d2_front_camera, price: 15}]
+"""
+    file = read_rigs(written(tmp_path, text))
+    studio = Studio(file, log_of([(8.0, 0.0)]), ROI)
+    found = {one.constraint: one for one in studio.violations()}
+    assert set(found) == {"common_view", "facing", "price"}
+    assert found["facing"].lidars == (0, 1)
+    assert found["facing"].text == "LiDARs 0 and 1: look into each other"
+    assert found["price"].excess == pytest.approx(3)
+    assert "and rear: " in found["common_view"].text
+    assert len(found["common_view"].lidars) == 1
+    assert found["common_view"].excess > 0
+    studio.pose(1, z=2.2)
+    assert "facing" not in {one.constraint for one in studio.violations()}
+    assert file.text_with(studio.rigs).count("a2d2_front_camera") == 1
+    assert studio.counted_ground(1.0).sensors.max() == 2

@@ -1,0 +1,172 @@
+"""Cameras and radars in a configuration: of the catalogue, or one's own; degrees and metres."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Annotated, Any, ClassVar, Self
+
+import yaml
+from pydantic import Field, model_validator
+
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration.pose import PoseSettings
+from lidarplace.configuration.settings import (
+    Amount,
+    ClassName,
+    CountFromOne,
+    Degrees,
+    Distance,
+    Elevation,
+    Name,
+    Number,
+    Text,
+    Turn,
+)
+from lidarplace.rigs.further_sensors import Camera, MountedSensor, Radar
+from lidarplace.rigs.placement import Mount
+
+Ranges = dict[ClassName, Annotated[Distance, Field(gt=0)]]
+Row = tuple[Number, Number, Number]
+
+
+@cache
+def further_catalogue() -> Mapping[str, Mapping[str, Any]]:
+    """Cameras and radars that can be bought, by name: keys of settings, and sources."""
+    found = files("lidarplace.rigs.catalogue").joinpath("cameras_and_radars.yaml")
+    known: dict[str, dict[str, Any]] = yaml.safe_load(found.read_text(encoding="utf-8"))
+    return known
+
+
+class FurtherSensorSettings(PoseSettings):
+    """A camera or a radar on its mount."""
+
+    KIND: ClassVar[str]
+
+    model: Name | None = Field(
+        None, description="of the catalogue; other keys win over what it tells"
+    )
+    range: Distance | None = Field(None, gt=0, description="farthest use of any object, metres")
+    ranges: Ranges = Field(default={}, description="the same by class of the object, metres")
+    price: Amount | None = Field(None, description="in any currency")
+    power: Amount | None = Field(None, description="watts")
+    source: Text | None = Field(None, description="where its numbers are from")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_catalogue(cls, data: Any) -> Any:
+        name = data.get("model") if isinstance(data, dict) else None
+        if not isinstance(name, str):
+            return data
+        known = {n: own for n, own in further_catalogue().items() if own["kind"] == cls.KIND}
+        if name not in known:
+            raise ValueError(
+                f"model: no {cls.KIND} is called {name!r}{did_you_mean(name, known)}; expected "
+                f"{', '.join(known)}"
+            )
+        told = {key: own for key, own in known[name].items() if key in cls.model_fields}
+        return told | data
+
+    def built(self) -> Camera | Radar | None:
+        """What it is; None where it is not known what it sees."""
+        raise NotImplementedError
+
+    @property
+    def by_class(self) -> tuple[tuple[str, float], ...]:
+        """The ranges, that of any other class by the name ""."""
+        every = {} if self.range is None else {"": self.range}
+        return tuple((every | self.ranges).items())
+
+
+class CameraSettings(FurtherSensorSettings):
+    """A camera that looks along the x axis of its mount."""
+
+    KIND = "camera"
+
+    pixels: tuple[CountFromOne, CountFromOne] | None = Field(
+        None, description="width and height of its images"
+    )
+    fov_deg: tuple[Degrees, Degrees] | None = Field(
+        None, description="angles between the edges of its images, across and up, below 180"
+    )
+    intrinsic: tuple[Row, Row, Row] | None = Field(
+        None,
+        description="in place of fov_deg, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, as "
+        "calibration finds it",
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.fov_deg is not None and self.intrinsic is not None and self.model is None:
+            raise ValueError("fov_deg and intrinsic: name one of the two")
+        if self.fov_deg is not None and not all(0 < angle < 180 for angle in self.fov_deg):
+            raise ValueError(f"fov_deg: expected angles within (0, 180), found {self.fov_deg}")
+        if self.intrinsic is not None and not min(self.intrinsic[0][0], self.intrinsic[1][1]) > 0:
+            raise ValueError("intrinsic: expected focal lengths > 0, such as [[1260, 0, 800], …]")
+        return self
+
+    def built(self) -> Camera | None:
+        """The camera; None where pixels or angles are not known."""
+        if self.pixels is None or (self.fov_deg is None and self.intrinsic is None):
+            return None
+        width, height = self.pixels
+        if self.intrinsic is not None:
+            (fx, _, cx), (_, fy, cy), _ = self.intrinsic
+            return Camera(self.pixels, (fx, fy), (cx, cy), self.by_class)
+        assert self.fov_deg is not None
+        across, up = (2 * math.tan(math.radians(0.5 * angle)) for angle in self.fov_deg)
+        centre = (0.5 * width, 0.5 * height)
+        return Camera(self.pixels, (width / across, height / up), centre, self.by_class)
+
+
+class RadarSettings(FurtherSensorSettings):
+    """A radar."""
+
+    KIND = "radar"
+
+    azimuth_deg: Turn | None = Field(None, description="[from, to], to the left")
+    elevation_deg: tuple[Elevation, Elevation] | None = Field(None, description="[lowest, highest]")
+    cell: tuple[Distance, Degrees] | None = Field(
+        None, description="what it tells apart: metres of range, and degrees of azimuth"
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.elevation_deg is not None and not self.elevation_deg[0] < self.elevation_deg[1]:
+            raise ValueError(
+                f"elevation_deg: expected [min, max] with min < max, found {self.elevation_deg}"
+            )
+        return self
+
+    def built(self) -> Radar | None:
+        """The radar; None where its angles or its range are not known."""
+        if self.azimuth_deg is None or self.elevation_deg is None or self.range is None:
+            return None
+        start, end = map(math.radians, self.azimuth_deg)
+        low, high = map(math.radians, self.elevation_deg)
+        return Radar((start, end - start), (low, high), self.by_class)
+
+
+def further_sensors(
+    cameras: Sequence[CameraSettings], radars: Sequence[RadarSettings], mounts: Sequence[Mount]
+) -> tuple[MountedSensor, ...]:
+    """Cameras, then radars, on their mounts; those without a name are numbered from 1.
+
+    Raises ValueError: it is not known what one sees, or two have one name.
+    """
+    places = [(f"cameras[{n}]", f"camera {n + 1}") for n in range(len(cameras))]
+    places += [(f"radars[{n}]", f"radar {n + 1}") for n in range(len(radars))]
+    found: list[MountedSensor] = []
+    for own, mount, (where, number) in zip((*cameras, *radars), mounts, places, strict=True):
+        model, name = own.built(), own.name or number
+        if model is None:
+            needed = "pixels and fov_deg or intrinsic"
+            if own.KIND == "radar":
+                needed = "azimuth_deg, elevation_deg and range"
+            raise ValueError(f"{where}: field of view: unknown; expected model, or {needed}")
+        if any(sensor.name == name for sensor in found):
+            raise ValueError(f"{where}.name: duplicate name {name!r}; rename one")
+        found.append(MountedSensor(name, mount, model))
+    return tuple(found)

@@ -1,0 +1,42 @@
+"""The pose of a sensor in a configuration."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field, model_validator
+
+from lidarplace.configuration.settings import Angle, Aside, Degrees, Height, Name, Settings
+
+
+class PoseSettings(Settings):
+    """Pose of one sensor, metres and radians or degrees, in the convention of its placement."""
+
+    name: Name | None = Field(None, description="of the sensor, for other tools")
+    x: Aside = Field(0.0, description="forward, metres")
+    y: Aside = Field(0.0, description="to the left, metres")
+    z: Height = Field(description="above the ground, metres")
+    roll: Angle = Field(0.0, description="radians; > 0 lifts the left side")
+    pitch: Angle = Field(0.0, description="radians; > 0 tips the nose down")
+    yaw: Angle = Field(0.0, description="radians; > 0 turns to the left")
+    roll_deg: Degrees | None = Field(None, description="degrees, in place of roll")
+    pitch_deg: Degrees | None = Field(None, description="degrees, in place of pitch")
+    yaw_deg: Degrees | None = Field(None, description="degrees, in place of yaw")
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> PoseSettings:
+        for name in ("roll", "pitch", "yaw"):
+            if getattr(self, name) != 0 and getattr(self, f"{name}_deg") is not None:
+                raise ValueError(f"{name} and {name}_deg: set only one of the two")
+        return self
+
+    @property
+    def pose(self) -> tuple[float, float, float, float, float, float]:
+        """x, y, z in metres; roll, pitch, yaw in radians."""
+        radians = (self.roll, self.pitch, self.yaw)
+        degrees = (self.roll_deg, self.pitch_deg, self.yaw_deg)
+        roll, pitch, yaw = (
+            angle if other is None else math.radians(other)
+            for angle, other in zip(radians, degrees, strict=True)
+        )
+        return self.x, self.y, self.z, roll, pitch, yaw

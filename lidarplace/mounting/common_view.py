@@ -1,0 +1,232 @@
+"""How much of what one sensor sees another one sees, too: what calibration of the two needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.mounting.field_of_view import View, has_direction, in_view, view_of_sensor, views_of
+from lidarplace.mounting.housing import housings_in
+from lidarplace.mounting.sight import Obstacles, obstacles_around, obstacles_of, stopped
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.further_sensors import MountedSensor
+from lidarplace.rigs.placement import Placement
+
+ROWS, STEPS = 16, 120
+"""Bands of elevation, and azimuths, at which a field of view is looked at first. Between azimuths
+its edges are found by bisection, and bands are halved until they tell no more."""
+_HALVINGS = 12
+_TOLERANCE = 1e-3
+"""Of a band: by how much its middle may differ from what its ends tell."""
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class CommonView:
+    """What pairs of sensors have to see in common.
+
+    Attributes:
+        pairs: all of them; chain: so many that each sensor is connected with each other one, over
+            others; or these, numbers from 0.
+        share: of the smaller field of view, less what the vehicle hides of it.
+        range: at which it is looked at, metres from the sensor with the smaller one; nearer where
+            one of the two does not reach so far.
+    """
+
+    pairs: Literal["all", "chain"] | tuple[Pair, ...]
+    share: float
+    range: float
+
+
+def shares(
+    views: Sequence[View], pairs: Sequence[Pair], range_m: float, obstacles: Sequence[Obstacles]
+) -> dict[Pair, float]:
+    """The share of the smaller field of view of each pair that both see.
+
+    A sensor that is not there sees nothing. The smaller is the one with the smaller solid angle; of
+    two that are alike the first. One of no solid angle, such as that of a single beam, is taken for
+    what it goes around.
+
+    Args:
+        views: of all sensors; LiDARs first, whose housings do not hide the world from themselves.
+        obstacles: what hides the world from each.
+    """
+    found = dict.fromkeys(pairs, 0.0)
+    pairs = [pair for pair in pairs if max(pair) < len(views)]
+    solid = {}
+    for n in {n for pair in pairs for n in pair}:
+        at = min(range_m, views[n].field.reach)
+        solid[n] = _looked_at(views[n], views[n], at, obstacles[n], obstacles[n], n, n)[0]
+    for i, j in pairs:
+        apart = math.dist(views[i].origin, views[j].origin)
+        at = min(range_m, min(views[n].field.reach for n in (i, j)) - apart)
+        if at <= 0:
+            continue
+        first, other = (i, j) if solid[i] <= solid[j] * (1 + 1e-9) else (j, i)
+        both, hides = (views[first], views[other]), (obstacles[first], obstacles[other])
+        _, own, common = _looked_at(*both, at, *hides, first, other)
+        found[i, j] = common / own if own > 0 else 0.0
+    return found
+
+
+def weakest(found: dict[Pair, float], asked: CommonView) -> tuple[float, Pair | None]:
+    """The least share that matters, and the pair that has it; (1, None) without pairs.
+
+    Of a chain that of the links that connect all sensors best.
+    """
+    if asked.pairs == "chain":
+        found = _links(found)
+    if not found:
+        return 1.0, None
+    pair = min(found, key=lambda own: found[own])
+    return found[pair], pair
+
+
+def _links(found: dict[Pair, float]) -> dict[Pair, float]:
+    """The spanning tree of the largest shares (Kruskal)."""
+    group = {n: n for pair in found for n in pair}
+    links = {}
+    for (i, j), share in sorted(found.items(), key=lambda own: -own[1]):
+        if group[i] != group[j]:
+            links[i, j] = share
+            old, new = group[j], group[i]
+            group = {n: new if own == old else own for n, own in group.items()}
+    return links
+
+
+def pairs_asked(asked: CommonView, sensors: int) -> list[Pair]:
+    """The pairs that have to be looked at, numbers from 0."""
+    return list(combinations(range(sensors), 2) if isinstance(asked.pairs, str) else asked.pairs)
+
+
+def check_pairs(asked: CommonView, sensors: int) -> None:
+    """Raise ValueError if a rig has not all sensors that are named."""
+    most = max(max(pair) for pair in pairs_asked(asked, sensors) or [(0, 0)])
+    if most >= sensors:
+        raise ValueError(
+            f"common_view.pairs: unknown sensor; expected 1 to {sensors}, found {most + 1}"
+        )
+
+
+def common_view(
+    placement: Placement, vehicle: Vehicle, asked: CommonView, further: Sequence[MountedSensor] = ()
+) -> dict[Pair, float]:
+    """`shares` of the pairs of a rig that are asked for.
+
+    Args:
+        vehicle: hides the world from its sensors, as housings of LiDARs do.
+        further: its cameras and radars, whose numbers follow those of the LiDARs.
+    """
+    housings = housings_in(placement)
+    views = [*views_of(placement), *(view_of_sensor(own, own.range_of(None)) for own in further)]
+    obstacles = [obstacles_of(vehicle, housings)] * len(placement.mounts)
+    obstacles += [obstacles_around(vehicle, housings, own.mount.position) for own in further]
+    return shares(views, pairs_asked(asked, len(views)), asked.range, obstacles)
+
+
+def _looked_at(
+    view: View,
+    other: View,
+    at: float,
+    hides: Obstacles,
+    hides_other: Obstacles,
+    own: int,
+    another: int,
+) -> tuple[float, float, float]:
+    """Solid angle of what a sensor sees, and as parts of its box of angles that and what the other
+    one sees of it."""
+    lowest, highest = view.field.sines
+    found = _integrate(view, other, at, hides, hides_other, own, another)
+    solid = (highest - lowest) * view.field.azimuth[1] * found[0]
+    return float(solid), float(found[0]), float(found[1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integrate(view, other, at, hides, hides_other, own, another):
+    """Parts of the box of angles of a sensor: what it sees, and what both see."""
+    lowest, highest = view.field.sines
+    if highest <= lowest:
+        return _of_row(view, other, at, hides, hides_other, own, another, lowest)
+    seen, common = 0.0, 0.0
+    ends, rows = np.empty((_HALVINGS + 1, 2)), np.empty((_HALVINGS + 1, 4))
+    for band in range(ROWS):
+        ends[0] = band / ROWS, (band + 1) / ROWS
+        for side in range(2):
+            up = lowest + ends[0, side] * (highest - lowest)
+            row = _of_row(view, other, at, hides, hides_other, own, another, up)
+            rows[0, 2 * side], rows[0, 2 * side + 1] = row
+        depth = 0
+        while depth >= 0:  # a stack of bands that are still open
+            low, high = ends[depth]
+            s0, c0, s1, c1 = rows[depth]
+            middle = 0.5 * (low + high)
+            up = lowest + middle * (highest - lowest)
+            sm, cm = _of_row(view, other, at, hides, hides_other, own, another, up)
+            bent = max(abs(s0 - 2.0 * sm + s1), abs(c0 - 2.0 * cm + c1))
+            if bent <= 6.0 * _TOLERANCE or depth == _HALVINGS:
+                seen += (high - low) * (s0 + 4.0 * sm + s1) / 6.0
+                common += (high - low) * (c0 + 4.0 * cm + c1) / 6.0
+                depth -= 1
+            else:
+                ends[depth], ends[depth + 1] = (low, middle), (middle, high)
+                rows[depth], rows[depth + 1] = (s0, c0, sm, cm), (sm, cm, s1, c1)
+                depth += 1
+    return seen, common
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _of_row(view, other, at, hides, hides_other, own, another, up):
+    """The same of one elevation, whose sine is `up`."""
+    start, width = view.field.azimuth
+    seen, common = 0.0, 0.0
+    before = _status(view, other, at, hides, hides_other, own, another, up, start)
+    for step in range(STEPS):
+        near, far = start + step / STEPS * width, start + (step + 1) / STEPS * width
+        after = _status(view, other, at, hides, hides_other, own, another, up, far)
+        for which in range(2):
+            share = 1.0 * before[which]
+            if before[which] != after[which]:
+                low, high = near, far
+                for _ in range(_HALVINGS):
+                    middle = 0.5 * (low + high)
+                    there = _status(view, other, at, hides, hides_other, own, another, up, middle)
+                    if there[which] == before[which]:
+                        low = middle
+                    else:
+                        high = middle
+                passed = (0.5 * (low + high) - near) / (far - near)
+                share = passed if before[which] else 1.0 - passed
+            if which == 0:
+                seen += share
+            else:
+                common += share
+        before = after
+    return seen / STEPS, common / STEPS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _status(view, other, at, hides, hides_other, own, another, up, azimuth):
+    """Whether a sensor sees in a direction of its own frame, and whether the other one sees the
+    point there, too."""
+    level = math.sqrt(max(1.0 - up * up, 0.0))
+    ahead, left = level * math.cos(azimuth), level * math.sin(azimuth)
+    if not has_direction(view.field, ahead, left, up):
+        return False, False
+    r, o = view.rotation, view.origin
+    dx = r[0, 0] * ahead + r[0, 1] * left + r[0, 2] * up
+    dy = r[1, 0] * ahead + r[1, 1] * left + r[1, 2] * up
+    dz = r[2, 0] * ahead + r[2, 1] * left + r[2, 2] * up
+    if stopped(o, dx, dy, dz, at, hides, own):
+        return False, False
+    x, y, z = o[0] + at * dx, o[1] + at * dy, o[2] + at * dz
+    if not in_view(other, x, y, z):
+        return True, False
+    p = other.origin
+    return True, not stopped(p, x - p[0], y - p[1], z - p[2], 1.0, hides_other, another)

@@ -1,0 +1,310 @@
+"""Cameras and radars: what they have of objects by hand, in requirements, and through files."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from lidarplace import Lidar, Mount, Placement
+from lidarplace.commands.rig import app
+from lidarplace.configuration.further_sensors import (
+    CameraSettings,
+    RadarSettings,
+    further_catalogue,
+    further_sensors,
+)
+from lidarplace.configuration.placement import read_placement, read_placement_settings
+from lidarplace.mounting.common_view import CommonView, common_view
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.area import Area
+from lidarplace.requirements.cameras_and_radars import seen_by_each
+from lidarplace.requirements.judge import by_several, judge
+from lidarplace.requirements.layout import lay_out
+from lidarplace.requirements.requirement import AlsoWhen, PlacedObject, Requirement
+from lidarplace.rig_files.formats import FORMATS
+from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.own import read_further, read_own, write_own
+
+NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
+CAR = Vehicle.car()
+RIG = Placement("roof", [Mount(z=1.8)], Lidar.even(8, azimuth_steps=360))
+
+
+def camera(**changes):
+    pose = {"x": 0.0, "z": 1.0}
+    return CameraSettings(**(pose | {"pixels": (1000, 500), "fov_deg": (90.0, 60.0)} | changes))
+
+
+def radar(**changes):
+    known = {"azimuth_deg": (-45.0, 45.0), "elevation_deg": (-10.0, 10.0), "range": 50.0}
+    return RadarSettings(**({"x": 0.0, "z": 1.0} | known | changes))
+
+
+def sensors_of(*settings):
+    mounts = [Mount(*own.pose) for own in settings]
+    cameras = [own for own in settings if isinstance(own, CameraSettings)]
+    return further_sensors(cameras, [own for own in settings if own not in cameras], mounts)
+
+
+def on(settings, *boxes, vehicle=NOTHING, object_class=None):
+    sensors = sensors_of(settings)
+    return seen_by_each(sensors, np.array(boxes, np.float64), object_class, RIG, vehicle)[:, 0]
+
+
+def test_pixels_of_a_wall_by_hand():
+    """90 degrees on 1,000 pixels are 500 pixels for a slope of 1; 60 degrees on 500 are 433."""
+    wall = [10.5, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]  # its front is 10 m ahead
+    found = on(camera(), wall)[0]
+    assert found == pytest.approx(min(500 * 2 / 10, 433.01 * 2 / 10), rel=1e-4)
+    flat = [10.5, 0.0, 1.0, 1.0, 2.0, 0.5, 0.0]
+    assert on(camera(), flat)[0] == pytest.approx(433.01 * 0.5 / 10, rel=1e-4)
+    behind, aside = [-10.5, *wall[1:]], [10.5, 15.0, *wall[2:]]
+    assert on(camera(), behind, aside).tolist() == [0.0, 0.0]
+    far = camera(range=9.0)
+    assert on(far, wall)[0] == 0.0
+    known = camera(range=9.0, ranges={"Car": 30.0})
+    assert on(known, wall, object_class="Car")[0] == pytest.approx(found)
+    turned = camera(yaw_deg=180.0)
+    assert on(turned, behind)[0] == pytest.approx(found)
+    fx, fy = 500.0, 250 / math.tan(math.radians(30))
+    k = ((fx, 0.0, 500.0), (0.0, fy, 250.0), (0.0, 0.0, 1.0))
+    assert on(camera(fov_deg=None, intrinsic=k), wall)[0] == pytest.approx(found)
+
+
+def test_reach_of_a_radar_is_range_by_distance():
+    box = [20.5, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+    assert on(radar(), box)[0] == pytest.approx(50 / 20)
+    assert on(radar(ranges={"Pedestrian": 19.0}), box, object_class="Pedestrian")[0] == 0.0
+    assert on(radar(ranges={"Pedestrian": 30.0}), box, object_class="Pedestrian")[0] == 30 / 20
+    assert on(radar(), [5.0, 0.0, 6.0, 1.0, 1.0, 1.0, 0.0])[0] == 0.0  # above its 10 degrees
+
+
+def test_a_body_hides_but_not_from_what_is_within_it():
+    """A camera behind the windscreen and a radar behind the bumper look out of their boxes."""
+    ahead, behind = [8.0, 0.0, 0.85, 0.6, 0.6, 1.7, 0.0], [-8.0, 0.0, 0.85, 0.6, 0.6, 1.7, 0.0]
+    screen = camera(x=0.5, z=1.3)
+    assert on(screen, ahead, vehicle=CAR)[0] > 0.5 * on(screen, ahead)[0]
+    bumper = radar(x=2.2, z=0.5)
+    assert on(bumper, ahead, vehicle=CAR)[0] == on(bumper, ahead)[0] > 1
+    roof = camera(x=0.9, z=1.55, yaw_deg=180.0)
+    low = [-3.0, 0.0, 0.2, 0.3, 0.3, 0.4, 0.0]
+    assert on(roof, low)[0] > 0
+    assert on(roof, low, vehicle=CAR)[0] == 0
+    assert on(roof, behind, vehicle=CAR)[0] > 0
+
+
+def test_by_kinds_against_all_sets():
+    """The largest threshold at which enough sensors of enough kinds have that much."""
+    random = np.random.default_rng(1)
+    kinds = ["lidar", "lidar", "camera", "camera", "radar"]
+    each = random.integers(0, 9, (200, 5)).astype(np.float64)
+    for sensors, of, dead in [(1, 1, ()), (2, 2, ()), (3, 2, (0,)), (3, 3, ()), (2, 3, (4,))]:
+        found = by_several(each, kinds, dead, sensors, of)
+        for row, value in zip(each, found, strict=True):
+            enough = [
+                t
+                for t in row
+                if sum(row[n] >= t for n in range(5) if n not in dead) >= sensors
+                and len({kinds[n] for n in range(5) if n not in dead and row[n] >= t}) >= of
+            ]
+            assert value == max(enough, default=0.0)
+
+
+def test_a_requirement_of_two_kinds():
+    """Ahead a LiDAR, a camera and a radar see somebody, behind the LiDAR alone."""
+    placed = PlacedObject(0.6, 0.6, 1.7, headings=1)
+    further = sensors_of(camera(z=1.6), radar(z=0.6, x=2.3))
+    needs = (("points", 4.0), ("pixels", 20.0), ("reach", 1.0))
+    ahead, behind = Area(x=(6.0, 8.0), y=((-1.0, 1.0),)), Area(x=(-8.0, -6.0), y=((-1.0, 1.0),))
+
+    def found(area, **wanted):
+        asked = Requirement("x", area, "times the need", 1.0, placed, needs=needs, **wanted)
+        return judge([lay_out(asked, CAR)], RIG, CAR, further)[0]
+
+    assert found(ahead, sensors=3, kinds=3).met
+    assert found(behind, sensors=1).met
+    assert found(behind, sensors=2, kinds=2).worst.value == 0.0
+    dead = found(ahead, sensors=2, kinds=2, also_when=AlsoWhen(sensors_dead=1))
+    assert [own.case for own in dead.findings] == [
+        "as built", "without LiDAR 1", "without camera 1", "without radar 1",
+    ]  # fmt: skip
+    assert dead.met
+    assert not found(ahead, sensors=2, also_when=AlsoWhen(sensors_dead=2)).met
+    assert dead.requirement.measured == "times the need by 2 sensors of 2 kinds"
+
+
+def test_a_camera_shares_its_view_with_a_lidar_that_turns():
+    further = sensors_of(camera(z=1.7), camera(name="rear", z=1.7, yaw_deg=180.0))
+    rig = Placement("wide", [Mount(z=1.9)], Lidar.even(8, (-40, 40), azimuth_steps=360))
+    found = common_view(rig, NOTHING, CommonView("all", 0.5, 20.0), further)
+    assert found[0, 1] > 0.99
+    assert found[1, 2] == 0.0
+
+
+FURTHER = [
+    MountedLidar("lidar_1", Mount(z=2.0)),
+    MountedLidar("camera_1", Mount(1.7, 0.1, 1.5, 0.01, -0.02, 0.9), further=camera()),
+    MountedLidar("camera_2", Mount(-1.0, 0.1, 1.5, 0.0, 0.1, 3.0), further=camera()),
+    MountedLidar("radar_1", Mount(3.4, -0.2, 0.5, 0.1, 0.0, -1.2), further=radar()),
+]
+
+
+@pytest.mark.parametrize("name", ["own", "nuscenes", "osi"])
+def test_cameras_and_radars_come_back(name, tmp_path):
+    path = tmp_path / "rig.yaml"
+    if name == "own":
+        write_own(path, FURTHER)
+        back = [*read_own(path), *read_further(path)]
+    else:
+        FORMATS[name].write(path, FURTHER)
+        back = FORMATS[name].read(path, [])
+    assert [(own.name, own.kind) for own in back] == [(own.name, own.kind) for own in FURTHER]
+    for own, before in zip(back, FURTHER, strict=True):
+        np.testing.assert_allclose(own.mount.position, before.mount.position, atol=1e-9)
+        np.testing.assert_allclose(own.mount.rotation, before.mount.rotation, atol=1e-9)
+    one, two = back[1].further.built(), FURTHER[1].further.built()
+    np.testing.assert_allclose(one.focal, two.focal, rtol=1e-6)
+    if name == "own":
+        assert back[3].further.built() == FURTHER[3].further.built()
+
+
+@pytest.mark.parametrize("name", ["urdf", "ros2"])
+def test_frames_that_are_cameras_are_named(name, tmp_path):
+    optical = MountedLidar(
+        "cam_optical_frame", Mount(1.7, 0.1, 1.5, 0.0, 0.1, 0.9), further=camera()
+    )
+    suffix = {"urdf": "rig.urdf", "ros2": "rig.launch.xml"}[name]
+    FORMATS[name].write(tmp_path / suffix, [*FURTHER, optical])
+    words = [
+        *("--only", "lidar*", "--cameras", "cam*", "--radars", "radar*", "--origin", 0, 0, 0),
+        *("--camera", "a2d2_front_camera", "--radar", "drvegrd169"),
+    ]
+    done = CliRunner().invoke(
+        app, [str(w) for w in (tmp_path / suffix, tmp_path / "o.yaml", *words)]
+    )
+    assert done.exit_code == 0, done.output
+    own = {sensor.name: sensor for sensor in read_further(tmp_path / "o.yaml")}
+    np.testing.assert_allclose(
+        own["cam_optical_frame"].mount.rotation, optical.mount.rotation, atol=1e-9
+    )
+    assert own["radar_1"].further.built().ranges == (("", 130.0),)
+    assert [lidar.name for lidar in read_own(tmp_path / "o.yaml")] == ["lidar_1"]
+
+
+def nuscenes_tables(folder):
+    """Five cameras, five radars and three LiDARs."""
+    random = np.random.default_rng(0)
+    folder.mkdir()
+    sensors, rows = [], []
+    kinds = [("camera", "CAM", 5), ("radar", "RADAR", 5), ("lidar", "LIDAR", 3)]
+    for kind, name, number in kinds:
+        for n in range(number):
+            token = f"{kind}{n}"
+            sensors.append({"token": token, "channel": f"{name}_{n}", "modality": kind})
+            turned = np.roll(Rotation.random(random_state=10 * n + number).as_quat(), 1).tolist()
+            fx = float(random.uniform(800, 1300))
+            k = [[fx, 0.0, 810.5], [0.0, fx, 440.25], [0.0, 0.0, 1.0]] if kind == "camera" else []
+            place = random.uniform([-1, -0.8, 0.4], [2, 0.8, 1.9]).tolist()
+            rows.append(
+                {
+                    "token": f"c{token}", "sensor_token": token, "translation": place,
+                    "rotation": turned, "camera_intrinsic": k,
+                }
+            )  # fmt: skip
+    for name, table in (("sensor", sensors), ("calibrated_sensor", rows)):
+        (folder / f"{name}.json").write_text(json.dumps(table))
+    return {own["channel"]: row for own, row in zip(sensors, rows, strict=True)}
+
+
+def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monkeypatch):
+    from lidarplace.studio.rig import posed
+    from lidarplace.studio.rigs_file import read_rigs
+    from lidarplace.studio.violations import judged
+
+    before = nuscenes_tables(tmp_path / "v1")
+    monkeypatch.chdir(tmp_path)
+    words = ["--format", "nuscenes"]
+    models = ["--lidar", "vlp16", "--radar", "drvegrd171"]
+    done = CliRunner().invoke(app, ["v1", "rig.yaml", *words, *models])
+    assert done.exit_code == 0, done.output
+    settings = read_placement_settings(Path("rig.yaml"))
+    assert [len(settings.mounts), len(settings.cameras), len(settings.radars)] == [3, 5, 5]
+    assert len(read_placement(Path("rig.yaml"), Lidar.paper()).mounts) == 3
+
+    content = yaml.safe_load(Path("rig.yaml").read_text())
+    people = {
+        "name": "twice", "where": {"distance": [1, 3]}, "what": "Pedestrian", "step": 1.0,
+        "at_least": {"points": 2, "pixels": 20, "reach": 1, "sensors": 2, "kinds": 2},
+    }  # fmt: skip
+    whole = {"placements": {"mine": content}, "requirements": [people], "vehicle": []}
+    whole["requirements"][0]["where"] = {"x": [-4, 6], "y": [-3, 3]}
+    Path("studio.yaml").write_text(yaml.safe_dump(whole))
+    file = read_rigs(Path("studio.yaml"))
+    rig = file.rigs[0]
+    (with_cameras,) = judged(rig, file, file.laid)
+    alone = type(rig)(rig.name, rig.lidars)
+    (without,) = judged(alone, file, file.laid)
+    assert (with_cameras.least_of >= without.least_of).all()
+    assert with_cameras.least_of.max() > 1 > without.least_of.max() == 0
+
+    moved = posed(rig, 0, z=rig.pose(0)["z"] + 0.1)
+    saved = yaml.safe_load(file.text_with([moved]))["placements"]["mine"]
+    assert saved["cameras"] == content["cameras"]
+    assert saved["radars"] == content["radars"]
+    Path("saved.yaml").write_text(yaml.safe_dump(saved))
+    done = CliRunner().invoke(app, ["saved.yaml", "v2", *words])
+    assert done.exit_code == 0, done.output
+    tables = [
+        json.loads(Path(f"v2/{name}.json").read_text()) for name in ("sensor", "calibrated_sensor")
+    ]
+    channels = {own["token"]: (own["channel"], own["modality"]) for own in tables[0]}
+    assert len(tables[1]) == 13
+    for row in tables[1]:
+        channel, kind = channels[row["sensor_token"]]
+        assert channel.startswith({"camera": "CAM", "radar": "RADAR", "lidar": "LIDAR"}[kind])
+        old = dict(before[channel])
+        if channel == "LIDAR_0":
+            old["translation"] = [*old["translation"][:2], old["translation"][2] + 0.1]
+        np.testing.assert_allclose(row["translation"], old["translation"], atol=2e-9)
+        turned = [Rotation.from_quat(np.roll(own["rotation"], -1)) for own in (row, old)]
+        assert (turned[0] * turned[1].inv()).magnitude() < 1e-7
+        assert row["camera_intrinsic"] == old["camera_intrinsic"]
+
+
+def test_what_the_catalogue_holds_can_be_built_and_has_a_source():
+    for name, own in further_catalogue().items():
+        kind = CameraSettings if own["kind"] == "camera" else RadarSettings
+        settings = kind(z=1.0, model=name)
+        assert settings.built() is not None
+        assert "http" in settings.source
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "told"),
+    [
+        (CameraSettings, {"model": "a2d2_frnt"}, "no camera is called 'a2d2_frnt'"),
+        (RadarSettings, {"model": "a2d2_front_camera"}, "no radar is called"),
+        (CameraSettings, {"fov_deg": (190.0, 20.0)}, r"expected angles within \(0, 180\)"),
+        (CameraSettings, {"intrinsic": ((0.0, 0.0, 1.0),) * 3}, "expected focal lengths > 0"),
+        (RadarSettings, {"elevation_deg": (3.0, 3.0)}, "with min < max"),
+    ],
+)
+def test_cameras_and_radars_that_cannot_be(kind, keys, told):
+    with pytest.raises(ValueError, match=told):
+        kind(z=1.0, **keys)
+
+
+def test_a_sensor_of_which_it_is_not_known_what_it_sees():
+    with pytest.raises(
+        ValueError, match=r"^cameras\[0\]: field of view: unknown; expected model, or"
+    ):
+        sensors_of(CameraSettings(z=1.0))
+    with pytest.raises(ValueError, match=r"radars\[0\]: .*azimuth_deg, elevation_deg and range$"):
+        sensors_of(RadarSettings(z=1.0, range=30.0))
+    with pytest.raises(ValueError, match=r"cameras\[1\].name: duplicate name 'a'; rename one"):
+        sensors_of(camera(name="a"), camera(name="a"))
