@@ -117,7 +117,7 @@ def check_candidates(problem: Problem) -> None:
     number = number_of_candidates(problem)
     if number > settings.most:
         raise ValueError(
-            f"search.greedy: {number:,} candidates, ; expected at most {settings.most:,}; enlarge "
+            f"search.greedy: {number:,} candidates; expected at most {settings.most:,}; enlarge "
             "position_step or angle_step_deg, or set `greedy: null`"
         )
 
