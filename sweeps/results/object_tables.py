@@ -11,6 +11,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import axis_values, with_columns
 from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
 from tracking.run_folders.sweep_tables import OBJECTS
 from training.found_objects import found_objects
 
@@ -33,7 +34,7 @@ def object_tables(
     for trial in trials:
         setting = axis_values(trial, own)
         classes = trial.grid_point.point.classes
-        place = (*(task.key for task in trial.ground_truths), classes, *setting.values())
+        place = (*(task.key for task in _truths(trial)), classes, *setting.values())
         if place not in of_setting:
             objects = _test_objects(trial, store)
             objects.insert(0, "object", first + np.arange(len(objects)))
@@ -45,9 +46,14 @@ def object_tables(
     return (pd.concat(of_setting.values(), ignore_index=True), pd.concat(found, ignore_index=True))
 
 
+def _truths(trial: DetectorTrial) -> list[Task]:
+    """Of the test frames; those of a training log may have the same numbers."""
+    return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]
+
+
 def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     """Those that count, with the routes of their frames."""
-    truths = [store.load(task) for task in trial.ground_truths]
+    truths = [store.load(task) for task in _truths(trial)]
     objects = pd.concat([truth.objects for truth in truths])
     frames = pd.concat([truth.frames for truth in truths])
     test = frames.loc[frames["split"] == "test", ["frame", "route"]]
