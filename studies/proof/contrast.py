@@ -99,7 +99,11 @@ def _read(run: Path) -> pd.DataFrame:
     tests = rows["scene.test_folder"].map(lambda folder: Path(folder).parent.name)
     rows = rows.assign(test=tests, network=run.name.removeprefix("proof_"))
     rows["left_out"] = rows["left_out"].astype(str)
-    return rows[[*_KEYS, "unit", "left_out", "ground_truths", "value"]]
+    rows = rows[[*_KEYS, "unit", "left_out", "ground_truths", "value"]]
+    of_seeds, of_units = rows[rows["unit"] == ""], rows[rows["unit"] != ""]
+    keys = [name for name in of_units if name not in ("seed", "value")]
+    of_units = of_units.groupby(keys, as_index=False)["value"].mean().assign(seed=0)
+    return pd.concat([of_seeds, of_units], ignore_index=True)
 
 
 if __name__ == "__main__":
