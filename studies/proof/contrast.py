@@ -1,7 +1,7 @@
 """The contrast of the proof: what the found rig gains over the baseline, by network and test set.
 
-Run as `python studies/proof/contrast.py [RUN ...]`. Run folders of `verify.yaml` are written to
-`contrast.parquet` beside this script first; without any it is read.
+Run as `python studies/proof/contrast.py [RUN ...]`. What run folders of `verify.yaml` have is
+written to `contrast.parquet` and `distance.parquet` first; without any these are read.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ def main() -> None:
     if len(sys.argv) > 1:
         runs = [_read(Path(run)) for run in sys.argv[1:]]
         pd.concat(runs, ignore_index=True).to_parquet(FOLDER / "contrast.parquet", index=False)
-    rows = pd.read_parquet(FOLDER / "contrast.parquet")
+        far = pd.concat([_by_distance(Path(run)) for run in sys.argv[1:]], ignore_index=True)
+        far.to_parquet(FOLDER / "distance.parquet", index=False)
+    rows = read()
     for rig in sorted(set(rows["placement"]) - {BASELINE}):
         lines = []
         for network, own in rows.groupby("network"):
@@ -49,6 +51,28 @@ def main() -> None:
                 lines.append((str(network), name, *cells))
         head = ("", "", "mean of the tests", *tests)
         show(table(f"{rig} less {BASELINE}, points, 95 %", head, lines))
+
+
+def read() -> pd.DataFrame:
+    """What was measured: a row a network, test, rig, seed and metric, and without each unit."""
+    return pd.read_parquet(FOLDER / "contrast.parquet")
+
+
+def gain(network: str, metric: str, rig: str = "found", test: str | None = None) -> str:
+    """The contrast of a network and metric, mean of the tests or of one, to a tenth of a point."""
+    rows = read().query("network == @network")
+    tests = sorted(set(rows["test"])) if test is None else [test]
+    difference, half, _ = contrast(_of(rows, METRICS[metric]), rig, tests)
+    low, high = difference - half, difference + half
+    return f"{difference:+.1f} ({low:+.1f} to {high:+.1f})".replace("-", "−")
+
+
+def gain_at(network: str, metric: str, from_m: float, rig: str = "found") -> str:
+    """What the rig gains in a ring of distances, mean over seeds and tests, points."""
+    rows = pd.read_parquet(FOLDER / "distance.parquet").query("network == @network")
+    rows = _of(rows[rows["from_m"] == from_m], METRICS[metric])
+    means = rows.set_index("placement")["value"]
+    return f"{means[rig] - means[BASELINE]:+.1f}".replace("-", "−")
 
 
 def contrast(rows: pd.DataFrame, rig: str, tests: list[str]) -> tuple[float, float, int]:
@@ -87,6 +111,15 @@ def _of(rows: pd.DataFrame, wanted: tuple[str, str, float]) -> pd.DataFrame:
     object_class, metric, iou = wanted
     same = (rows["class"] == object_class) & (rows["metric"] == metric)
     return rows[same & ((rows["iou"] - iou).abs() < 1e-6)]
+
+
+def _by_distance(run: Path) -> pd.DataFrame:
+    """Means over seeds and tests, by distance."""
+    rows = pd.read_parquet(run / "distance.parquet")
+    rows = pd.concat([_of(rows, wanted) for wanted in METRICS.values()], ignore_index=True)
+    keys = ["placement", "class", "metric", "iou", "from_m", "to_m"]
+    means = rows.groupby(keys, as_index=False)["value"].mean()
+    return means.assign(network=run.name.removeprefix("proof_"))
 
 
 def _read(run: Path) -> pd.DataFrame:
