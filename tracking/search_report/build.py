@@ -43,7 +43,7 @@ from tracking.search_report.tables import (
 MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
 MOST_BEST = 4
-"""Best rigs that the picture's menu always has, beside greedy's and the paper's."""
+"""Best rigs that the picture's menu always has, in addition to greedy's and the paper's."""
 
 
 def build_search_report(folder: Path) -> Path:

@@ -24,7 +24,7 @@ from tracking.run_folders.sweep import RunFolder
 
 FILE = "decision.html"
 _SHOWN = re.compile("best|placements|recall-by-direction|ap-by-distance|failures|requirements")
-"""CSV files that hold what the page tells."""
+"""CSV files that hold the numbers of the page."""
 
 
 def write_decision(

@@ -66,9 +66,9 @@ _SPLITS = {"train": "training"}
 
 _METRIC = headline_metric("all")
 SECTOR = ["sector", "from_deg", "to_deg"]
-"""Columns that tell sectors apart."""
+"""Columns that distinguish sectors."""
 RING = ["from_m", "to_m"]
-"""Columns that tell rings apart."""
+"""Columns that distinguish rings."""
 
 
 _SPREAD = 0.35  # of a bin's width, over which the markers of placements are set apart
@@ -76,7 +76,7 @@ _SPREAD = 0.35  # of a bin's width, over which the markers of placements are set
 
 @dataclass(frozen=True)
 class Bins:
-    """What objects are told apart by.
+    """What objects are distinguished by.
 
     Attributes:
         of: what it is, with its unit.
@@ -96,7 +96,7 @@ def means_by_bin(
 
     Args:
         table: of the run folder.
-        keys: its columns that tell bins apart.
+        keys: its columns that distinguish bins.
     """
     for group in found:
         for name in run.classes:
