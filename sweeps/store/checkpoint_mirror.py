@@ -67,8 +67,8 @@ def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
 
     Nothing is new if it was this machine that left it, or fetched it earlier: what is here is that
     or went on from there, also while the remote place did not answer. Names decide, not the
-    clocks of two machines: an attempt is called the same here and there, and what was fetched after its
-    content.
+    clocks of two machines: an attempt is called the same here and there, and what was fetched
+    after its content.
 
     Args:
         folder: of this machine's attempts at the task.

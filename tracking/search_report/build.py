@@ -170,8 +170,8 @@ def _unseen(run: SearchFolder) -> Section | None:
         return None
     section.notes.append(
         "Entropy that no beam reaches, of each column of voxels from above. Both rigs on one "
-        "scale; the third map is their difference: blue is what the best rig sees better, orange "
-        "what it sees worse."
+        "scale; the third map is their difference: blue: the best rig sees more; orange: it "
+        "sees less."
     )
     head = ("class", "entropy (nats)", f"unseen by {before}", f"unseen by {after}", "change")
     section.tables.append(Table("Unseen entropy", head, tuple(rows)))

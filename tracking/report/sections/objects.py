@@ -29,10 +29,10 @@ def individuals_section(found: Analysis) -> Section | None:
         section.notes.append("The run folder has no individuals.parquet.")
         return section
     section.notes.append(
-        "A box is an object in one frame; a road user that is in 50 frames is one individual, and "
-        "one of two routes too. Frames of one individual say nearly the same, so what was "
-        "measured is as sure as its individuals and routes are many, not its boxes. A log that "
-        "does not name its objects has as many individuals as boxes."
+        "A box is an object in one frame; a road user in 50 frames is one individual, also over "
+        "two routes. Frames of one individual are nearly the same, so the certainty depends on "
+        "the number of individuals and routes, not of boxes. A log that does not name its "
+        "objects has as many individuals as boxes."
     )
     for title, part in by_setting(run.individuals, run.axes):
         section.tables.append(individuals_table(part, title))
@@ -148,8 +148,8 @@ def by_sector_section(found: Analysis) -> Section | None:
     section = Section("Objects by their direction", columns=2)
     section.notes.append(
         "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
-        "centre. Recall: means over seeds with 95 % intervals, which do not contain the chance of "
-        "which objects are in a sector."
+        "centre. Recall: means over seeds with 95 % intervals, which do not include the "
+        "sampling of objects in a sector."
     )
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         _add(section, *in_sectors(rows), "Recall", "by direction", label, list(run.placements))

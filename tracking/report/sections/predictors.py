@@ -48,10 +48,10 @@ MOST_SENTENCES = 8
 
 _HOW_TO_READ = (
     "Left: Spearman's ρ; a star where p is below 0.05 after Holm's correction for all tests of "
-    "this sweep. Right: each placement's metric predicted by a straight line through the others, "
-    "the error over that of predicting their mean: right of the dotted line a surrogate is worse "
-    "than none. Surrogates that order the placements as another one here, or the other way round, "
-    "are left out: they are the same test."
+    "this sweep. Right: each placement's metric predicted by a straight line through the "
+    "others, the error over that of predicting their mean: right of the dotted line a surrogate "
+    "is worse than none. Surrogates with the same or the reverse order of another one here are "
+    "left out: they are the same test."
 )
 
 
