@@ -19,13 +19,13 @@ PAGE = Path(__file__).with_suffix(".md")
 
 HEAD = """# Python
 
-The public names: what changes only with a new minor version and a line in the
-[changelog](../CHANGELOG.md). All else may change at any time. The page is made from the code
+The public names, stable from version 1.0 ([stability](stability.md)); other names may change at
+any time. The page is made from the code
 (`python docs/api.py`); `make docs` writes all docstrings as HTML to `build/site/python`.
 
 Lengths are metres, angles radians, entropies nats, AP and recall percent. `DataFrame` is pandas',
-`NDArray` numpy's. [Method](method.md) tells what the surrogates are, [data](data.md) which columns
-a box log has, [configuration](configuration.md) the keys of a model such as `SumoScene`.
+`NDArray` numpy's. [Method](method.md) defines the surrogates, [data](data.md) the columns of a box
+log, [configuration](configuration.md) the keys of a model such as `SumoScene`.
 
 `evaluate` takes `method="cone"` (exact, the default), `"dda"` or `"bresenham"`. A sensor's
 `azimuth=(min, max)` and `range` limit what it covers. `OccupancyGrid.by_class` counts all classes

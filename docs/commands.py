@@ -16,18 +16,17 @@ HEAD = """# Commands
 
 The help of every command, made from the commands (`python docs/commands.py`).
 
-`lidarplace run grid.yaml` and `lidarplace run grid.yaml` are the same: each verb of the
-installed program is a module. `lidarplace --help` lists the verbs, each with the extra that it
-needs (`pip install 'lidarplace[sweeps]'`), `lidarplace --version` prints the version. Without the
-extra a verb ends with exit code 2 and the line that names it; its help, and what needs no more than
-the base, such as `run --dry-run`, are there.
+`lidarplace --help` lists the commands, each with the extra that it needs (`pip install
+'lidarplace[sweeps]'`), `lidarplace --version` prints the version. Without the extra a command ends
+with exit code 2 and the `pip install` line. Its help, and options without the extra, such as
+`run --dry-run`, work.
 
 ## Exit codes
 
 - **0**: done.
-- **1**: something failed or is not complete; the help of the command says what.
-- **2**: the input is wrong. One line on stderr names the file and the key, what is allowed and what
-  was found. A mistake in the options themselves is told in the last line, after the usage.
+- **1**: something failed or is incomplete; the help of the command lists the cases.
+- **2**: invalid input. One line on stderr names the file and the key, the expected and the found
+  value. An invalid option is in the last line, after the usage.
 - **130**: stopped by Ctrl-C, **143**: by SIGTERM, which Slurm and Kubernetes send. A sweep, a
   search, a recording or a training goes on with the same command.
 

@@ -20,7 +20,8 @@ class Verb:
     Attributes:
         module: has its app.
         line: of help.
-        extra: what has to be installed beside the base, by the name of an extra; "" for nothing.
+        extra: what has to be installed in addition to the base, by the name of an extra; "" for
+            nothing.
     """
 
     module: str

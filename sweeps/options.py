@@ -21,7 +21,7 @@ def _key_paths(incomplete: str) -> Iterator[str]:
         named = place.get(key, {})
         options = [named, *named.get("anyOf", ()), *named.get("oneOf", ())]
         names = [option["$ref"].rpartition("/")[2] for option in options if "$ref" in option]
-        # A scene is of one of several kinds.
+        # A scene has one of several kinds.
         fields = [kinds[name].get("properties", {}) for name in names]
         place = {key: field for own in fields for key, field in own.items()}
     yield from (".".join([*parents, key]) for key in place)

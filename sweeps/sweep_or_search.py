@@ -8,7 +8,7 @@ from sweeps.configuration.grid import Sweep, read_sweep
 
 
 def is_search(path: Path) -> bool:
-    """Whether a file describes a search. What is wrong with a file is told by who reads it."""
+    """Whether a file describes a search. What is wrong with a file is reported by its reader."""
     try:
         content = read_yaml_file(path)
     except (OSError, YamlError):

@@ -41,7 +41,7 @@ def dashboard(
         port = None if is_server(uri) else free_port(port, FIRST_PORT)
     except ValueError as error:
         wrong(error)
-    except ModuleNotFoundError:  # told in one line for all verbs
+    except ModuleNotFoundError:  # reported in one line for all verbs
         raise
     except Exception as error:  # of MLflow, SQLAlchemy or requests, by what is wrong there
         wrong(hide_secrets(f"{where}: {reason(error)}", where))

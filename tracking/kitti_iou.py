@@ -10,7 +10,7 @@ _OF_AP = [name for name, own in METRICS.items() if own.of_one_iou and not own.of
 def headline_iou(results: pd.DataFrame, object_class: str, metric: str | None = None) -> float:
     """The strictest IoU at which AP of the class was evaluated; KITTI's of all classes together.
 
-    `EVERY_IOU` for a metric that is of no single one.
+    `EVERY_IOU` for a metric without a single IoU.
     """
     if metric and metric in METRICS and not METRICS[metric].of_one_iou:
         return EVERY_IOU

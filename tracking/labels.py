@@ -105,7 +105,7 @@ def metric_name(metric: str) -> str:
 
 
 def metric_label(metric: str, iou: float) -> str:
-    """For example "BEV AP @ 0.7"; of a metric that is of no single IoU its name alone."""
+    """For example "BEV AP @ 0.7"; of a metric without a single IoU its name alone."""
     return metric_name(metric) if iou == EVERY_IOU else f"{metric_name(metric)} @ {iou:g}"
 
 

@@ -271,7 +271,7 @@ def _in_our_layout(
 ) -> tuple[Mapping[str, Tensor], tuple[str, ...]]:
     """The entries with sparse convolutions in our layout, and which ones were in another.
 
-    All sparse convolutions of a file have one layout, and only all of them together tell which:
+    All sparse convolutions of a file have one layout, and only all of them together show which:
     that of one with as many inputs as outputs does not show in its shape.
     """
     sparse = tuple(key for key, value in own.items() if value.ndim == 5)

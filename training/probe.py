@@ -42,9 +42,9 @@ def probe(
 ) -> Probe:
     """Take one step of a training, on the largest frames, and look at its memory.
 
-    All that a training builds beside the network is built here too, so that the peak of this
-    process's memory is that of a training. Arguments as of `finetune`, which raises the same, and
-    the share of a GPU's memory that a training may take.
+    All that a training builds in addition to the network is built here too, so that the peak of
+    this process's memory is that of a training. Arguments as of `finetune`, which raises the same,
+    and the share of a GPU's memory that a training may take.
     """
     torch.manual_seed(0)
     model = build(detector, classes, point_range=point_range, typical=typical).to(device())

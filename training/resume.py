@@ -62,7 +62,7 @@ class TrainingFolder:
         """Where the training was, None if it has not begun, or if what was kept is damaged.
 
         Raises:
-            ValueError: what is there is of another training.
+            ValueError: what is there belongs to another training.
         """
         if self.folder is None or not (path := self.folder / LAST).exists():
             return None
@@ -99,7 +99,7 @@ def fingerprint(settings: Mapping[str, Any], clouds: Clouds, ground_truth: pd.Da
     frames, not by every point.
 
     Args:
-        settings: names and values whose `repr` tells them apart.
+        settings: names and values whose `repr` distinguishes them.
         clouds: what is trained on.
         ground_truth: the objects in them.
     """

@@ -30,7 +30,7 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     """`numba.njit` with these options; all kernels of this project are compiled by it.
 
     With `cache=True` machine code is in a folder of the sources' version, below the one that numba
-    chooses: `NUMBA_CACHE_DIR`, else `__pycache__` beside the file, else the user's cache folder.
+    chooses: `NUMBA_CACHE_DIR`, else `__pycache__` next to the file, else the user's cache folder.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:

@@ -23,10 +23,11 @@ class Metric:
         short: the same where there is little room.
         unit: of its values.
         direction: which of them are best.
-        of_all: whether it is one of all objects together, class "all", beside those of each class.
+        of_all: whether it is one of all objects together, class "all", in addition to those of
+            each class.
         ranks: whether placements are compared by it: in reports, by a rung of `promote`, by the
             objective of a search.
-        headline: whether it is what headlines tell of a class; with `of_all`, of all objects.
+        headline: whether it is what headlines report for a class; with `of_all`, of all objects.
         of_one_iou: whether it is measured at single IoUs. If not, tables have `EVERY_IOU` with it.
         of_matches: computes it from the `training.matches.Matches` of a class at an IoU in 3D; None
             for ours.
@@ -79,7 +80,7 @@ HEADLINE_METRIC = headline_metric("")
 
 
 EVERY_IOU = 0.0
-"""What tables have as IoU of a metric that is of no single one."""
+"""What tables have as IoU of a metric without a single IoU."""
 
 MEAN_AP_IOU = tuple(step / 100 for step in range(30, 81, 5))
 """What "AP_R40_3D_mean" is a mean over: 0.3, 0.35, …, 0.8."""

@@ -1,4 +1,4 @@
-"""Rings around the vehicle, by which objects are told apart by their distance."""
+"""Rings around the vehicle, by which objects are grouped by distance."""
 
 import numpy as np
 import pandas as pd

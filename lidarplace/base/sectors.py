@@ -1,4 +1,4 @@
-"""Sectors around the vehicle, by which objects are told apart by their direction."""
+"""Sectors around the vehicle, by which objects are grouped by direction."""
 
 import numpy as np
 import pandas as pd

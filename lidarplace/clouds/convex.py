@@ -1,6 +1,6 @@
 """A convex part as a sensor sees it: the window of angles that it fills, and its planes.
 
-`lidarplace.clouds.raycast` tells how a ray meets them; compiled functions for it and for others
+`lidarplace.clouds.raycast` explains how a ray meets them; compiled functions for it and for others
 that count rays.
 """
 

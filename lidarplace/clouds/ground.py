@@ -17,7 +17,7 @@ CELL_M = 0.25
 CELLS = 256
 """Cells of `CELL_M` along an edge of the square; a power of two."""
 
-_STREAM = 905  # beside the seed, so that nothing else draws the same numbers
+_STREAM = 905  # next to the seed, so that nothing else draws the same numbers
 _PATCH = 16  # cells along an edge of a patch
 _SURFACES = ((Material.ASPHALT, 0.6), (Material.PAVING, 0.25), (Material.GRASS, 0.15))
 _LINES, _DASH, _GAP = 4, 12, 20  # marked lines along each axis; cells of a dash, and between dashes

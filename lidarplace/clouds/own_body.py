@@ -1,6 +1,6 @@
 """The body of the vehicle that carries the LiDARs, as its clouds have it.
 
-A vehicle that nobody describes is a sedan of convex parts, a shape of its own beside
+A vehicle that nobody describes is a sedan of convex parts, a shape of its own next to
 `Vehicle.car()`, whose two boxes are somewhat larger.
 """
 

@@ -1,7 +1,7 @@
 """How the paper says its clouds were collected, and how its published code collects them.
 
-They differ in three ways, each of which can be had alone, so that a study can tell what each does
-to AP:
+They differ in three ways, each of which can be had alone, so that a study can measure the effect
+of each on AP:
 
 - the LiDAR fires 4,000 rays a frame (5,000 points a second and beam at 20 Hz), not 90,000;
 - roll and pitch in radians are passed to CARLA, which takes degrees: 0.28 rad become 0.28 degrees;

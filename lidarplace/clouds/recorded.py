@@ -20,7 +20,7 @@ from lidarplace.rigs.recorded import RecordedRig
 
 
 def rig_record(placement: Placement) -> dict[str, object]:
-    """What `placement.json` beside recorded clouds says of their placement."""
+    """What `placement.json` next to recorded clouds says of their placement."""
     return {
         "mounts": [asdict(mount) for mount in placement.mounts],
         "lidars": [_record(lidar) for lidar in placement.lidars],
@@ -36,7 +36,7 @@ def _record(lidar: Lidar) -> dict[str, object]:
 
 
 def check_rig(folder: Path, placement: Placement) -> None:
-    """Raise ValueError if `placement.json` in `folder` tells of no rig or another than `placement`.
+    """Raise ValueError if `placement.json` in `folder` has no rig or another than `placement`.
 
     A folder without that file is taken at its word.
     """
@@ -66,7 +66,7 @@ def _alike(found: Any, value: Any) -> bool:
 
 
 class _Rig(BaseModel):
-    """`rig_record` as it was written. A rig of one model may be told of once, as `lidar`."""
+    """`rig_record` as it was written. A rig of one model may be recorded once, as `lidar`."""
 
     mounts: list[Mount]
     lidars: list[Lidar] | None = None
@@ -126,7 +126,7 @@ def recorded_clouds(
         lidars: whose points are kept, by their place in the counts, ascending; None: all.
 
     Raises:
-        ValueError: there is no such folder, a frame is missing or there twice, or less than `crop`
+        ValueError: there is no such folder, a frame is missing or duplicate, or less than `crop`
             was recorded.
     """
     place: dict[int, tuple[PointClouds, int]] = {}

@@ -53,8 +53,8 @@ REFLECTIVITY: dict[Material, tuple[tuple[float, float], ...]] = {
 }
 """Quantiles of the reflectivity of every material, as pairs (share of all surfaces, reflectivity
 which that share does not exceed), linear between them. The values of PAINT were read in the works
-named there. The other ranges are what is commonly told of the works below, rounded, and were not
-checked against their tables; few tell how often a value occurs, so the shares between are
+named there. The other ranges are commonly quoted from the works below, rounded, and were not
+checked against their tables; few state how often a value occurs, so the shares between are
 estimates.
 
 PAINT. Pigments with carbon black absorb the near infrared too: black cars reflect some 5 %, white

@@ -356,7 +356,7 @@ def _pedestrian(a: float, b: float, c: float, d: float) -> Sequence[Part]:
 
 
 def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    """What is of no known class fills its box."""
+    """An unknown class fills its box."""
     return [Part(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, Material.PAINT)]
 
 

@@ -108,5 +108,5 @@ def signals_held() -> Iterator[None]:
 
 
 def exit_code_of(stop: KeyboardInterrupt) -> int:
-    """As a shell tells which signal has ended a program."""
+    """The exit code of a program that a signal ended."""
     return 128 + (signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT)

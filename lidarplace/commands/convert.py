@@ -383,7 +383,7 @@ def _propose(source: Path, path: Path) -> None:
 
 
 def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
-    """Raise ValueError for the first values that can hardly be meant, and tell what mends them."""
+    """Raise ValueError for the first implausible values, and name the key to change."""
     if mapping is None:
         found = [*doubts_of_units(log), *doubts_of_motion(log, "rad")]
         accept = "a mapping (--propose begins one)"

@@ -113,7 +113,7 @@ def read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is no such file, or nothing tells a model.
+        ValueError: it is no such file, or the model is unknown.
     """
     if path is None:
         if lidar is not None:
@@ -139,7 +139,7 @@ def convert_log(
 ) -> None:
     """Read a log, write it to `out` and say what is in it; a mistake ends with code 2.
 
-    Values that can hardly be meant are warned of, unless `check` looks at the log instead, which
+    Implausible values give a warning, unless `check` looks at the log instead, which
     raises ValueError. Without `out` nothing is written.
     """
     ignored: Counter[str] = Counter()

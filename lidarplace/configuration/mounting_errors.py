@@ -25,7 +25,7 @@ class OffsetSettings(Settings):
 
 
 class MountingErrorSettings(OffsetSettings):
-    """How far mounts are off in simulated clouds: each frame is of another vehicle of a fleet."""
+    """How far mounts are off in simulated clouds: each frame has another vehicle of a fleet."""
 
     vehicle: Count | None = Field(
         None,

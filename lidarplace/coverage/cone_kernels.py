@@ -1,4 +1,4 @@
-"""Compiled parts of the exact coverage by cones; `cone.py` tells what they are for.
+"""Compiled parts of the exact coverage by cones; `cone.py` explains their purpose.
 
 All lengths are metres in the frame of the grid, relative to the sensor. `n = (n0, n1, n2)` is the
 sensor's axis with n2 >= 0, `s` the sine of a beam's elevation.

@@ -50,7 +50,7 @@ def first_line(error: Exception) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` to write to; it takes the place of `path` at the end.
+    """A temporary path next to `path` to write to; it takes the place of `path` at the end.
 
     Raises:
         OSError: `path` is a device, a pipe or a socket, which stays.
@@ -73,7 +73,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def temporary(path: Path) -> Path:
-    """A hidden name beside `path` that no other process uses, on whatever host of a shared disk."""
+    """A hidden name next to `path` that no other process uses, on any host of a shared disk."""
     return path.with_name(f".{path.name}.{unique()}.part")
 
 
@@ -153,7 +153,7 @@ def _runs(process: int) -> bool:
 
 
 def unique() -> str:
-    """A name that is given once, and tells the host and the process."""
+    """A unique name with the host and the process."""
     return f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 

@@ -38,7 +38,7 @@ def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) ->
 
 
 def _filters(only: Mapping[str, Sequence[int]] | None) -> pc.Expression | None:
-    """Of whatever type the columns are: a number that is text is told from a wrong one later."""
+    """Of whatever type the columns are: numbers stored as text are checked later."""
     parts = [pc.field(name).cast("int64").isin(values) for name, values in (only or {}).items()]
     return reduce(operator.and_, parts) if parts else None
 

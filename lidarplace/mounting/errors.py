@@ -41,8 +41,8 @@ class MountingErrors:
         """The rig as one vehicle has it.
 
         Args:
-            key: tells the vehicle, such as a seed and a frame. In one vehicle the i-th LiDAR of
-                every rig is off by the same, so that differences between rigs are paired.
+            key: identifies the vehicle, such as a seed and a frame. In one vehicle the i-th LiDAR
+                of every rig is off by the same, so that differences between rigs are paired.
         """
         every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
         mounts = [

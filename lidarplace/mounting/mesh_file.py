@@ -83,7 +83,7 @@ def read_mesh(
         )
     turn = np.eye(3) if rotation is None else rotation
     try:
-        with np.errstate(all="ignore"):  # numbers like 1e300, of which the size below tells
+        with np.errstate(all="ignore"):  # numbers like 1e300, which the size check below reports
             mesh = Mesh(scale * np.asarray(read.vertices) @ turn.T + origin, np.asarray(read.faces))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

@@ -23,7 +23,7 @@ CELL_M = 0.2
 """Edge of a cell where a curve is fitted, metres."""
 
 IOU = 0.5
-"""Overlap of which `expected_recall` is, unless it is told another."""
+"""Overlap of which `expected_recall` is, unless another is given."""
 
 _FARTHEST = 12.0
 """Logit and logarithm between which `fit` looks: shares and rates from 6e-6 on."""
@@ -90,7 +90,7 @@ def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> De
     """The curve under which what became of objects is most probable.
 
     Args:
-        object_class, iou: what it is of.
+        object_class, iou: its subject.
         cells: distinct cells hit of each object under each rig, shape (n,).
         found: whether it was found, or the share of several detectors that did, in [0, 1], shape
             (n,). Shares count as so many yes and no.

@@ -57,8 +57,8 @@ class ExpectedRecall:
 
         Args:
             log, roi, classes, frames, azimuth_share, seed, vehicle: as of
-                `CountedObjects.from_log`. An object in neighbouring frames tells little new, so
-                some of the frames will do: see `recall`.
+                `CountedObjects.from_log`. An object in neighbouring frames carries little
+                information, so some of the frames will do: see `recall`.
             curves: detection curves; those of the package by default.
             iou: overlap that a detection must exceed; there is a curve for it.
 
@@ -120,7 +120,7 @@ class ExpectedRecall:
 
 
 def _estimate(table: pd.DataFrame) -> tuple[float, float, int, int]:
-    """The mean of `p`, its standard error with individuals as clusters, and what it is of."""
+    """The mean of `p`, its standard error with individuals as clusters, and its subject."""
     number = len(table)
     if not number:
         return np.nan, np.nan, 0, 0

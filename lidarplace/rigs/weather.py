@@ -19,8 +19,8 @@ class Weather:
     """Fog and rain, the same everywhere around the vehicle.
 
     Attributes:
-        visibility: in fog or haze, metres: how far a black object is told from the sky (2 % of
-            contrast); infinite for clear air.
+        visibility: in fog or haze, metres: how far a black object is visible against the sky (2 %
+            of contrast); infinite for clear air.
         rain: rate, millimetres an hour.
 
     Raises:

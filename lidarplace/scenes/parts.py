@@ -18,7 +18,7 @@ class ScenePart:
     """A part of a scene.
 
     Attributes:
-        name: what is added to the scene's label; empty if the scene is of one piece.
+        name: what is added to the scene's label; empty if the scene has one part.
         recording: gives its log.
         splits: "train", "test" or both: what its frames are for.
     """

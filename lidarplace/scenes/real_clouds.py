@@ -217,7 +217,7 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
 
 
 def _lidars(cloud: pd.DataFrame, rig: RecordedRig | None, path: Path) -> NDArray[np.int64] | None:
-    """The LiDAR of the rig that each point is of; None where nothing tells."""
+    """The LiDAR of the rig of each point; None if unknown."""
     if rig is None or (len(rig.names) > 1 and "lidar" not in cloud):
         return None
     if len(rig.names) == 1:

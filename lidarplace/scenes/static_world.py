@@ -88,7 +88,7 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
         clouds: of the log's frames, in the ego frame; the frames of a scene follow each other.
 
     Raises:
-        ValueError: a frame has no pose, a scene no rig, or the clouds tell other LiDARs apart.
+        ValueError: a frame has no pose, a scene no rig, or the clouds distinguish other LiDARs.
     """
     missing = [name for name in POSE_COLUMNS if name not in log.frames.columns]
     if missing:
@@ -172,7 +172,7 @@ class WorldBuilder:
 
         Args:
             points: x, y, z, intensity in [0, 1], ego frame, shape (n, 4).
-            lidar: which LiDAR each point is of, shape (n,).
+            lidar: the LiDAR of each point, shape (n,).
             eyes: where the LiDARs are, ego frame, shape (LiDARs, 3).
             turn, place: from the ego frame to the world of the scene, shapes (3, 3) and (3,).
             boxes: labelled objects, rows of `GEOMETRY`, ego frame, shape (m, 7).
@@ -211,7 +211,8 @@ class WorldBuilder:
         keys, cells, weight = (
             np.concatenate(parts) for parts in zip(nothing, *self._found, strict=True)
         )
-        order = np.lexsort((-weight, keys))  # of two visits to a place the one that tells more
+        # of two visits to a place the one with more information
+        order = np.lexsort((-weight, keys))
         keys, cells = keys[order], cells[order]
         first = np.ones(len(keys), bool)
         first[1:] = np.diff(keys) != 0

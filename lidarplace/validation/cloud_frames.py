@@ -17,7 +17,7 @@ FATES = ("in the box", "hidden", "passed beyond", "lost")
 nearer that nobody labelled; something behind; or nothing came back."""
 
 _NEAR_RAY = np.radians(0.35)
-"""A return so close to a simulated ray is of the same firing."""
+"""A return so close to a simulated ray belongs to the same firing."""
 
 _SKIN_M = 0.1
 """A return so close to a box belongs to it."""
@@ -43,7 +43,7 @@ def real_clouds(folder: Path, lidars: int, most: int) -> Iterator[Cloud]:
 
     Args:
         folder: of the log.
-        lidars: number of LiDARs of the rig; clouds whose points are not told apart by as many are
+        lidars: number of LiDARs of the rig; clouds whose points are not split by as many are
             left out, and no points are known by LiDAR then.
         most: clouds.
     """

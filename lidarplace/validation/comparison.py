@@ -13,7 +13,7 @@ BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)
 """Edges of the bands of distance in tables."""
 
 LEAST = (5, 20)
-"""Points that make an object one that a detector can find: shares of objects are told for both."""
+"""Points of an object that a detector can find: shares are reported for both."""
 
 _FEWEST = 20
 """Objects of a row of a table; of fewer there is none."""

@@ -108,7 +108,7 @@ def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
 
 
 def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping[str, str]) -> None:
-    """A trace of lines for each class, and one of marks at the fronts that tell what it is."""
+    """A trace of lines for each class, and one of marks at the fronts with a label."""
     present = frame.objects["class"]
     for name, shade in colours.items():
         own = frame.objects[present == name]

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from itertools import cycle
 from typing import Any
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart; grey in place of black,
+# Okabe and Ito's colours, which colour-blind readers can distinguish; grey in place of black,
 # because a figure is read on a white and on a black page.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#999999", "#F0E442")
 CLASSES = {"Car": "#D55E00", "Cyclist": "#56B4E9", "Pedestrian": "#B8A800"}

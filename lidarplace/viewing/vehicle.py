@@ -30,7 +30,7 @@ def vehicle_surface(vehicle: Vehicle | None) -> Surface:
 
 
 def add_lidars(figure: go.Figure, placement: Placement, pointer: float = 0.0) -> None:
-    """Add a mark a mount that tells its pose, in the colour of its number.
+    """Add a mark per mount with its pose, in the colour of its number.
 
     Args:
         pointer: length of a line along the sensor's x axis, metres.

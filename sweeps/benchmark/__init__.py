@@ -1,1 +1,1 @@
-"""How well do predictors tell what detectors of their own reach on 41 rigs of docs/findings.md?"""
+"""Compare predictors with the results of trained detectors on 41 rigs of docs/findings.md."""

@@ -1,4 +1,4 @@
-"""How well does a predictor tell what detectors reach? `lidarplace benchmark covered_entropy`."""
+"""Compare a predictor with the results of detectors: `lidarplace benchmark covered_entropy`."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def clean(
     """Show the sizes of a store and remove what no sweep or search refers to.
 
     A sweep refers to the results of its last configuration. A store that a sweep uses is left
-    alone. A store at a URL needs --unlocked, because no lock tells whether a sweep uses it;
+    alone. A store at a URL needs --unlocked, because no lock shows whether a sweep uses it;
     --dry-run locks nothing.
     """
     from sweeps.store.cleaning import clean_store

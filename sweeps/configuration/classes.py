@@ -12,7 +12,7 @@ Share = Annotated[Probability, Field(gt=0, lt=1)]
 
 
 class ClassSettings(Settings):
-    """What is known of one class beside its name."""
+    """Settings of one class."""
 
     size: tuple[Side, Side, Side] | None = Field(
         None,

@@ -90,4 +90,4 @@ Judge = Annotated[
     Literal["specialist", "generalist", "finetuned", "pretrained"] | CommandJudge,
     WrapValidator(_checked),
 ]
-"""Whose detections tell of a placement."""
+"""Which detector evaluates a placement."""

@@ -38,7 +38,7 @@ class GridPoint:
         rig: its placement, with its LiDARs and in its weather.
         axes: its place on the axes, key path -> value.
         rung: which rung of `promote` it is trained for; their number for the full training.
-        set_by_rungs: axes that rungs set, beside those of the grid.
+        set_by_rungs: axes that rungs set, in addition to those of the grid.
     """
 
     point: Point
@@ -148,8 +148,8 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
     """Refuse rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI, where clouds
     are simulated.
 
-    A sweep that a search makes is not asked: beside its own rigs, which keep out of the body, it
-    has the paper's for comparison, whatever vehicle they are on.
+    A sweep that a search makes is not asked: in addition to its own rigs, which keep out of the
+    body, it has the paper's for comparison, whatever vehicle they are on.
     """
     checked = set()
     for own in sweep.points:
@@ -171,7 +171,7 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
 def _check_own_values(
     own: Mapping[str, Any], at_first: Mapping[str, Any], rigs: Rigs, first: Point, path: Path
 ) -> None:
-    """Refuse what the file says wrongly beside the grid, though an axis replaces it."""
+    """Refuse what the file says wrongly in addition to the grid, though an axis replaces it."""
     for key in dict.fromkeys(axis.partition(".")[0] for axis in at_first):
         if key in own:
             changes = {
@@ -248,7 +248,7 @@ def refuse_overlaps(
 
     Args:
         key_paths: of the mapping `where`, which the message names.
-        others: key paths that are set beside them; `whose` says what they are.
+        others: key paths that are set next to them; `whose` says what they are.
 
     Raises:
         ConfigError: the key path that is inside of another, or that has another inside.

@@ -112,7 +112,7 @@ class ModelSettings(SensorSettings):
 
     @property
     def watts(self) -> float:
-        """Its power; NaN where neither the configuration nor the catalogue tells it."""
+        """Its power; NaN where neither the configuration nor the catalogue has it."""
         told = datasheet(self.name).power_w if self.power is None and self.name else self.power
         return math.nan if told is None else told
 
@@ -145,7 +145,7 @@ FAMILIES = 16
 """Trials of few numbers with which a search by a generalist begins."""
 
 DEFAULT_METRIC = headline_metric("all")
-"""What `objective: generalist` is short for, by a generalist: it tells rigs apart best."""
+"""What `objective: generalist` is short for, by a generalist: it distinguishes rigs best."""
 
 GENERALIST, PRETRAINED = "generalist", "pretrained"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""

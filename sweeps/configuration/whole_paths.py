@@ -12,7 +12,7 @@ one."""
 def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """A checked configuration with paths that hold in any folder, so that a copy can be read.
 
-    Files of a mesh, a pattern and a correction are beside the file, in `folder`; other paths are
+    Files of a mesh, a pattern and a correction are next to the file, in `folder`; other paths are
     relative to where a command is typed.
     """
     return {key: _with_whole_paths(value, key, folder) for key, value in config.items()}
@@ -21,7 +21,7 @@ def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 def _with_whole_paths(value: Any, key: str, folder: Path) -> Any:
     """What is below `key`, or an axis that ends with it."""
     if isinstance(value, dict):
-        if "command" in value:  # it runs beside the file
+        if "command" in value:  # it runs next to the file
             value = value | {"folder": str((folder / value.get("folder", "")).absolute())}
         return {name: _with_whole_paths(own, str(name), folder) for name, own in value.items()}
     if isinstance(value, list):

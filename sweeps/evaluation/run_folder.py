@@ -48,7 +48,7 @@ def results_of(found: Worth) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
-    """Columns that tell the trials from each other, and what each of them is worth."""
+    """Columns that distinguish the trials, and what each of them is worth."""
     return [
         ({"trial": f"{name}/{seed}", "placement": name, "detector": DETECTOR, "seed": seed}, own)
         for name, seeds in found.items()
@@ -123,7 +123,7 @@ def _found(objects: pd.DataFrame, own: Evaluated, place: Mapping[str, Cell]) -> 
 
 
 def _frames(compared: Failures, trials: Mapping[str, Evaluated]) -> FailureFrames:
-    """The frames that tell most, with detections and without clouds."""
+    """The frames with the largest differences, with detections and without clouds."""
     shown = compared.objects.iloc[compared.telling()]
     found = FailureFrames(
         np.array(compared.rigs, np.str_), shown["object"].to_numpy(np.int64), {}, {}

@@ -17,7 +17,7 @@ from training.settings import LARGEST_BATCH
 
 
 class Listener(Protocol):
-    """Is told what happens; all calls come from the driver."""
+    """Receives task events; all calls come from the driver."""
 
     def started(self, task: Task) -> None: ...
     def finished(self, task: Task) -> None: ...
@@ -32,7 +32,7 @@ class Outcome:
         failures: by key, of the tasks that failed or could not run.
         times: by key, when a task began and ended on its worker, seconds of the driver's clock that
             never jumps.
-        probes: tasks, by key, that were looked at beside those of the plan.
+        probes: tasks, by key, that were looked at in addition to those of the plan.
     """
 
     failures: dict[str, Failure] = field(default_factory=dict)

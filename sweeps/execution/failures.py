@@ -1,4 +1,4 @@
-"""Why tasks failed: kept in the run folder, so that it can be told later and is not tried again."""
+"""Why tasks failed: kept in the run folder, for reports and so that they are not retried."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class FailureFolder:
-    """`failed/` of a run folder: one file a failure, and the traceback as text beside it."""
+    """`failed/` of a run folder: one file a failure, and the traceback as text next to it."""
 
     folder: Path
 

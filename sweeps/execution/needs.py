@@ -33,19 +33,19 @@ class Need:
 
 
 def is_training(task: Task) -> bool:
-    """Whether a probe tells what a task needs."""
+    """Whether a probe measures the needs of a task."""
     return task.stage in ("finetune", "pretrain")
 
 
 def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str, Task[Probed]]:
-    """For every training the probe that tells its needs, by the training's key.
+    """For every training the probe that measures its needs, by the training's key.
 
     Trainings that differ in placement and seed alone need the same: the first one's clouds are
     tried.
 
     Args:
         tasks: all of a sweep, also those that are done: a resumed sweep has the same probes.
-        device: what trainings run on; what was seen on another tells nothing.
+        device: what trainings run on; measurements on another do not apply.
         gpu_share: of a GPU's memory that a training may take.
     """
     probes: dict[str, Task[Probed]] = {}
@@ -83,7 +83,7 @@ def need_of(
     store: AnyStore,
     gpus_per_training: float | Literal["auto"],
 ) -> Need:
-    """What a task asks for, by what its probe found. A failed probe tells nothing."""
+    """What a task asks for, by what its probe found. A failed probe measures nothing."""
     if isinstance(task.params, CommandParams):
         return Need(gpu_share=task.params.judge.gpus, cpus=task.params.judge.cpus)
     share = largest_share(gpus_per_training)

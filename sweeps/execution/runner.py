@@ -35,7 +35,7 @@ class Work(Protocol[T]):
         """Prepare the run folder, which no other driver has, and the store.
 
         Returns:
-            What MLflow tells of the whole.
+            The state of MLflow.
 
         Raises:
             ValueError: something that is asked for cannot be had.

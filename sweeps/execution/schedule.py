@@ -116,7 +116,7 @@ class Schedule:
             if current.stage == "probe":
                 if current.key not in self._let_go:
                     self._let_go.add(current.key)
-                    self.finish(current)  # trainings go on without what it would have told
+                    self.finish(current)  # trainings go on without its measurement
                 continue
             self.failed[current.key] = failure if current is task else because
             fallen.append(current)

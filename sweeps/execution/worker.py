@@ -138,6 +138,6 @@ def peak_memory() -> int:
 
 
 def reset_peak_memory() -> None:
-    """Linux forgets the peak of earlier tasks of this process, where it lets itself be told so."""
+    """Linux forgets the peak of earlier tasks of this process, where it allows this."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

@@ -1,1 +1,1 @@
-"""What MLflow is told of a sweep and of its trials."""
+"""What is logged to MLflow of a sweep and its trials."""

@@ -1,6 +1,6 @@
 """The code of a detector as an MLflow model: points in, boxes out.
 
-MLflow copies this file beside the weights and runs it when the model is loaded; nobody imports it.
+MLflow copies this file next to the weights and runs it when the model is loaded; nobody imports it.
 It needs lidarplace installed.
 """
 

@@ -1,4 +1,4 @@
-"""What MLflow tells of a sweep and its trials beside their results: tags, data, a note, columns."""
+"""What MLflow shows of a sweep and its trials besides results: tags, data, a note, columns."""
 
 import hashlib
 import os
@@ -31,7 +31,7 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
   picture of its placement and precision over recall. The tab *Models* has the best detectors.
 - Placements with more than one run have seeds: compare their means, not the first row.
 """
-"""What the experiment's page tells, Markdown."""
+"""The text of the experiment's page, Markdown."""
 
 
 def columns(sweep: Sweep) -> list[str]:

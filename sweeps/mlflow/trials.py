@@ -23,7 +23,7 @@ from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, t
 
 
 class TrialLog:
-    """The executor's listener: shows progress, and tells which trials have ended.
+    """The executor's listener: shows progress, and yields the trials that have ended.
 
     The driver is the only writer. Trials without a detector, and those that were pruned before they
     began, have no run: they may be thousands, and MLflow takes some 40 ms of a core for each. Their

@@ -62,7 +62,7 @@ def checkpoint_of(
     typical: tuple[TypicalObject, ...],
     fixed: frozenset[str],
 ) -> tuple[str, tuple[TypicalObject, ...]]:
-    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes.
+    """SHA-256 of a checkpoint that fits; better reported now than after hours of scenes.
 
     And the typical objects of the classes: those of the checkpoint, unless `new_heads` are trained,
     before those of the data. Sizes of the configuration, of the classes `fixed`, stay.
@@ -87,7 +87,7 @@ def checkpoint_of(
 def generalist_of(point: Point) -> Generalist:
     """The generalist of `judge: pretrained`.
 
-    Raises ConfigError: the file cannot be read, or is of another network.
+    Raises ConfigError: the file cannot be read, or belongs to another network.
     """
     path = point.training.checkpoint or PRETRAINED
     try:
@@ -132,7 +132,7 @@ def _read_generalist(path: Path) -> Generalist:
 def check_network(
     detector: str, classes: Sequence[str], point_range: Crop, typical: tuple[TypicalObject, ...]
 ) -> None:
-    """Build a network of a plug-in: what is wrong is told before hours of scenes."""
+    """Build a network of a plug-in: errors are reported before hours of scenes."""
     if NETWORKS.roots([network_of(detector)]):
         try:
             build_detector(detector, classes, point_range=point_range, typical=typical)

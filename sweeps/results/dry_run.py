@@ -81,7 +81,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
     """Look at what is there, and count what is not.
 
     Args:
-        backend: where a task of every kind is tried, to tell what the sweep would take; None: none
+        backend: where a task of every kind is tried, to estimate the sweep; None: none
             is.
 
     Raises:

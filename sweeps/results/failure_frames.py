@@ -1,4 +1,4 @@
-"""The clouds and detections of the frames that tell what one rig finds and another one misses."""
+"""The clouds and detections of the frames that show what one rig finds and another one misses."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +15,7 @@ from tracking.findings.failures import Failures
 from tracking.run_folders.arrays import FailureFrames
 
 POINTS = 3000
-"""Points beside objects that are kept of a cloud, drawn at random: a page has forty clouds."""
+"""Points outside objects that are kept of a cloud, drawn at random: a page has forty clouds."""
 
 
 def failure_frames(

@@ -67,7 +67,7 @@ def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.D
     counts = pd.concat(
         [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
     ).set_index(["frame", "object_id"])["points"]
-    counts = counts[~counts.index.duplicated()]  # an id that a frame has twice tells no two apart
+    counts = counts[~counts.index.duplicated()]  # an id that a frame has twice distinguishes no two
     points = counts.loc[pd.MultiIndex.from_frame(objects[["frame", "object_id"]])]
     return pd.DataFrame(
         {

@@ -73,7 +73,7 @@ def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
 
 
 def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
-    """Columns that tell a trial from others."""
+    """Columns that distinguish a trial from others."""
     point = trial.grid_point.point
     own: dict[str, Cell] = {
         "trial": trial.key,

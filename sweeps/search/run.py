@@ -146,7 +146,8 @@ class SearchWork:
         problem = self.problem
         question, settings = problem.question, problem.file.search
         traffic = training_traffic(self.console, problem, self.store, backend)
-        pool = Pool.of(backend, traffic)  # a cluster that cannot be joined is told before the bound
+        # a cluster that cannot be joined is reported before the bound
+        pool = Pool.of(backend, traffic)
         certificate, none = self._certificate(traffic)
         study = open_study(
             self._storage,

@@ -1,1 +1,1 @@
-"""Results by key, in a folder or at a URL: kept, locked, cleaned, and checkpoints beside them."""
+"""Results by key, in a folder or at a URL: kept, locked, cleaned, and checkpoints next to them."""

@@ -66,9 +66,9 @@ def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
     """Copy what the latest of the attempts at `place` left into a new one in `folder`.
 
     Nothing is new if it was this machine that left it, or fetched it earlier: what is here is that
-    or went on from there, also while the remote place did not answer. Names tell, not the clocks of
-    two machines: an attempt is called the same here and there, and what was fetched after its
-    content.
+    or went on from there, also while the remote place did not answer. Names decide, not the
+    clocks of two machines: an attempt is called the same here and there, and what was fetched
+    after its content.
 
     Args:
         folder: of this machine's attempts at the task.
@@ -119,6 +119,6 @@ def _copy(folder: Path, filesystem: AbstractFileSystem, target: str) -> Versions
 
 
 def _versions(folder: Path) -> Versions:
-    """What tells each file of a folder from what replaces it, hidden ones aside: time and inode."""
+    """Time and inode of each file of a folder, hidden ones aside: a replaced file differs."""
     found = {path.name: path.stat() for path in folder.glob("[!.]*")}
     return {name: (status.st_mtime_ns, status.st_ino) for name, status in found.items()}

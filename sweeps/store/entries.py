@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 SWEEPS = "sweeps"
-"""Folder beside the stages: one file a sweep, with the keys that the sweep refers to."""
+"""Folder next to the stages: one file a sweep, with the keys that the sweep refers to."""
 
 _NAMES = re.compile(
     r"(?P<result>[0-9a-f]{24})"

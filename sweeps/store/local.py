@@ -48,7 +48,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results: `STAGE/KEY/`, and hidden beside them what belongs to running tasks.
+    """A folder of results: `STAGE/KEY/`, and hidden next to them what belongs to running tasks.
 
     A result is written under a temporary name and renamed, so what is there is whole.
     """

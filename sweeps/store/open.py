@@ -94,7 +94,7 @@ def reference(sweep: Sweep, purpose: str = "") -> str:
     """The name under which a sweep refers to results; sweeps of other output folders have others.
 
     Args:
-        purpose: tells what else is made of a sweep from it, such as "pretrain".
+        purpose: what else is made of a sweep, such as "pretrain".
     """
     place = hashlib.sha256(str(sweep.common.output.resolve()).encode()).hexdigest()[:6]
     return ".".join(filter(None, [sweep.common.name, purpose, place]))

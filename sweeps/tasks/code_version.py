@@ -2,7 +2,7 @@
 
 From a function, every definition that its names lead to is followed through the packages of this
 project and of plug-ins: functions, classes, constants, numba kernels, imports within functions.
-Hashed is what they say to Python, see `sweeps.tasks.source`. Definitions are told apart by what
+Hashed is their syntax tree, see `sweeps.tasks.source`. Definitions are distinguished by what
 they say and by what their names lead to, not by the file that they are in: moving one to another
 file, with the imports that this takes, changes nothing.
 

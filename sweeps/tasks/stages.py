@@ -14,7 +14,7 @@ scene -> judge, by a trained detector: collect and evaluate without anything kep
 scene -> collect -> probe: how much memory a training needs
 
 A scene may be recorded in parts; `*logs` are all of them. Where inputs are of several stages they
-are told apart by their types.
+are distinguished by their types.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ ONE = {"placement": ["only_top"]}
             {},
             r"placements\.only_top: recorded and mounts: ",
         ),
-        ({}, {}, r"placements\.only_top: mounts: missing"),
+        ({}, {}, r"placements\.only_top: mounts: is missing"),
         (
             {"recorded": "top"},
             {},

@@ -228,7 +228,7 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     build_report(folder)
     page = Page((folder / "failures.html").read_text(encoding="utf-8"))
     assert "button" not in page.tags
-    assert "How much of that is chance is unknown" in page.text
+    assert "The uncertainty is unknown" in page.text
 
 
 @pytest.mark.parametrize(
@@ -236,8 +236,8 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     [
         ("found", {"object": 10**6}, "found.parquet: object 1000000 is not in objects.parquet"),
         ("found", {"points": None}, "found.parquet: column points: a value is missing"),
-        ("objects", {"class": "Tram"}, "objects.parquet: column class: 'Tram' is none of Car, "),
-        ("objects", {"object": 1}, "objects.parquet: object 1 is there twice"),
+        ("objects", {"class": "Tram"}, "objects.parquet: column class: found 'Tram'; expected Car, "),
+        ("objects", {"object": 1}, "objects.parquet: duplicate object 1"),
     ],
 )
 def test_tables_that_do_not_fit_are_named(made_up_run, name, change, said):

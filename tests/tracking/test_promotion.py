@@ -213,7 +213,7 @@ def test_the_report_tells_what_was_saved_and_risked(run, page):
     pruned = (run.trials["status"] == "pruned").sum()
     assert f"{len(run.trials)} trials, {pruned} of them pruned by promotion" in page
     assert "did not finish" not in page
-    assert "Whether a pruned placement would have been best cannot be seen here" in page
+    assert "Only a full training shows whether a pruned placement would have been best" in page
     assert "Agreement of stages, among placements of both · second" in page
     # Other placements are compared after the full training alone.
     assert "second, epochs = 10" in page

@@ -111,7 +111,7 @@ def few_seeds(
     few = [name for name, own in seeds.items() if len(own) == fewest]
     of = "" if len(few) == len(seeds) else f" only for {some(few)}"
     said = {
-        (1, False): f"One seed{of}: differences between placements may be chance of the training.",
+        (1, False): f"One seed{of}: differences between placements may be training noise.",
         (1, True): f"One generalist{of}: another one may rank the placements otherwise; no "
         "interval has that.",
     }.get((fewest, generalist), f"Two {one}s{of}: the spread over {one}s is itself uncertain.")
@@ -220,7 +220,7 @@ def _short_training(run: RunFolder, group: Group) -> Iterator[Weakness]:
             f"a short training (the last epoch still lowered the loss by {100 * took:.0f} %)",
             f"Training was short: in {len(still)} of {len(fell)} trials the last epoch still "
             f"lowered the loss by more than {100 * STILL_FALLING:g} %. A longer training may rank "
-            "otherwise.",
+            "differently.",
             took / STILL_FALLING,
             # Of a loss that falls with a power of the epochs, an epoch takes a share of 1 / epochs.
             _longer(run, group, took / STILL_FALLING),

@@ -1,4 +1,4 @@
-"""Objects that one rig finds and another one misses: counted, and the frames that tell most."""
+"""Objects that one rig finds and another misses: counts, and frames with most of them."""
 
 import math
 from collections.abc import Iterator
@@ -24,9 +24,9 @@ FRAMES = 20
 OCCLUSION = ("fully visible", "partly occluded", "largely occluded")
 """KITTI's levels from 0 on."""
 HEIGHTS_M = (0.0, 1.25, 1.5, 1.75, 2.0, 2.5, np.inf)
-"""Bounds of the heights of objects that are told apart. A bin holds its lower bound."""
+"""Bounds of the heights of objects that are distinguished. A bin holds its lower bound."""
 DIMENSIONS = ("direction", "distance", "occlusion", "height")
-"""What objects are told apart by, beside their class."""
+"""What objects are distinguished by, in addition to their class."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
         None if the run folder has no objects, or no seed judged both.
 
     Raises:
-        ValueError: a value is missing in the tables, an object is there twice or not at all, or of
+        ValueError: a value is missing in the tables, an object is duplicate or missing, or of
             a class that the sweep does not have.
     """
     if run.objects is None or run.found is None or run.objects.empty:

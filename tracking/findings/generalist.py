@@ -32,7 +32,7 @@ CALIBRATION = ("bias", "bias_low", "bias_high", "slope", "slope_low", "slope_hig
 
 
 def judgements(run: RunFolder) -> pd.DataFrame:
-    """The generalist's AP and recall as candidates beside the surrogates.
+    """The generalist's AP and recall as candidates next to the surrogates.
 
     Means over its seeds at the headline's IoU, for placements that have a detector of their own,
     too: trained from scratch or from the generalist's weights. They predict that of the same name.
@@ -64,7 +64,7 @@ def _who(table: pd.DataFrame) -> str:
 
 
 def with_judgements(run: RunFolder) -> pd.DataFrame:
-    """The surrogates of a run and, where it has a generalist beside others, its `judgements`."""
+    """The surrogates of a run and, where it has a generalist among others, its `judgements`."""
     added = judgements(run)
     return run.surrogates if added.empty else pd.concat([run.surrogates, added], ignore_index=True)
 
@@ -118,7 +118,7 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
 def compare(
     run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame
 ) -> tuple[pd.DataFrame, list[pd.DataFrame]]:
-    """How well the generalist tells AP and recall of placements with a detector of their own.
+    """How well the generalist predicts AP and recall of placements with a detector of their own.
 
     Args:
         means: `tracking.findings.summary.seed_means` of the run.

@@ -49,12 +49,12 @@ class Group:
         return f"{name} · {self.title}" if self.varies else name
 
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The rows of `table` that belong to this group, by those of its columns that tell."""
+        """The rows of `table` that belong to this group, by those of its columns that apply."""
         return at(table, self.place)
 
 
 def at(table: pd.DataFrame, place: Mapping[Any, Any]) -> pd.DataFrame:
-    """The rows of `table` with the values of `place`, by those of its columns that tell."""
+    """The rows of `table` with the values of `place`, by those of its columns that apply."""
     for axis, value in place.items():
         if axis in table:
             table = table[table[axis].isna() if pd.isna(value) else table[axis] == value]
@@ -146,7 +146,7 @@ def copies(run: RunFolder) -> dict[str, str]:
     found = {}
     for name, mounts in run.placements.items():
         own = run.surrogates[run.surrogates["placement"] == name].drop(columns=["placement"])
-        if own.empty:  # nothing tells its LiDARs
+        if own.empty:  # its LiDARs are unknown
             continue
         values = own.drop(columns=["seconds"], errors="ignore").astype(str)
         same = (mounts, tuple(sorted(values.itertuples(index=False, name=None))))

@@ -3,7 +3,7 @@
 import pandas as pd
 
 MOST_FREQUENT = 10
-"""Individuals whose share of the boxes is told."""
+"""Individuals whose share of the boxes is reported."""
 
 
 def count_individuals(individuals: pd.DataFrame) -> pd.DataFrame:

@@ -57,7 +57,7 @@ def fully_trained(run: RunFolder) -> RunFolder:
 
 
 def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()) -> pd.Series:
-    """Whether each row is of the longest training and of none that a rung shortened.
+    """Whether each row belongs to the longest training and of none that a rung shortened.
 
     Args:
         table: trials or results, with the columns `axes`.

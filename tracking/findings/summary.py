@@ -30,7 +30,7 @@ def seed_means(
 
     Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
     same (class, detector, axes, metric, iou, difficulty), as if seeds scattered alike under all of
-    them: two or three seeds alone do not tell their spread. With `left_out` the choice of the test
+    them: two or three seeds alone do not show their spread. With `left_out` the choice of the test
     objects adds its own variance (`tracking.statistics.jackknife`).
 
     Args:

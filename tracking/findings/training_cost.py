@@ -18,7 +18,8 @@ def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
 
 
 def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
-    """Whether each row is of the longest training of its detector and setting of the other axes.
+    """Whether each row belongs to the longest training of its detector and setting of the other
+    axes.
 
     The longest sees most frames, epochs × share of the frames; of equal ones it is the one with
     more different frames. Not by the clock, which is noisy. All are the longest where the sweep

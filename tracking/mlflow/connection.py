@@ -35,7 +35,7 @@ def connect(uri: str) -> Any:
     os.environ.setdefault("PGCONNECT_TIMEOUT", "10")
     from mlflow import MlflowClient  # heavy, and reads the environment when imported
 
-    # A connection that is lost is told in one line, without a password; the steps of creating a
+    # A connection that is lost is reported in one line, without a password; the steps of creating a
     # database and of watching the machine are no news for a reader of the sweep's output.
     for logger in ("mlflow.store.db.utils", "mlflow.system_metrics", "alembic"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
@@ -50,7 +50,7 @@ def connect(uri: str) -> Any:
 
 
 def every(search: Callable[..., Any], *asked: Any, **how: Any) -> list[Any]:
-    """All that a search of MLflow's finds, which it tells page by page."""
+    """All that a search of MLflow's finds, which it returns page by page."""
     page = search(*asked, **how)
     found = list(page)
     while page.token:

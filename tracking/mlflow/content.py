@@ -18,11 +18,11 @@ class ParentRun:
     """The run of a sweep, in an experiment of its name.
 
     Attributes:
-        key: tells this sweep from others of the experiment; the same when it is resumed.
+        key: distinguishes this sweep from others of the experiment; the same when it is resumed.
         name: of the experiment and of the run.
         tags: of this run and of those of the trials.
-        note: what the run's page tells, Markdown.
-        about: what the experiment's page tells, Markdown.
+        note: text of the run's page, Markdown.
+        about: text of the experiment's page, Markdown.
         columns: what the experiment's page shows of every run, by MLflow's names, such as
             "metrics.seconds"; the first orders the runs.
         ascending: whether the lowest of the first column is on top, else the highest.
@@ -101,7 +101,7 @@ class EndedTrial:
     """A trial that has ended, and how to find out what its run is to hold.
 
     Attributes:
-        key: tells the trial from others of the sweep; the same when the sweep is resumed.
+        key: distinguishes the trial from others of the sweep; the same when the sweep is resumed.
         describe: is called if MLflow has not got it all.
         error: why the trial failed.
     """
@@ -118,7 +118,7 @@ class Model:
     Attributes:
         trial: key of the trial that they are from.
         folder: in MLflow's format of models.
-        params: shown beside it.
+        params: shown next to it.
     """
 
     name: str

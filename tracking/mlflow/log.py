@@ -42,7 +42,7 @@ class SweepLog:
 
     Args:
         uri: MLflow's tracking URI. For `sqlite:///FILE` the folder is made, and artifacts go to
-            `artifacts` beside the file; for other databases to `artifacts` in `folder`.
+            `artifacts` next to the file; for other databases to `artifacts` in `folder`.
         folder: of the sweep.
         say: prints a line for the user; called from another thread too.
         patience_s: how long the end of the `with` block waits while nothing can be delivered.
@@ -133,7 +133,7 @@ class SweepLog:
             raise self._broken
 
     def follow(self, trials: Callable[[], Iterable[EndedTrial]]) -> None:
-        """Log all that `trials` tells to have ended, from now to the end of the block.
+        """Log all that `trials` reports as ended, from now to the end of the block.
 
         Another thread calls it again and again, and `describe` of what it returns.
         """
@@ -143,7 +143,7 @@ class SweepLog:
         """Ask for no more trials before the end of the block: their results are read elsewhere.
 
         Raises:
-            Exception: what kept a trial from being told, after which no more are asked for. The
+            Exception: what prevented the report of a trial, after which no more are asked for. The
                 end of the block raises it, too.
         """
         with self._reading:
@@ -211,8 +211,8 @@ class SweepLog:
                 self._runs.open()
             except ValueError as error:  # a person may mend it, until then everything waits
                 raise Away(str(error)) from error
-        # Read first: each is of a trial that has ended by now, and gets its run below. Not while
-        # nobody tells which trials these are.
+        # Read first: each belongs to a trial that has ended by now, and gets its run below,
+        # unless these trials are unknown.
         models = list(self._models.items())
         models = [] if self._held else models
         for trial in filter(self._lacks, self._ended()):
@@ -254,7 +254,7 @@ class SweepLog:
         return self._told(lambda: list(self._trials()), [])
 
     def _told(self, tell: Callable[[], T], otherwise: T) -> T:
-        """What the sweep tells; `otherwise` while it must not be asked, and after an error."""
+        """The answer of the sweep; `otherwise` while it must not be asked, and after an error."""
         with self._reading:
             if not self._held and self._broken is None:
                 try:

@@ -99,8 +99,8 @@ class SweepRuns:
     def write_trial(self, trial: EndedTrial, content: TrialRun) -> None:
         """Make the run of a trial, or complete it, and end it.
 
-        What MLflow does not take is told by a tag: the run has FAILED without its values, and is
-        FINISHED without its files.
+        What MLflow does not take is recorded in a tag: the run has FAILED without its values, and
+        is FINISHED without its files.
         """
         with self._connected():
             run = self._trials.get(trial.key)
@@ -224,7 +224,7 @@ class SweepRuns:
         return self._client.create_run(self._experiment, time, tags, name)
 
     def _create_trial(self, trial: EndedTrial, content: TrialRun) -> Any:
-        """A run with the tags that find it again; when it began is told by its seconds."""
+        """A run with the tags that find it again; when it began follows from its seconds."""
         names = {TRIAL_TAG: trial.key, PARENT_TAG: self._parent.info.run_id}
         tags = _tags_of(trial, content) | names
         began = content.ended - round(1000 * content.metrics.get("seconds", 0.0))

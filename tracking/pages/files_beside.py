@@ -1,4 +1,4 @@
-"""Files beside a page: the raw numbers of its tables, and what it says as Markdown."""
+"""Files next to a page: the raw numbers of its tables, and what it says as Markdown."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -33,7 +33,7 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
         target: the file.
         template: of jinja, or `SECTIONS_ALONE`; values that it shows are escaped.
         sections: their figures and notes are changed if the page would be too large.
-        values: what the template names beside them.
+        values: what the template names next to them.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),

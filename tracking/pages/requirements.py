@@ -43,7 +43,7 @@ def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Ta
     """A row for each of `worst_cases`, what fails is stressed; `further` attributes as they are.
 
     Args:
-        rig: columns that tell rigs apart.
+        rig: columns that distinguish rigs.
     """
     columns = [
         *(words(name) for name in rig),
@@ -95,7 +95,7 @@ def draw_failures(
 
     Args:
         worst: rows of `lidarplace.requirements.tables.worst_cases`.
-        rig: column that tells rigs apart.
+        rig: column that distinguishes rigs.
         order: rigs, those to draw first in front; `mounts` by their names.
     """
     failing = [

@@ -23,7 +23,7 @@ MOST_ROWS = 50
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table and how its cells are told from rows of the data.
+    """A column of a table and how its cells are made from rows of the data.
 
     Attributes:
         head: its name.

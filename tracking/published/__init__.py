@@ -1,9 +1,9 @@
-"""The tables of the paper, to draw a sweep's own results beside them.
+"""The tables of the paper, to draw a sweep's own results next to them.
 
 "Investigating the Impact of Multi-LiDAR Placement on Object Detection for Autonomous Driving",
 CVPR 2022. Placements, classes, detectors, metrics and surrogates have the names of this program:
 the paper's vans and cyclists are class Cyclist, its sum of classes is "all", recall is in percent.
-Each figure is of one training. `TABLES` says which table a row is from.
+Each figure comes from one training. `TABLES` says which table a row is from.
 """
 
 from importlib.resources import files

@@ -1,4 +1,4 @@
-"""Build the pages of a run folder: the report, beside it Markdown and tables, and the decision."""
+"""Build the pages of a run folder: the report, next to it Markdown and tables, and the decision."""
 
 import json
 import logging

@@ -7,7 +7,7 @@ from tracking.statistics.coefficients import smallest_p
 
 FEW_GROUND_TRUTHS = 200
 FEW_FRAMES = 20
-"""Of training or test: below it a detector hardly learns, and AP hangs on a few scenes."""
+"""Of training or test: below it a detector learns little, and AP hangs on a few scenes."""
 FEW_POG_FRAMES = 10
 """Below it one frame changes a probability by more than a tenth."""
 MANY_PLACEMENTS = 20

@@ -152,7 +152,7 @@ class Frame(ArrayFile):
 
 @dataclass(frozen=True)
 class FailureFrames(ArrayFile):
-    """Frames that tell which objects one rig found and another one missed.
+    """Frames that show which objects one rig found and another one missed.
 
     Attributes:
         rigs: the two placements, shape (2,), str.

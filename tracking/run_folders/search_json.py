@@ -247,7 +247,7 @@ class SearchResult(ResultFile):
 
     @property
     def first(self) -> Objective:
-        """The objective that decides where there is one figure to tell."""
+        """The objective that decides where one figure is reported."""
         return self.objectives[0]
 
     @property

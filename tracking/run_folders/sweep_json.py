@@ -95,7 +95,7 @@ class SweepResult(ResultFile):
     promote: tuple[Rung, ...] = ()
     """What each rung ranked by, kept and set."""
     judge: str = "specialist"
-    """Whose detections tell of a placement, where `judge` is no axis."""
+    """Which detector evaluates a placement, where `judge` is no axis."""
     detections: dict[str, tuple[str, ...]] = Field({})
     """Files of detections from elsewhere by placement, which `lidarplace evaluate` read; none of a
     sweep."""

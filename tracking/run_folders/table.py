@@ -25,7 +25,7 @@ class Column:
 
     Attributes:
         dtype: as a sweep or a search writes it. A reader takes numbers for numbers, since one of
-            whole numbers is of float64 once a value is missing. None: whatever it is made from.
+            whole numbers has float64 once a value is missing. None: whatever it is made from.
         doc: what it holds, with its unit.
         needed: a table without it is refused.
         unknown: what stands in a column that is not there; of text also where a value is missing.
@@ -81,7 +81,7 @@ class Table:
         needed: a run folder without it is none.
         axes: which axes of the grid are columns too: those within these keys of the configuration,
             "" for all of them.
-        key: columns that, with the axes, tell the rows apart; (): nothing has to.
+        key: columns that, with the axes, distinguish the rows; (): nothing has to.
     """
 
     name: str

@@ -43,7 +43,7 @@ from tracking.search_report.tables import (
 MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
 MOST_BEST = 4
-"""Best rigs that the picture's menu always has, beside greedy's and the paper's."""
+"""Best rigs that the picture's menu always has, in addition to greedy's and the paper's."""
 
 
 def build_search_report(folder: Path) -> Path:
@@ -170,8 +170,8 @@ def _unseen(run: SearchFolder) -> Section | None:
         return None
     section.notes.append(
         "Entropy that no beam reaches, of each column of voxels from above. Both rigs on one "
-        "scale; the third map is their difference: blue is what the best rig sees better, orange "
-        "what it sees worse."
+        "scale; the third map is their difference: blue: the best rig sees more; orange: it "
+        "sees less."
     )
     head = ("class", "entropy (nats)", f"unseen by {before}", f"unseen by {after}", "change")
     section.tables.append(Table("Unseen entropy", head, tuple(rows)))

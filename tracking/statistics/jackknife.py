@@ -27,7 +27,7 @@ NOTHING = "nothing"
 """Unit of the values with nothing left out: those that the others are compared with."""
 LEAST_ROUTES = 4
 """With objects of the class. Student's factor is 4.3 for three routes and 12.7 for two: so few
-tell nothing of what routes differ in, and individuals alone are left."""
+do not show how routes differ, and individuals alone are left."""
 
 
 LEAST_OWN_UNITS = 11

@@ -99,7 +99,7 @@ def expected_regret(
     on average, the more so the more placements there are. Here best and choice are those of
     expected metrics that are drawn from the posterior, with the whole noise. The posterior does not
     know by what was chosen, so that the expectation is rather too large for a choice that is
-    better than the means tell.
+    better than the means suggest.
 
     Args:
         means, noise, seed, draws: see `tracking.statistics.posterior.posterior`.

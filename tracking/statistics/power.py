@@ -1,4 +1,4 @@
-"""Which correlation can be told from zero with so many placements?"""
+"""Which correlation can differ significantly from zero with so many placements?"""
 
 from bisect import bisect_left
 from collections.abc import Sequence

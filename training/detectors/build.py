@@ -1,4 +1,4 @@
-"""A detector by its name: each network is a module beside this one, with a function `build`."""
+"""A detector by its name: each network is a module next to this one, with a function `build`."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class PvRcnnPreset(TwoStagePreset):
 
     Attributes:
         keypoints: the points that stand for the scene.
-        point_head: outputs of the hidden layers that tell keypoints on objects from others.
+        point_head: outputs of the hidden layers that separate keypoints on objects from others.
         roi_head: the second stage.
         selection: of its boxes.
     """

@@ -38,7 +38,7 @@ def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
 
     Points lie in the columns of a horizontal grid at least one radius wide. The rows of the nine
     columns around a new point are merged in rising order, and the search ends with the last sample:
-    its cost hardly depends on the number of points.
+    its cost depends little on the number of points.
     """
     count = stop - start
     low = np.array([np.inf, np.inf])

@@ -49,7 +49,7 @@ def collect(
         scene: the settings.
         placements: the rigs by name; may be empty, and others may be added in a later call.
         out: see the head of this file for what lies where.
-        report: is told one line a route and what was left out.
+        report: receives one line per route and what was left out.
         connected: makes the client.
 
     Raises:

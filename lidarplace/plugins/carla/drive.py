@@ -36,7 +36,7 @@ def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report)
         client: see `lidarplace.plugins.carla.server.connect`.
         scene: the settings.
         route: one of `scene.plan()`.
-        report: is told what was left out.
+        report: receives what was left out.
 
     Raises:
         ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown.

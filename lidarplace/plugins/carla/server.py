@@ -62,7 +62,7 @@ def _release(version: str) -> str:
 
 
 def load_town(client: carla.Client, town: str) -> carla.World:
-    """Load a map anew and take its parked cars away: they are no actors, so no box would tell them.
+    """Load a map anew and take its parked cars away: they are no actors, so they have no boxes.
 
     Servers before 0.9.11 cannot take them away.
 

@@ -3,7 +3,7 @@
 All columns of a box share one run of voxels along z, and in a row of constant x its voxels are one
 run along y. So a box is written row by row, as the four corners of a rectangle of a second
 difference, and one pass at the end adds the differences up. Where boxes of a frame overlap, bit
-masks tell which voxels of a rectangle the frame has counted already.
+masks mark which voxels of a rectangle the frame has counted already.
 """
 
 import math

@@ -116,7 +116,7 @@ class SubmodularChoice(ABC):
         If the only limit is a number of candidates, the value is at least 1 - 1/e of the best
         (Nemhauser, Wolsey and Fisher 1978, An analysis of approximations for maximizing submodular
         set functions I). With prices, sizes that differ or pairs that exclude each other there is
-        no such guarantee: `upper_bound` tells how far the best can be.
+        no such guarantee: `upper_bound` shows how far the best can be.
 
         Raises:
             ValueError: `limits` are of another number of candidates.

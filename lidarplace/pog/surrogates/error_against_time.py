@@ -67,7 +67,7 @@ def accuracy(
     """Every surrogate of every placement, computed in several ways.
 
     One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
-    rays with each number of `azimuth_steps`, beside the cones, which know no azimuth steps. Only
+    rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps. Only
     with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
     `resolutions`, and each of `frame_shares` at the resolution of `roi`.
 

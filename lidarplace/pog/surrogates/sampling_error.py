@@ -218,7 +218,7 @@ _Gain = Callable[[NDArray[np.int64], int], float]
 def _gain_by_rays(histories: BlockCounts, rays: NDArray[np.integer], log_miss: float) -> _Gain:
     """Without occlusion: voxels of equal history and rays are one term.
 
-    Rays beyond the point where a miss has probability 2**-_BITS are not told apart: they change
+    Rays beyond the point where a miss has probability 2**-_BITS are not distinguished: they change
     no bit of the result.
     """
     enough = 1 if log_miss == -math.inf else math.ceil(-_BITS * LN2 / log_miss)

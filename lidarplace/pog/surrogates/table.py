@@ -37,7 +37,7 @@ class Surrogate:
         power: of the resolution, by which values of different resolutions become comparable.
         needs_rays: whether it needs the rays through every voxel; computed when asked for.
         occludes: whether it weakens rays on their way where a user wants that, so that their
-            number is of no use.
+            number is useless.
         beside: another surrogate that it is listed with; it cannot be asked for by itself.
         headline: its place among those that headlines name; None if it orders placements as one
             of these does, or the other way round.

@@ -39,7 +39,7 @@ class Rosette(BaseModel):
 
 
 class Datasheet(BaseModel):
-    """A LiDAR model; None where no source told.
+    """A LiDAR model; None if no source has it.
 
     Attributes:
         name: in settings and for `Lidar.named`.

@@ -1,8 +1,8 @@
 """Which category of a data set is which class of the box log: the paper's grouping, or its own.
 
-In the paper's grouping Car is what is of a car's size: sedans, pickups, SUVs. Cyclist is its *Van
-and Cyclist*: bicycles, motorcycles, box trucks and what is like them. What its towns do not have
-(buses, trailers, construction machines, scooters) is ignored, and so is what is no road user.
+In the paper's grouping Car is everything of a car's size: sedans, pickups, SUVs. Cyclist is its
+*Van and Cyclist*: bicycles, motorcycles, box trucks and what is like them. What its towns do not
+have (buses, trailers, construction machines, scooters) is ignored, and so is what is no road user.
 """
 
 import reprlib

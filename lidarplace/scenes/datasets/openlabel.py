@@ -41,7 +41,7 @@ def read_openlabel(
     """The cuboids of a file, or of all `.json` files of a folder, as one box log.
 
     A file is a scene and a route, called by its name; its frames are those that it lists. An object
-    without a cuboid in a frame has none there; one whose cuboid is told once is in all its frames.
+    without a cuboid in a frame has none there; one whose cuboid is given once is in all its frames.
     Where transforms lead from the vehicle to the root of its coordinate systems, frames have poses.
 
     Args:

@@ -131,7 +131,7 @@ class Frame(BaseModel):
 
 
 class CoordinateSystem(BaseModel):
-    """Where it is in its parent may be told frame by frame as well."""
+    """Where it is in its parent may be given frame by frame as well."""
 
     type: str
     parent: str = ""

@@ -42,7 +42,7 @@ from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, m
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split", CLOUD)
 LOG, NO_BOXES = "log", "no boxes"
-"""Scene of a frame where nothing tells it, and of the empty frames of which only the number is
+"""Scene of a frame where it is unknown, and of the empty frames of which only the number is
 known."""
 
 OF_FRAMES = ("scene", "timestamp_s")
@@ -73,12 +73,12 @@ def read_tabular(
         source: the table of boxes, or a folder of `boxes` and mostly `frames`, `.parquet` or
             `.csv`.
         frames: the table of frames or their number, where `source` has no table of them.
-        class_map: class by value of `class`, beside `CLASSES` themselves; `OwnNames` keeps all.
+        class_map: class by value of `class`, in addition to `CLASSES`; `OwnNames` keeps all.
         ignored: gets the number of boxes left out by value of `class`.
 
     Raises:
         OSError: a file cannot be read.
-        ValueError: a column is missing, a value is wrong, or nothing tells the frames.
+        ValueError: a column is missing, a value is wrong, or the frames are unknown.
     """
     class_map = merged(BOX_LOG, class_map)
     buildings = None

@@ -122,7 +122,7 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
     files = {path.stem for path in labels.iterdir() if path.suffix == ".txt"}
     found: dict[int, str] = {}
     listed = False
-    # Someone who names the folder `training` means its lists too, which lie beside it.
+    # Someone who names the folder `training` means its lists too, which lie next to it.
     lists = folder / "ImageSets"
     if not is_there(lists) and labels.parent == folder and folder.resolve().name == "training":
         lists = folder.resolve().parent / "ImageSets"

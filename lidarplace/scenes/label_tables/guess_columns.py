@@ -28,7 +28,7 @@ _STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["st
 
 
 def class_in(category: str) -> str | None:
-    """The class that the name of a category tells."""
+    """The class that the name of a category implies."""
     found = (c for c, told in _NAMES["classes"].items() if re.search(told, category, re.IGNORECASE))
     return next(found, None)
 
@@ -71,7 +71,7 @@ NEAR_TURN = 0.2
 
 
 def add_columns_by_values(table: pd.DataFrame, columns: dict[str, str]) -> None:
-    """Add columns to `columns`, by key, for the keys that no name told.
+    """Add columns to `columns`, by key, for the keys that no name identified.
 
     x, y and z, and the sizes, are looked for in columns side by side.
     """

@@ -138,7 +138,7 @@ class TableMapping(Settings):
 
     @property
     def stamp(self) -> str:
-        """The column that tells frames apart."""
+        """The column that distinguishes frames."""
         return self.columns.time or self.columns.frame or ""
 
     def column(self, name: str) -> str:

@@ -34,8 +34,8 @@ NEAR_GROUND_M = 0.1
 def propose_mapping(path: Path) -> str:
     """A mapping of the label file as YAML, with comments that say what each guess is from.
 
-    A column that neither name nor values tell is a key without value: reading such a mapping is an
-    error.
+    A column that neither name nor values identify is a key without value: reading such a mapping
+    is an error.
 
     Raises:
         ValueError: the file cannot be read, or has no row.
@@ -103,7 +103,7 @@ class _Proposal:
         return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
 
     def _name(self, key: str) -> str:
-        """Of the column, and what told it if it was not its name."""
+        """Of the column, and the evidence if it was not its name."""
         return _text(self.columns[key]) + "   # by its values" * (key in self.by_values)
 
     def _step(self) -> float:

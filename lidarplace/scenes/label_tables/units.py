@@ -25,12 +25,12 @@ Unit = TypeVar("Unit", bound=str)
 DISTANCES = (300.0, 6000.0)
 """Median distance of a box from the vehicle from which it is in centimetres, and in millimetres."""
 EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
-"""Time since 1970 is of this size: from 2001 on."""
+"""Time since 1970 has this size: from 2001 on."""
 
 
 @dataclass(frozen=True)
 class Guess(Generic[Unit]):
-    """A unit, and what tells it."""
+    """A unit, and the evidence for it."""
 
     unit: Unit
     why: str

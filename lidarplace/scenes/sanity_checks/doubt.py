@@ -16,7 +16,7 @@ Check = Literal["yaw", "size", "place", "ground", "time", "poses"]
 
 @dataclass(frozen=True)
 class Doubt:
-    """Boxes, or for `poses` frames, whose values can hardly be meant.
+    """Boxes, or for `poses` frames, with implausible values.
 
     Attributes:
         check: what was looked at.

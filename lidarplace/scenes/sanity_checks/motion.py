@@ -1,4 +1,4 @@
-"""Do vehicles move where they head? They hardly slide: it shows what a yaw means."""
+"""Do vehicles move where they head? They rarely slide: it shows what a yaw means."""
 
 import math
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ STEP_M = 0.2
 """Shorter steps from frame to frame say more of the labels' noise than of motion."""
 MOST_STEPS = 20_000
 LEAST_STEPS = 20
-"""Steps of vehicles that are needed to tell yaw from motion."""
+"""Steps of vehicles that are needed to compare yaw with motion."""
 ACROSS = 0.3
 """Sine of the angle between motion and length axis, 17 degrees, above which a step is across."""
 MOST_ACROSS = 0.1

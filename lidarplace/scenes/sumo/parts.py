@@ -17,7 +17,7 @@ class TownRecording:
     """One simulation of traffic.
 
     Attributes:
-        scene: with the default of what says which runs there are: `run` tells its own.
+        scene: with the default of what says which runs there are: `run` has its own.
         map: SHA-256 of the town's map; None for a generated town.
     """
 

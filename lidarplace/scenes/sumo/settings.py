@@ -151,7 +151,7 @@ class SumoScene(RouteSettings):
 
     @property
     def name(self) -> str:
-        """The scene's name in labels, where nothing else tells it from others."""
+        """The scene's name in labels, where nothing else distinguishes it from others."""
         return f"sumo-{self.seed}"
 
     def remedy(self, split: str) -> str:

@@ -62,7 +62,7 @@ def simulate(
         raise RuntimeError("a SUMO simulation already runs in this process; close it first")
     users = demand.users
     index = {user.id: u for u, user in enumerate(users)}
-    # x, y, z, angle and speed as SUMO tells them.
+    # x, y, z, angle and speed as SUMO returns them.
     state: NDArray[np.float64] = np.full((scene.frames_per_route, len(users), 5), np.nan)
     reroute = Rerouting(demand, scene.seconds, np.random.default_rng(seed))
     with _silent():

@@ -25,7 +25,7 @@ from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
 
 @dataclass(frozen=True)
 class _Keyed:
-    """What tells whether a certificate is of a problem: `key` of both."""
+    """What identifies the problem of a certificate: `key` of both."""
 
     key: str
 

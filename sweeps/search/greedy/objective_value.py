@@ -39,8 +39,9 @@ class Worth(Protocol):
 class OneDeadWorth:
     """The worth of what candidates find with any one LiDAR dead, which is not submodular.
 
-    Greedy choice is of what all LiDARs find, and has no guarantee. The bound holds: a rig without
-    its worst LiDAR finds no more than without any other one, which is a rig of one LiDAR less.
+    Greedy choice optimizes what all LiDARs find, and has no guarantee. The bound holds: a rig
+    without its worst LiDAR finds no more than without any other one, which is a rig of one LiDAR
+    less.
     """
 
     choice: OneDeadChoice

@@ -102,7 +102,7 @@ A search for a LiDAR placement: one parent run, and a child run for every trial.
 - The parent run has the command, the configuration, the report and the tables. The best trials
   are evaluated again with all rays: `search.json` and the report have those values.
 """
-"""What the experiment's page tells, Markdown."""
+"""The text of the experiment's page, Markdown."""
 
 
 def columns(problem: Problem) -> list[str]:

@@ -52,7 +52,7 @@ class TaskAnswers(ABC):
         self._asked.append((trial, candidate))
 
     def finish(self) -> None:
-        """Measure what was taken up, and tell the study."""
+        """Measure what was taken up, and report it to the study."""
         asked, self._asked = self._asked, []
         found = self._pool.in_order([c.rig for _, c in asked], self.problem.question)
         answers = list(zip(asked, found, strict=True))

@@ -34,7 +34,7 @@ class TrialProgress(StageProgress):
             self._console.print(f"trials {number}/{self._wanted}")
 
     def failed(self, task: Task, failure: Failure) -> None:
-        """The trial tells why."""
+        """The trial has the reason."""
         self._running.ended(task)
 
     def now(self) -> str:

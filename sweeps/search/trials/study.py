@@ -1,7 +1,7 @@
-"""Optuna's study of a search: kept in a file, asked and told in batches, resumed at any point.
+"""Optuna's study of a search: kept in a file, asked and answered in batches, resumed at any point.
 
-A batch is asked for as a whole before any of it is told. So the outcome depends on the seed and the
-size of a batch, and not on how many workers there are or which was faster.
+A batch is asked for as a whole before any of it is answered. So the outcome depends on the seed
+and the size of a batch, and not on how many workers there are or which was faster.
 """
 
 import json
@@ -36,7 +36,7 @@ class Candidate:
     Attributes:
         number: of the trial.
         rig: where LiDARs go.
-        values: by key path of the configuration, beside the rig.
+        values: by key path of the configuration, in addition to the rig.
     """
 
     number: int
@@ -157,7 +157,7 @@ def run_study(
     """Ask and tell until there are as many trials as the settings want.
 
     Args:
-        told: is told how many trials are finished.
+        told: receives the number of finished trials.
     """
     while (batch := _next_batch(study, settings)) is not None:
         for number in batch:
@@ -207,7 +207,7 @@ def tell(
         failure: why it has no value, if something went wrong.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
-        # A trial that was stopped while it was told has some of this already.
+        # A trial that was stopped while it was stored has some of this already.
         for name, told in assessment.told.items():
             trial.set_constraint(name, told)
     trial.set_user_attr(ASSESSMENT, json.dumps(asdict(assessment)))

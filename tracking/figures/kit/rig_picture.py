@@ -18,7 +18,7 @@ from tracking.figures.kit.vehicle_lines import posts, vehicle_in_space
 from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
-"""Axes of a sensor, in colours that colour-blind readers can tell apart."""
+"""Axes of a sensor, in colours that colour-blind readers can distinguish."""
 _AXIS_LENGTH = 0.3  # metres
 AXES_AND_POSTS = (
     "Drag to turn. Lines at a LiDAR are the sensor's axes, 0.3 m long; grey posts are the rack "
@@ -29,7 +29,7 @@ _CAMERA = {"eye": {"x": 1.5, "y": 1.35, "z": 0.7}, "center": {"x": 0.0, "y": 0.0
 
 @dataclass(frozen=True)
 class PicturedRig:
-    """Mounts, and what is told of each besides its pose.
+    """Mounts, and the text of each in addition to its pose.
 
     Attributes:
         mounts: poses in the ego frame.

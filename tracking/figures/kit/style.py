@@ -38,7 +38,8 @@ def lidar_colour(index: int) -> str:
 
 
 def symbol(index: int) -> str:
-    """The marker of the `index`-th of several things: colours alone are not told by everybody.
+    """The marker of the `index`-th of several things: colours alone are not distinguished by
+    everybody.
 
     There is one more than colours, so that the pair of both repeats after 72 things only.
     """
@@ -114,7 +115,7 @@ def legend_below(plot: go.Figure) -> None:
     shown = [t for t in plot.data if t.showlegend is not False and t.visible is not False]
     names = [html.unescape(trace.name or "") for trace in shown]
     short = max(map(len, names), default=0) <= _LONGEST_OF_TWO
-    # Words beside the figure take their width from its legend, too; groups are not in a row.
+    # Words next to the figure take their width from its legend, too; groups are not in a row.
     grouped = any(trace.legendgroup for trace in shown)
     in_a_row = 2 if short and not grouped and plot.layout.margin.r <= _SIDE else 1
     room = 20 * -(-len(names) // in_a_row)

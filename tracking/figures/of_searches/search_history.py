@@ -112,7 +112,7 @@ def _level(
     hover: str | None = None,
     listed: bool = True,
 ) -> None:
-    """A level line; `listed` in the legend as `name`, told as `hover` or `name`."""
+    """A level line; `listed` in the legend as `name`, shown as `hover` or `name`."""
     plot.add_scatter(
         x=ends,
         y=[value, value],

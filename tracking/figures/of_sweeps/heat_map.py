@@ -72,7 +72,7 @@ def add_coefficients(
         rho: coefficients, NaN where there is none.
         columns, rows: what those of `rho` are called, plotly text.
         shown: the cells' texts.
-        hover: what is told of a cell behind its coefficient.
+        hover: text of a cell after its coefficient.
     """
     plot.add_heatmap(
         z=rho.to_numpy(),

@@ -24,7 +24,7 @@ from tracking.run_folders.sweep import RunFolder
 
 FILE = "decision.html"
 _SHOWN = re.compile("best|placements|recall-by-direction|ap-by-distance|failures|requirements")
-"""CSV files that hold what the page tells."""
+"""CSV files that hold the numbers of the page."""
 
 
 def write_decision(
@@ -104,6 +104,6 @@ def recall_and_ap_section(
         "Means over seeds. Bars are 95 % intervals for a comparison, over seeds"
         + (" and over test objects, which all rigs share." if found.best.sample else ".")
         if any(table["low"].notna().any() for table in columns.values())
-        else "One seed each: how much the training scatters is unknown, so there are no bars."
+        else "One seed each: the training noise is unknown, so there are no bars."
     )
     return section

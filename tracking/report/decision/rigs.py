@@ -34,11 +34,11 @@ _BODY = "rgba(136, 136, 136, 0.15)"
 
 @dataclass(frozen=True)
 class ViewedRig:
-    """A rig and what is told of it.
+    """A rig and its text.
 
     Attributes:
         mounts: poses in the ego frame.
-        models: of every mount, what is told behind its pose; plotly text, may be empty.
+        models: of every mount, its text after the pose; plotly text, may be empty.
     """
 
     mounts: tuple[Mount, ...]
@@ -84,7 +84,7 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
 def viewed_rig(
     name: str, mounts: Sequence[Mount], models: Sequence[LidarModel], best: bool = False
 ) -> ViewedRig:
-    """A rig to be drawn, with what is told of its LiDARs.
+    """A rig to be drawn, with the texts of its LiDARs.
 
     Args:
         models: of every mount; none if they are not known.

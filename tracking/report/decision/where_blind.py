@@ -24,7 +24,7 @@ from tracking.report.sections.objects import (
 from tracking.run_folders.sweep import RunFolder
 
 _METRICS = ("class_recall_3D", "recall", "AP_R40_3D")
-"""The first that a table has tells where objects are found; older run folders have AP alone."""
+"""The first that a table has shows where objects are found; older run folders have AP alone."""
 _FEW = 100
 """Objects in a bin, below which nothing is said of it."""
 _ROW = 24  # pixels

@@ -35,11 +35,11 @@ def accuracy_section(found: Analysis) -> Section:
         section.notes.append("The run folder has no accuracy.parquet.")
         return section
     section.notes.append(
-        "Left: error of the method, of fewer azimuth steps and of fewer frames at one resolution. "
-        "Middle: error against the finest resolution that was computed; a coarse grid makes beams "
-        "thick and too few rays leave gaps, and the two errors can cancel. Right: whether the "
-        "placements are ranked alike, which is what a choice needs. Medians over placements, bars "
-        "to the largest; hollow points have no error. The menu chooses the surrogate."
+        "Left: error of the method, of fewer azimuth steps and of fewer frames at one "
+        "resolution. Middle: error against the finest resolution that was computed; a coarse "
+        "grid makes beams thick and too few rays leave gaps, and the two errors can cancel. "
+        "Right: whether the placements are ranked alike. Medians over placements, bars to the "
+        "largest; hollow points have no error. The menu chooses the surrogate."
     )
     section.notes += studied(run, run.accuracy)
     for title, part in by_setting(run.accuracy, run.axes):

@@ -59,14 +59,14 @@ def _notes(sampled: bool) -> list[str]:
             "scenes, and the same test frames. Other traffic may rank them otherwise."
         ]
     return [
-        "Means over seeds with 95 % intervals for two chances at once: that of the training, by "
-        "the spread over seeds, pooled over the placements; and which routes and individuals the "
-        "test frames met, by leaving each route out in turn and each individual, the larger error "
-        "of both. Thin bars are for the mean alone. All placements met the same, so they differ by "
-        "less: thick bars are for a comparison, and so are leads, and how likely each is to be the "
-        "best. Leads have intervals that hold for all pairs at once, because the best was chosen "
-        "from the data; leads in AP are those of the area under precision over recall, which "
-        "AP_R40 samples. Other training traffic and other towns are in none of this."
+        "Means over seeds. Intervals are 95 % and include two sources of chance: the training "
+        "(spread over seeds, pooled over the placements), and the test objects (each route and "
+        "each individual left out in turn, the larger error). Thin bars are for the mean "
+        "itself. All placements met the same objects, so thick bars, leads and probabilities "
+        "are for a comparison. Leads have intervals that hold for all pairs at once, because "
+        "the best was chosen from the data; leads in AP are those of the area under precision "
+        "over recall, which AP_R40 samples. Other training traffic and other towns are in none "
+        "of this."
     ]
 
 

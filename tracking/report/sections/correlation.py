@@ -118,7 +118,7 @@ def scatter(
     Args:
         metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
         surrogates: placements as rows, surrogates as columns (`surrogates_of`).
-        correlations: rows of `correlate` beside their ceilings, with those of `leave_one_out` for
+        correlations: rows of `correlate` with their ceilings, with those of `leave_one_out` for
             the same; its surrogates make the menu. The first of the largest |rho| is shown at the
             start.
     """

@@ -39,10 +39,11 @@ def detectors_section(found: Analysis) -> Section | None:
         return None
     section = Section("Detectors", columns=2)
     section.notes.append(
-        "AP and recall in percent, means over seeds, in the layout of the paper's tables; the best "
-        "of a row is bold. Sensitivity is the spread between the best and the worst placement. The "
-        "spread that seeds alone make is what equal placements would show in one sweep of twenty: "
-        "a spread below it shows no influence of the placement. A relative spread is over the mean."
+        "AP and recall in percent, means over seeds, in the layout of the paper's tables; the "
+        "best of a row is bold. Sensitivity is the spread between the best and the worst "
+        "placement. The spread by seeds alone is that of equal placements in one sweep of "
+        "twenty: a smaller spread shows no influence of the placement. A relative spread is "
+        "over the mean."
     )
     spreads = sensitivity(means, run.axes)
     for name in (*run.classes, "all"):

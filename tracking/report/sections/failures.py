@@ -81,9 +81,9 @@ def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
 
 
 def _where(found: Failures, counts: pd.DataFrame) -> str:
-    """Where the first rig is ahead and behind most, as far as that can be told."""
+    """Where the first rig is ahead and behind most, as far as that is significant."""
     if counts["low"].isna().all():
-        return "How much of that is chance is unknown: there is one seed, or too few road users."
+        return "The uncertainty is unknown: one seed, or too few road users."
     bins = counts[(counts["by"] != "") & (counts["objects"] >= _FEW)]
     if len(found.classes) > 1:
         bins = bins[bins["class"] != "all"]

@@ -37,8 +37,8 @@ from tracking.report.sections.regret import AT_RANDOM, regret_table
 from tracking.run_folders.sweep import RunFolder
 
 _NOTE = (
-    "The generalist is one detector, trained on other rigs, that judges each placement without "
-    "being trained for it. A point is a placement: AP or recall by the generalist, and by "
+    "The generalist is one detector, trained on other rigs, that evaluates each placement "
+    "without a training for it. A point is a placement: AP or recall by the generalist, and by "
     "detectors that were trained for the placement. Only the order decides which placement is "
     "best. On the dotted line differences between placements are equal for both. They met the "
     "same test objects, so the ceiling is by the seeds of the own detectors alone. Bias: the "
@@ -127,7 +127,7 @@ def _seconds(run: RunFolder) -> Table:
         numbers("seconds of a placement and seed", "seconds", ",.3g"),
     ]
     return Table.of(
-        "What a judgement costs: a generalist's evaluation; training and evaluation of others",
+        "Cost of an evaluation: by the generalist; by own detectors, training included",
         table,
         columns,
         name="generalist-seconds",

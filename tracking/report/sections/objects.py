@@ -29,10 +29,10 @@ def individuals_section(found: Analysis) -> Section | None:
         section.notes.append("The run folder has no individuals.parquet.")
         return section
     section.notes.append(
-        "A box is an object in one frame; a road user that is in 50 frames is one individual, and "
-        "one of two routes too. Frames of one individual say nearly the same, so what was "
-        "measured is as sure as its individuals and routes are many, not its boxes. A log that "
-        "does not name its objects has as many individuals as boxes."
+        "A box is an object in one frame; a road user in 50 frames is one individual, also over "
+        "two routes. Frames of one individual are nearly the same, so the certainty depends on "
+        "the number of individuals and routes, not of boxes. A log that does not name its "
+        "objects has as many individuals as boxes."
     )
     for title, part in by_setting(run.individuals, run.axes):
         section.tables.append(individuals_table(part, title))
@@ -66,9 +66,9 @@ _SPLITS = {"train": "training"}
 
 _METRIC = headline_metric("all")
 SECTOR = ["sector", "from_deg", "to_deg"]
-"""Columns that tell sectors apart."""
+"""Columns that distinguish sectors."""
 RING = ["from_m", "to_m"]
-"""Columns that tell rings apart."""
+"""Columns that distinguish rings."""
 
 
 _SPREAD = 0.35  # of a bin's width, over which the markers of placements are set apart
@@ -76,7 +76,7 @@ _SPREAD = 0.35  # of a bin's width, over which the markers of placements are set
 
 @dataclass(frozen=True)
 class Bins:
-    """What objects are told apart by.
+    """What objects are distinguished by.
 
     Attributes:
         of: what it is, with its unit.
@@ -96,7 +96,7 @@ def means_by_bin(
 
     Args:
         table: of the run folder.
-        keys: its columns that tell bins apart.
+        keys: its columns that distinguish bins.
     """
     for group in found:
         for name in run.classes:
@@ -148,8 +148,8 @@ def by_sector_section(found: Analysis) -> Section | None:
     section = Section("Objects by their direction", columns=2)
     section.notes.append(
         "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
-        "centre. Recall: means over seeds with 95 % intervals, which do not contain the chance of "
-        "which objects are in a sector."
+        "centre. Recall: means over seeds with 95 % intervals, which do not include the "
+        "sampling of objects in a sector."
     )
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         _add(section, *in_sectors(rows), "Recall", "by direction", label, list(run.placements))

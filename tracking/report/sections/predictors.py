@@ -44,14 +44,14 @@ from tracking.statistics.coefficients import smallest_p
 from tracking.statistics.power import power_table, smallest_detectable
 
 MOST_SENTENCES = 8
-"""Findings that are told one by one; more are counted, and the table of the section has each."""
+"""Findings that are listed one by one; more are counted, and the table of the section has each."""
 
 _HOW_TO_READ = (
     "Left: Spearman's ρ; a star where p is below 0.05 after Holm's correction for all tests of "
-    "this sweep. Right: each placement's metric predicted by a straight line through the others, "
-    "the error over that of predicting their mean: right of the dotted line a surrogate is worse "
-    "than none. Surrogates that order the placements as another one here, or the other way round, "
-    "are left out: they are the same test."
+    "this sweep. Right: each placement's metric predicted by a straight line through the "
+    "others, the error over that of predicting their mean: right of the dotted line a surrogate "
+    "is worse than none. Surrogates with the same or the reverse order of another one here are "
+    "left out: they are the same test."
 )
 
 
@@ -151,7 +151,7 @@ def _labels(run: RunFolder, table: pd.DataFrame) -> list[str]:
 
 
 def _power_sentences(correlations: pd.DataFrame) -> list[str]:
-    """What so many placements can tell, one sentence for every number of placements."""
+    """What so many placements can show, one sentence for every number of placements."""
     known = correlations[correlations["spearman"].notna()]
     said = []
     for n, part in known.groupby("n"):

@@ -22,11 +22,11 @@ from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, s
 from tracking.report.analysis import Analysis
 
 _HOW_TO_READ = (
-    "Cheap stages ranked all placements, and only the best of each rung went on. Agreement is over "
-    "the placements that reached the later stage. The earlier one chose them, so they are more "
-    "alike than all placements are: a low coefficient among them does not show that the rung ranks "
-    "badly, a high one does not show that it pruned the right ones. Whether a pruned placement "
-    "would have been best cannot be seen here; only its full training shows it."
+    "Cheap stages ranked all placements, and only the best of each rung were kept. Agreement is "
+    "over the placements that reached the later stage. The earlier one chose them, so they are "
+    "more alike than all placements are: a low coefficient among them does not show that the "
+    "rung ranks badly, a high one does not show that it pruned the right ones. Only a full "
+    "training shows whether a pruned placement would have been best."
 )
 
 
@@ -78,9 +78,7 @@ def _saved(row: Mapping[Any, Any], seeds: int) -> list[str]:
 
 def _risked(pairs: pd.DataFrame, ap: pd.Series) -> list[str]:
     if (ap == ap.max()).sum() > 1:
-        return [
-            "Several full trainings are equally best, so no rung is judged by where it put one."
-        ]
+        return ["Several full trainings are equally best, so no rung is rated by its rank of one."]
     said = []
     for row in pairs[pairs["to_full"]].to_dict("records"):
         sentence = (

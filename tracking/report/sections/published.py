@@ -1,4 +1,4 @@
-"""The section of the paper's published results beside those of the sweep."""
+"""The section of the paper's published results in addition to those of the sweep."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
@@ -24,10 +24,10 @@ from tracking.report.sections.correlation import correlation_table
 from tracking.run_folders.sweep import RunFolder
 
 _HOW_TO_READ = (
-    "AP and recall that the paper published (CVPR 2022, one training each, in CARLA), for those of "
-    "its eight placements that this sweep has, against the surrogates of this sweep, which are of "
-    "its own traffic. Square is published for its three densities only and is left out. The "
-    "intervals of the coefficients lack the spread over seeds."
+    "AP and recall that the paper published (CVPR 2022, one training each, in CARLA), for those "
+    "of its eight placements that this sweep has, against the surrogates of this sweep and its "
+    "traffic. Square is published for its three densities only and is left out. The intervals "
+    "of the coefficients do not include the spread over seeds."
 )
 _PRESETS = ("_paper", "_tiny")
 _DIGITS = 6
@@ -81,8 +81,8 @@ def published_section(found: Analysis) -> Section | None:
             section.figures.append(against_own(own, f"{heading} · {label}", list(run.placements)))
     if len(pairs):
         section.notes.append(
-            "Own results are next to those of the same network; the paper's training data, scale "
-            "and clouds are others, so the level differs, and the order is what can be compared."
+            "Own results are next to those of the same network; the paper's training data, "
+            "scale and clouds differ, so compare the order, not the level."
         )
         section.tables.append(_beside_table(pairs))
     section.tables.append(_published_table(published))

@@ -18,12 +18,12 @@ from tracking.statistics.posterior import expected_regret
 MOST_CHOICES = 100
 """Rows that the page shows."""
 _NOTE = (
-    "What is lost by taking the placement that a surrogate ranks first, in points. Below the "
-    "highest mean: as measured, which is too much on average, because the highest mean is partly "
-    "the luckiest. Expected regret: below the truly best placement, over what seeds and test "
-    "objects leave open (the posterior by which the first section says how likely each placement "
-    "is to be the best), with 95 %. A surrogate is worth its name if it loses less than a "
-    "placement at random does."
+    "Points lost by choosing the placement that a surrogate ranks first. Below the highest "
+    "mean: as measured, which is too large on average, because the highest mean is partly the "
+    "luckiest. Expected regret: below the truly best placement, over what seeds and test "
+    "objects leave open (the posterior by which the first section says how likely each "
+    "placement is to be the best), with 95 %. A useful surrogate loses less than a random "
+    "placement."
 )
 
 

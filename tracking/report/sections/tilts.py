@@ -40,8 +40,8 @@ def tilts_section(found: Analysis) -> Section | None:
     section = Section("Ablation: roll and pitch", columns=2, folded=one)
     section.notes.append(
         "Pairs of placements that differ in the roll, or in the pitch, of some LiDARs and in "
-        "nothing else. Differences are tilted less upright, with 95 % intervals; each "
-        "pair is taken for itself, without a correction for their number."
+        "nothing else. Differences are tilted less upright, with 95 % intervals; each pair "
+        "separately, without a correction for their number."
     )
     if differences["low"].isna().any():
         section.notes.append("A pair with one seed each has no interval.")
