@@ -188,7 +188,7 @@ class AtLeastSettings(Settings):
         named = [key for key, _ in self.needs]
         of_lidars = [key for key in named if key not in KIND_OF]
         if not named or len(of_lidars) > 1:
-            raise ValueError("name one of points, cells, probability and coverage")
+            raise ValueError("name one of points, cells, probability and coverage, pixels or reach")
         if "coverage" in named and (len(named) > 1 or self.kinds > 1):
             raise ValueError("coverage: is of LiDARs alone; take out pixels, reach and kinds")
         if self.kinds > len(named):

@@ -40,6 +40,7 @@ class Scene:
 
     def __init__(self, server: viser.ViserServer, file: RigsFile, roi: Roi) -> None:
         self._scene, self._file, self._roi = server.scene, file, roi
+        self._coloured: set[str] = set()
         self.stand("")
         for number, zone in enumerate(file.zones):
             self._lines(f"/zones/{number}", _prism(zone), "#2b8a3e", 2.0)
@@ -136,8 +137,10 @@ class Scene:
                 middles = ground.middles
             if len(middles):
                 self._cells(name, middles, 0.5 * ground.edge if ground else 0.0, colour)
-            else:
+                self._coloured.add(name)
+            elif name in self._coloured:
                 self._scene.remove_by_name(name)
+                self._coloured.remove(name)
 
     def _cells(self, name: str, middles: NDArray[np.float64], half: float, colour: str) -> None:
         corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
