@@ -17,7 +17,7 @@ def settle_vector_math() -> None:
     MKL 2024, which torch's wheels hold, chooses the kernel of a function when it is first called.
     If several threads make that call together, one of them can compute its share by a kernel of
     low accuracy (errors to some 4,000 units in the last place): boxes of a process's first
-    prediction then lay 0.1 mm in addition to those of its second. See PyTorch's issue 188792.
+    prediction then were 0.1 mm off those of its second. See PyTorch's issue 188792.
     """
     for dtype in (torch.float32, torch.float64):
         one = torch.ones(1, dtype=dtype)

@@ -171,7 +171,7 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
 def _check_own_values(
     own: Mapping[str, Any], at_first: Mapping[str, Any], rigs: Rigs, first: Point, path: Path
 ) -> None:
-    """Refuse what the file says wrongly in addition to the grid, though an axis replaces it."""
+    """Refuse what the file says wrongly outside of the grid, though an axis replaces it."""
     for key in dict.fromkeys(axis.partition(".")[0] for axis in at_first):
         if key in own:
             changes = {

@@ -45,7 +45,7 @@ def group_columns(axes: Sequence[str]) -> list[str]:
 def paired(
     results: pd.DataFrame, surrogates: pd.DataFrame, axes: Sequence[str] = ()
 ) -> Iterator[Paired]:
-    """Every group of `results` in addition to its surrogates, sorted by `group_columns`.
+    """Every group of `results` with its surrogates, sorted by `group_columns`.
 
     Results of class "all" (recall over all objects) meet the surrogates summed over classes, the
     paper's sum, for those that are additive. `m_sog` is a mean and `covered_voxels` the same number

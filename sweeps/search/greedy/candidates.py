@@ -135,7 +135,7 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
 
 
 def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
-    """Number of LiDARs, in all, in each zone and of single ones in addition to pairs, totals,
+    """Number of LiDARs, in all, in each zone and of single ones next to pairs, totals,
     distances.
 
     The near field is no limit here: the bound holds for rigs that neglect it as well.

@@ -31,7 +31,7 @@ class SearchState:
         name: of the search.
         alive: whether a driver runs it now.
         trials: wanted, done, feasible (all constraints kept) and failed.
-        best: number, objectives by name and values in addition to the rig of the best trial so
+        best: number, objectives by name and values next to the rig of the best trial so
             far, or of the Pareto front; empty while none keeps all constraints.
         azimuth_stride: trials took the rays of 1 in so many azimuth steps for the values in `best`;
             1 if all of them, or if no objective counts rays.

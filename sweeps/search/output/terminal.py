@@ -206,7 +206,7 @@ def _print_rigs(
 
 
 def print_found(console: Console, problem: Problem, found: Found, run: SearchFolder) -> None:
-    """The best rigs in addition to greedy's and the paper's, and what the report says first."""
+    """The best rigs, greedy's and the paper's, and what the report says first."""
     names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
     _print_rigs(console, {name: found.judged[name] for name in names}, problem, run)
     first = answer(run)

@@ -29,7 +29,7 @@ _CAMERA = {"eye": {"x": 1.5, "y": 1.35, "z": 0.7}, "center": {"x": 0.0, "y": 0.0
 
 @dataclass(frozen=True)
 class PicturedRig:
-    """Mounts, and the text of each in addition to its pose.
+    """Mounts, and the text of each next to its pose.
 
     Attributes:
         mounts: poses in the ego frame.

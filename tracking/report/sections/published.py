@@ -1,4 +1,4 @@
-"""The section of the paper's published results in addition to those of the sweep."""
+"""The section of the paper's published results next to those of the sweep."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
