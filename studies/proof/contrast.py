@@ -39,6 +39,7 @@ def main() -> None:
         pd.concat(runs, ignore_index=True).to_parquet(FOLDER / "contrast.parquet", index=False)
         far = pd.concat([_by_distance(Path(run)) for run in sys.argv[1:]], ignore_index=True)
         far.to_parquet(FOLDER / "distance.parquet", index=False)
+        _individuals(Path(sys.argv[1])).to_csv(FOLDER / "individuals.csv", index=False)
     rows = read()
     for rig in sorted(set(rows["placement"]) - {BASELINE}):
         lines = []
@@ -56,6 +57,12 @@ def main() -> None:
 def read() -> pd.DataFrame:
     """What was measured: a row a network, test, rig, seed and metric, and without each unit."""
     return pd.read_parquet(FOLDER / "contrast.parquet")
+
+
+def individuals(object_class: str) -> int:
+    """How many road users of a class the tests have."""
+    counts = pd.read_csv(FOLDER / "individuals.csv").query("`class` == @object_class")
+    return int(counts["individuals"].sum())
 
 
 def gain(network: str, metric: str, rig: str = "found", test: str | None = None) -> str:
@@ -113,6 +120,18 @@ def _of(rows: pd.DataFrame, wanted: tuple[str, str, float]) -> pd.DataFrame:
     return rows[same & ((rows["iou"] - iou).abs() < 1e-6)]
 
 
+def _individuals(run: Path) -> pd.DataFrame:
+    """Of each test and class."""
+    rows = pd.read_parquet(run / "individuals.parquet").query("split == 'test'")
+    rows = rows.assign(test=_test_of(rows))[["test", "class", "scene", "object_id"]]
+    each = rows.drop_duplicates().groupby(["test", "class"], as_index=False)
+    return each.size().rename(columns={"size": "individuals"})
+
+
+def _test_of(rows: pd.DataFrame) -> pd.Series:
+    return rows["scene.test_folder"].map(lambda folder: Path(folder).parent.name)
+
+
 def _by_distance(run: Path) -> pd.DataFrame:
     """Means over seeds and tests, by distance."""
     rows = pd.read_parquet(run / "distance.parquet")
@@ -129,8 +148,7 @@ def _read(run: Path) -> pd.DataFrame:
     left_out = left_out[left_out["unit"] != "half"]
     rows = pd.concat([results, left_out], ignore_index=True)
     rows = pd.concat([_of(rows, wanted) for wanted in METRICS.values()], ignore_index=True)
-    tests = rows["scene.test_folder"].map(lambda folder: Path(folder).parent.name)
-    rows = rows.assign(test=tests, network=run.name.removeprefix("proof_"))
+    rows = rows.assign(test=_test_of(rows), network=run.name.removeprefix("proof_"))
     rows["left_out"] = rows["left_out"].astype(str)
     rows = rows[[*_KEYS, "unit", "left_out", "ground_truths", "value"]]
     of_seeds, of_units = rows[rows["unit"] == ""], rows[rows["unit"] != ""]
