@@ -236,7 +236,11 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     [
         ("found", {"object": 10**6}, "found.parquet: object 1000000 is not in objects.parquet"),
         ("found", {"points": None}, "found.parquet: column points: a value is missing"),
-        ("objects", {"class": "Tram"}, "objects.parquet: column class: found 'Tram'; expected Car, "),
+        (
+            "objects",
+            {"class": "Tram"},
+            "objects.parquet: column class: found 'Tram'; expected Car, ",
+        ),
         ("objects", {"object": 1}, "objects.parquet: duplicate object 1"),
     ],
 )
