@@ -33,6 +33,9 @@ VERBS = {
     "init": Verb("sweeps.commands.init", "Write example configurations."),
     "run": Verb("sweeps.commands.run", "Run a sweep.", "sweeps"),
     "search": Verb("sweeps.commands.search", "Search for the best placement.", "sweeps"),
+    "cheapest": Verb(
+        "sweeps.commands.cheapest", "Choose the cheapest rig that meets all requirements.", "sweeps"
+    ),
     "status": Verb("sweeps.commands.status", "Show the progress of a sweep or a search."),
     "clean": Verb("sweeps.commands.clean", "Show the size of a store, and remove unused results."),
     "doctor": Verb(

@@ -18,7 +18,8 @@ SPACE_M = 0.5
 
 
 def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]:
-    """Numbers, from 0, of the LiDARs that see neither ground nor the space of objects in the ROI.
+    """Numbers, from 0, of the LiDARs that see neither ground nor the space of objects in the ROI,
+    in some pose of the vehicle.
 
     A ray sees if it reaches the ground of the ROI, or SPACE_M of it are in the ROI below OBJECTS_M,
     between the least range and the range, before the vehicle or another LiDAR stops it. All rays of
@@ -30,14 +31,17 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     floor = max(roi.z[0], 0.0)
     low = np.array([roi.x[0], roi.y[0], floor])
     high = np.array([roi.x[1], roi.y[1], min(roi.z[1], floor + OBJECTS_M)])
-    obstacles = obstacles_of(sedan() if vehicle is None else vehicle, housings_in(rig))
-    found = []
+    poses, housings, found = (vehicle or sedan()).poses, housings_in(rig), []
+    obstacles = [obstacles_of(pose, housings) for pose in poses.values()]
     for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
         frames = range(1 if lidar.pattern is None else lidar.pattern.frames)
-        if not any(
-            _sees(*rays, lidar.reach, low, high, obstacles, number)
-            for frame in frames
-            for rays, _ in rays_of(mount, lidar.in_frame(frame))
+        if not all(
+            any(
+                _sees(*rays, lidar.reach, low, high, own, number)
+                for frame in frames
+                for rays, _ in rays_of(mount, lidar.in_frame(frame))
+            )
+            for own in obstacles
         ):
             found.append(number)
     return found

@@ -13,6 +13,7 @@ from lidarplace.base.number_text import point
 from lidarplace.clouds.convex import fill_corners
 from lidarplace.clouds.shapes import BODY, Parts, bricks, own_body
 from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.trailer import BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 from lidarplace.rigs.placement import Placement
 
@@ -51,8 +52,10 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     places = np.array([mount.position for mount in rig.mounts])
     held = depth_in_body(sedan() if vehicle is None else vehicle, places) > 0
     if held.any():
-        number = int(held.argmax())
+        number, what = int(held.argmax()), "body, which the key vehicle describes"
+        if isinstance(vehicle, BendingVehicle):
+            what = "body, or on or in the way of its trailer; expected a place on the tractor"
         raise ValueError(
             f"{rig.name!r}: LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's "
-            "body, which the key vehicle describes"
+            f"{what}"
         )

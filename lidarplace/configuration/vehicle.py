@@ -14,10 +14,26 @@ from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, fault
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.mounting.mesh_file import read_mesh
+from lidarplace.mounting.trailer import BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.pose import rotation
 
 Corner = tuple[Length, Length, Length]
+
+
+class TrailerSettings(Settings):
+    """A trailer that turns about its hitch. Requirements and constraints hold at each angle and
+    straight; clouds and detectors see it straight. No LiDAR may sit on it."""
+
+    hitch: tuple[Length, Length] = Field(description="x and y of the axis about which it turns, m")
+    boxes: tuple[tuple[Corner, Corner], ...] = Field(
+        min_length=1, description="as those of the vehicle, when it is straight"
+    )
+    angles_deg: tuple[Annotated[Degrees, Field(ge=-120, le=120)], ...] = Field(
+        min_length=1,
+        max_length=24,
+        description="counter-clockwise as seen from above: at 60 its end is on the right",
+    )
 
 
 class VehicleSettings(Settings):
@@ -44,10 +60,12 @@ class VehicleSettings(Settings):
         (0.0, 0.0, 0.0), description="where the origin of the mesh is in the ego frame, metres"
     )
 
+    trailer: TrailerSettings | None = Field(None, description="what is drawn by it and turns")
+
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:
-        if self.mesh is None and self.model_fields_set - {"boxes", "mesh"}:
-            key = min(self.model_fields_set - {"boxes", "mesh"})
+        if self.mesh is None and self.model_fields_set - {"boxes", "mesh", "trailer"}:
+            key = min(self.model_fields_set - {"boxes", "mesh", "trailer"})
             raise ValueError(f"{key}: needs mesh")
         self.vehicle()
         return self
@@ -76,7 +94,11 @@ def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
         mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
-    return Vehicle("vehicle", np.array(settings.boxes), mesh)
+    own = settings.trailer
+    if own is None:
+        return Vehicle("vehicle", np.array(settings.boxes), mesh)
+    boxes = np.array([*own.boxes, *settings.boxes])
+    return BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
 
 
 def _short(value: Any) -> Any:

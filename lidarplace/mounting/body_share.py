@@ -20,7 +20,8 @@ def body_share(
     azimuth_steps: int = AZIMUTH_STEPS,
     others: NDArray[np.float64] = NO_HOUSINGS,
 ) -> float:
-    """Share of the LiDAR's rays that meet the body, or another LiDAR, within its range, in [0, 1].
+    """Share of the LiDAR's rays that meet the body, or another LiDAR, within its range, in [0, 1];
+    the largest of all poses of the vehicle.
 
     1 for a mount inside the body; 0 on the roof of a box for rays that do not point down.
 
@@ -35,15 +36,17 @@ def body_share(
     """
     if azimuth_steps < 1:
         raise ValueError(f"azimuth_steps must be at least 1, found {azimuth_steps}")
-    azimuths, obstacles, hits, rays = lidar.azimuths(), obstacles_of(vehicle, others), 0, 0
+    azimuths, rays = lidar.azimuths(), 0
+    obstacles = [obstacles_of(pose, others) for pose in vehicle.poses.values()]
+    hits = np.zeros(len(obstacles))
     if lidar.pattern is None:
         number = min(lidar.fired_steps, azimuth_steps)
         azimuths = azimuths[(2 * np.arange(number) + 1) * lidar.fired_steps // (2 * number)]
     for own_mount, own, _ in blocks(mount, lidar):
         fired = unit_vectors(np.asarray(own.elevations), azimuths) @ own_mount.rotation.T
-        hits += _count_hits(own_mount.position, fired, lidar.reach, obstacles)
+        hits += [_count_hits(own_mount.position, fired, lidar.reach, own) for own in obstacles]
         rays += len(fired)
-    return float(hits / rays)
+    return float(hits.max() / rays)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -17,7 +17,8 @@ from lidarplace.rigs.placement import Placement
 
 
 def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> float:
-    """Share of the voxels of a near field that the placement sees, in [0, 1].
+    """Share of the voxels of a near field that the placement sees, in [0, 1]; the least of all
+    poses of the vehicle.
 
     A voxel counts if its centre lies outside of the body. It is seen if some LiDAR covers it, by
     the exact cones of `lidarplace.coverage.cone`, and the straight line from that LiDAR to its
@@ -29,13 +30,16 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
     Raises:
         ValueError: every voxel has its centre inside of the body.
     """
-    seen, outside = seen_in_columns(placement, vehicle, roi)
-    if not outside.any():
-        raise ValueError(
-            f"the near field x {list(roi.x)}, y {list(roi.y)}, z {list(roi.z)} m needs a voxel "
-            f"outside of the body of vehicle {vehicle.name!r}, found none"
-        )
-    return int(seen.sum()) / int(outside.sum())
+    shares = []
+    for pose in vehicle.poses.values():
+        seen, outside = seen_in_columns(placement, pose, roi)
+        if not outside.any():
+            raise ValueError(
+                f"the near field x {list(roi.x)}, y {list(roi.y)}, z {list(roi.z)} m needs a voxel "
+                f"outside of the body of vehicle {vehicle.name!r}, found none"
+            )
+        shares.append(int(seen.sum()) / int(outside.sum()))
+    return min(shares)
 
 
 def seen_in_columns(
@@ -130,3 +134,26 @@ def _count_seen(
                 for row in range(len(works)):
                     seen[row, i, j] += counts[row] >= sensors
     return seen, outside
+
+
+def seen_voxels(placement: Placement, vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
+    """Which voxels a single LiDAR sees, as in `near_field_coverage`; shape of the ROI."""
+    bits = cone_bits(placement, roi, Tiles.whole(roi.shape))
+    xs, ys, zs = map(roi.centres, range(3))
+    (mount,), obstacles = placement.mounts, obstacles_of(vehicle, housings_in(placement))
+    inside = voxels_in_body(vehicle, roi)
+    return np.asarray(_in_sight(bits, mount.position, xs, ys, zs, inside, obstacles))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_sight(bits, origin, xs, ys, zs, inside, obstacles) -> NDArray[np.bool_]:
+    """Voxels that are covered and in sight of LiDAR 0."""
+    seen = np.zeros(inside.shape, np.bool_)
+    for i in range(len(xs)):
+        for j in range(len(ys)):
+            for k in range(len(zs)):
+                covered = bits[k >> 6, i, j] >> np.uint64(k & 63) & np.uint64(1)
+                if covered and not inside[i, j, k]:
+                    dx, dy, dz = xs[i] - origin[0], ys[j] - origin[1], zs[k] - origin[2]
+                    seen[i, j, k] = not stopped(origin, dx, dy, dz, 1.0, obstacles, 0)
+    return seen

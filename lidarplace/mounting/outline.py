@@ -28,8 +28,9 @@ def closed_lines(vehicle: Vehicle, axes: tuple[int, int]) -> list[NDArray[np.flo
         np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
         for (x0, y0), (x1, y1) in vehicle.boxes[:, :, axes].tolist()
     ]
-    if vehicle.mesh is not None:
-        lines.append(_around(vehicle.mesh.triangles[:, :, axes]))
+    for pose in vehicle.poses.values():
+        if pose.mesh is not None:
+            lines.append(_around(pose.mesh.triangles[:, :, axes]))
     return lines
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -74,6 +75,16 @@ class Vehicle:
         return np.concatenate([self.boxes, [around]])
 
     @property
+    def poses(self) -> Mapping[str, Vehicle]:
+        """The vehicle in all of its shapes, by the name of the case; "": as it is."""
+        return {"": self}
+
+    @property
+    def no_mounts(self) -> NDArray[np.float64]:
+        """The boxes in which no LiDAR may sit, shape (m, 2, 3)."""
+        return self.interior
+
+    @property
     def height(self) -> float:
         """Of the highest top above the ground, metres; 0 without a body."""
         return float(self.extents[:, 1, 2].max(initial=0.0))
@@ -86,7 +97,7 @@ class Vehicle:
 
 
 def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each place is inside of the body, 0 outside and on its surface.
+    """How far each place is inside of the body in any of its poses, 0 outside and on its surface.
 
     Inside of a mesh is what its surface goes around, see `winding_numbers`.
 
@@ -96,9 +107,10 @@ def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.f
     Returns:
         Metres, shape (places,).
     """
-    found = depth_in(vehicle.interior, places)
-    if vehicle.mesh is not None:
-        found = np.maximum(found, depths(vehicle.mesh, places))
+    found = depth_in(vehicle.no_mounts, places)
+    for pose in vehicle.poses.values():
+        if pose.mesh is not None:
+            found = np.maximum(found, depths(pose.mesh, places))
     return found
 
 
@@ -129,7 +141,7 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
     (x0, x1), (z0, z1) = zone.x, zone.z
     ys = [y for _, y in zone.polygon]
     low, high = np.array([x0, min(ys), z0]), np.array([x1, max(ys), z1])
-    boxes = vehicle.extents
+    boxes = np.concatenate([vehicle.no_mounts, *(own.extents for own in vehicle.poses.values())])
     some = bool(((boxes[:, 0] < high) & (low < boxes[:, 1])).all(axis=1).any())
     shares = np.linspace(0.0, 1.0, 5).tolist()
     points = np.array([position(zone, *at) for at in product(shares, repeat=3)]) if some else low

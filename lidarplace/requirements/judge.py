@@ -4,6 +4,7 @@ An object is placed at every position of a grid, in the worst of several heading
 met if enough positions have enough, as the rig is built and in every case that it names besides.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from lidarplace.requirements.rays_on_objects import (
     count_points,
     sights_of,
 )
-from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, Measure, Requirement
+from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, Measure, Requirement, may_fail
 from lidarplace.rigs.further_sensors import Kind, MountedSensor
 from lidarplace.rigs.placement import Placement
 
@@ -97,32 +98,38 @@ def judge(
     Args:
         further: cameras and radars of the rig, which are always as built.
     """
-    sights: dict[Placement, list[Sight]] = {}
+    sights: dict[tuple[Placement, str], list[Sight]] = {}
 
-    def sights_once(rig: Placement) -> list[Sight]:
-        if rig not in sights:
-            sights[rig] = sights_of(rig, vehicle)
-        return sights[rig]
+    def sights_once(rig: Placement, pose: str) -> list[Sight]:
+        if (rig, pose) not in sights:
+            sights[rig, pose] = sights_of(rig, vehicle.poses[pose])
+        return sights[rig, pose]
 
     outcomes = []
     for own in laid:
         findings, least = [], np.full(int(own.positions.held.sum()), np.inf)
-        for case, rig in own.requirement.also_when.variants(placement).items():
+        variants = own.requirement.also_when.variants(placement).items()
+        for (pose, body), (case, rig) in itertools.product(vehicle.poses.items(), variants):
+            around = replace(own, boxes=own.boxes_in(pose))
             dead: dict[str, tuple[int, ...]] = {"": ()}
             if case == AS_BUILT:
                 kinds, names = _counting(own.requirement, rig, further)
                 dead = own.requirement.also_when.dead(names, kinds.count("lidar"))
             if own.requirement.common_view is not None:
                 asked = own.requirement.common_view
-                values = _of_pairs(own.requirement, asked, rig, vehicle, further)
+                values = _of_pairs(own.requirement, asked, rig, body, further)
             elif own.requirement.sensors is not None and own.roi is None:
-                values = _of_each(own, partial(sights_once, rig), rig, vehicle, further, dead)
+                seeing = partial(sights_once, rig, pose)
+                values = _of_each(around, seeing, rig, body, further, dead)
             elif own.roi is None:
-                values = _of_objects(own, sights_once(rig), rig, dead)
+                values = _of_objects(around, sights_once(rig, pose), rig, dead)
             else:
-                values = _of_volume(own, own.roi, rig, vehicle, dead)
+                values = _of_volume(own, own.roi, rig, body, dead)
             for label, finding, shown in values:
-                findings.append(replace(finding, case=label or case))
+                named = label or case
+                if pose:
+                    named = pose if named == AS_BUILT else f"{pose}, {named}"
+                findings.append(replace(finding, case=named))
                 least = np.fmin(least, shown)
         outcomes.append(
             Outcome(placement.name, own.requirement, tuple(findings), own.positions, least)
@@ -139,6 +146,8 @@ def _of_objects(
 ) -> Iterator[Found]:
     wanted = own.requirement
     there = ~np.isnan(own.boxes[:, :, 0])
+    if not there.any():
+        return
     counts = _counts(wanted, wanted.measure, sights, rig, own.boxes[there], [*dead.values()])
     for number, label in enumerate(dead):
         by_heading = np.full(there.shape, np.inf)
@@ -191,6 +200,8 @@ def _of_each(
     assert placed is not None
     assert wanted.sensors is not None
     there = ~np.isnan(own.boxes[:, :, 0])
+    if not there.any():
+        return
     boxes, columns = own.boxes[there], []
     for measure, need in wanted.needs or ((wanted.measure, 1.0),):
         if measure in KIND_OF:
@@ -241,13 +252,13 @@ def _worst_heading(
     wanted, placed = own.requirement, own.requirement.placed
     assert placed is not None
     values = by_heading.min(axis=0)
+    free = values[np.isfinite(values)]  # a trailer that turns may stand where others might
     worst = int(values.argmin())
     x, y = own.positions.points[worst].tolist()
-    may_fail = min(math.floor((1 - wanted.share) * len(values) + 1e-9), len(values) - 1)
     finding = Finding(
         case="",
-        value=float(np.sort(values)[may_fail]),
-        enough=float((values >= wanted.least).mean()),
+        value=float(np.sort(free)[may_fail(wanted.share, len(free))]),
+        enough=float((free >= wanted.least).mean()),
         x=x,
         y=y,
         heading=float(placed.angles[by_heading[:, worst].argmin()]),
@@ -280,6 +291,8 @@ def _of_volume(
     sensors = own.requirement.sensors or 1
     every, outside = seen_without(rig, vehicle, roi, [*dead.values()], sensors)
     outside = outside[own.positions.held]
+    if not outside.any():
+        return  # a trailer that turns is there
     for label, layer in zip(dead, every, strict=True):
         seen = layer[own.positions.held]
         shares = np.divide(seen, outside, out=np.full(len(seen), np.inf), where=outside > 0)

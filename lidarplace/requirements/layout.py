@@ -1,7 +1,8 @@
 """Where a requirement places its objects around a vehicle, the same for every rig."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,18 @@ class Laid:
         boxes: the objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape
             (headings, P, 7), NaN where one would be within the body.
         roi: voxels of a coverage.
+        bent: the objects by pose of a vehicle that bends, NaN where one would be within it.
     """
 
     requirement: Requirement
     positions: Positions
     boxes: NDArray[np.float64]
     roi: Roi | None
+    bent: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def boxes_in(self, pose: str) -> NDArray[np.float64]:
+        """The objects around one of the vehicle's poses, as `boxes`."""
+        return self.bent.get(pose, self.boxes)
 
 
 def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
@@ -62,7 +69,13 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
         )
     held = positions.held.copy()
     held[held] = free
-    return Laid(requirement, replace(positions, held=held), boxes[:, free], None)
+    boxes, bent = boxes[:, free], {}
+    for label, pose in vehicle.poses.items():
+        if label:
+            bent[label] = boxes.copy()
+            for own, angle in zip(bent[label], placed.angles.tolist(), strict=True):
+                own[in_the_way(pose, points[free], placed.size, angle)] = np.nan
+    return Laid(requirement, replace(positions, held=held), boxes, None, bent)
 
 
 def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:

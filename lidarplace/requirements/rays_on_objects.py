@@ -154,13 +154,7 @@ def count_cells(
     Raises:
         ValueError: a box has too many cells.
     """
-    cells = int(slices_of(boxes[:1], cell).prod())
-    if cells > MOST_CELLS:
-        raise ValueError(
-            f"an object has {cells:,} cells of {cell:g} m, allowed are {MOST_CELLS:,}; make it "
-            "smaller, or ask for points"
-        )
-
+    cells = _cells_of(boxes, cell)
     lidars = sights[-1].number + 1
     marked = _marked(dead, lidars)
 
@@ -182,6 +176,35 @@ def _marked(sets: Sequence[tuple[int, ...]], lidars: int) -> NDArray[np.bool_]:
     for row, own in zip(marked, sets, strict=True):
         row[list(own)] = True
     return marked
+
+
+def missed_cells(
+    sights: list[Sight], boxes: NDArray[np.float64], cell: float, reflectivity: float = DARK
+) -> NDArray[np.float64]:
+    """Probability that no ray of these LiDARs returns from each cell of each box, shape (B, cells).
+
+    Arguments and errors are those of `count_cells`.
+    """
+    cells = _cells_of(boxes, cell)
+
+    def missed(part: NDArray[np.float64]) -> NDArray[np.float64]:
+        found = np.ones((len(part), cells))
+        for sight in sights:
+            _hit(sight, part, reflectivity, cell, found)
+        return found
+
+    return _in_threads(missed, boxes, _PORTION)
+
+
+def _cells_of(boxes: NDArray[np.float64], cell: float) -> int:
+    """Number of cells of a box. Raises ValueError: it has too many."""
+    cells = int(slices_of(boxes[:1], cell).prod())
+    if cells > MOST_CELLS:
+        raise ValueError(
+            f"an object has {cells:,} cells of {cell:g} m, allowed are {MOST_CELLS:,}; make it "
+            "smaller, or ask for points"
+        )
+    return cells
 
 
 def _in_threads(

@@ -34,6 +34,7 @@ from lidarplace.logs.plausible import MOST_SIZE_M
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
+from lidarplace.requirements.presets.read import PRESETS, preset, preset_file
 from lidarplace.requirements.requirement import (
     KIND_OF,
     STANDARD,
@@ -77,7 +78,7 @@ class WhereSettings(Settings):
     """The ground on which an object may stand with its middle: what all of these keys allow."""
 
     preset: Literal[PRESETS] | None = Field(  # type: ignore[valid-type]
-        None, description="an area that follows a UN Regulation, in place of the other keys"
+        None, description="an area that follows a regulation, in place of the other keys"
     )
     distance: Annotated[tuple[Distance, Distance], AfterValidator(_ordered)] | None = Field(
         None, description="from the vehicle's body as seen from above, metres"
@@ -400,33 +401,19 @@ def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[Requireme
     return requirements
 
 
-Requirements = Annotated[tuple[RequirementSettings, ...], AfterValidator(_each_once)]
-"""Each has a name of its own."""
+def _of_presets(value: Any) -> Any:
+    """Texts stand for all requirements of a preset."""
+    given = [value] if isinstance(value, str) else value
+    if not isinstance(given, (list, tuple)):
+        return given
+    unknown = [own for own in given if isinstance(own, str) and own not in PRESETS]
+    if unknown:
+        raise ValueError(f"no preset {unknown[0]!r}; allowed are {', '.join(PRESETS)}")
+    of_each = (preset_file(o).requirements if isinstance(o, str) else (o,) for o in given)
+    return [own for several in of_each for own in several]
 
 
-PRESETS = ("un_r151", "un_r158", "un_r159")
-
-
-def preset(name: str, vehicle: Vehicle) -> Area:
-    """The area of a preset around this vehicle.
-
-    - `un_r151`: to the right of the whole vehicle, 0.9 to 4.25 m from its side.
-    - `un_r158`: behind the vehicle, as wide as it, from 0.2 to 3.5 m.
-    - `un_r159`: before the vehicle, as wide as it, from 0.8 to 3.7 m.
-
-    Raises:
-        ValueError: there is no preset of that name, or the vehicle has no body.
-    """
-    if name not in PRESETS:
-        raise ValueError(f"where.preset: found {name!r}; allowed are {', '.join(PRESETS)}")
-    if not len(vehicle.extents):
-        raise ValueError(
-            f"where.preset: {name} lies around the vehicle's body, and the vehicle has none"
-        )
-    rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
-    front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
-    if name == "un_r151":
-        return Area(x=(rear, front), y=((right - 4.25, right - 0.9),))
-    if name == "un_r158":
-        return Area(x=(rear - 3.5, rear - 0.2), y=((right, left),))
-    return Area(x=(front + 0.8, front + 3.7), y=((right, left),))
+Requirements = Annotated[
+    tuple[RequirementSettings, ...], AfterValidator(_each_once), BeforeValidator(_of_presets)
+]
+"""Each has a name of its own; a text stands for all of a preset."""

@@ -322,6 +322,22 @@ class GreedySettings(Settings):
     warm_start: bool = Field(True, description="the first trial is greedy's placement")
 
 
+class CheapestSettings(Settings):
+    """What `lidarplace cheapest` looks for; a search does not look at it."""
+
+    by: Literal["lidars", "price", "power", "height"] = Field(
+        "lidars",
+        description="what is to be least: the number of LiDARs, their price with mounts, their "
+        "power, or the height of the highest mount and, of equal ones, the number",
+    )
+    recall: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(
+        None,
+        description="percent that the objective, such as pretrained.recall, has to have at least "
+        "on the traffic of the choice; null: not asked",
+    )
+    seconds: Seconds = Field(60.0, gt=0, description="time for the choice from the grid")
+
+
 Tests = Annotated[tuple[dict[str, Any], ...], BeforeValidator(_several), Field(min_length=1)]
 """Changes to the configuration, one or several."""
 
@@ -448,6 +464,9 @@ class SearchSettings(Settings):
     )
     greedy: GreedySettings | None = Field(
         GreedySettings(), description="greedy choice and upper bound; null: none"
+    )
+    cheapest: CheapestSettings = Field(
+        CheapestSettings(), description="what `lidarplace cheapest` looks for, from this grid"
     )
 
     def said_of(self, tests: Tests) -> str:

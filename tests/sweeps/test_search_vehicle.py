@@ -18,6 +18,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.judgement.verify import read_verification
+from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered, placement_of
 from sweeps.search.problem.problem import read_problem
 from tracking.run_folders.search import SearchFolder
@@ -146,3 +147,33 @@ def trial_of(problem, rig):
     sweep = problem.sweep_of({"found": rig}, {"found": {}}, exact)
     (trial,) = make_plan(sweep).trials
     return trial
+
+
+def test_a_search_of_a_vehicle_that_bends(tmp_path):
+    trailer = {"hitch": [-2, 0], "boxes": [[[-9, -0.9, 0.5], [-2.1, 0.9, 2.5]]]}
+    vehicle = {"boxes": [[LOW, HIGH]], "trailer": trailer | {"angles_deg": [-80, 45]}}
+    side = {"x": [-2.4, 1.5], "y": [1.2, 2.0], "z": 2.0}
+    search = {"vehicle": vehicle, "zones": ROOF | {"side": side}, "keep_out": {"wall": WALL}}
+    search |= {"requirements": [NEAR], "objective": "price", "greedy": None}
+    path = write_search(tmp_path, search=search | {"constraints": {"body_share": 0.9}})
+    problem = read_problem(path)
+    bent = problem.question.carrier.vehicle
+    assert list(bent.poses) == ["", "trailer at −80°", "trailer at 45°"]
+    swept = problem.vehicle.vehicle()
+    assert swept.angles == bent.angles
+    assert swept.poses.keys() == bent.poses.keys()
+    np.testing.assert_array_equal(swept.boxes, bent.boxes)
+    behind = (
+        Choice("lidar", "roof", Mount(0.0, 0.5, 2.5)),
+        Choice("lidar", "side", Mount(-2.3, 2.0, 2.0)),
+    )
+    found = assess(ordered(behind), problem.question, Traffic({}, None))
+    assert found.violations["body"] > 0, "there is the trailer at -80 degrees"
+    free = assess(ordered(behind[:1]), problem.question, Traffic({}, None))
+    assert free.violations["body"] <= 0
+    above = write_search(
+        tmp_path, search=search | {"zones": {"on": {"x": [-8, -3], "y": 0, "z": [2.6, 2.7]}}}
+    )
+    done = CliRunner().invoke(app, [str(above)])
+    assert done.exit_code == 2
+    assert done.stderr.splitlines() == [f"{above}: search.zones.on: is inside the vehicle's body"]

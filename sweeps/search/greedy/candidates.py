@@ -65,6 +65,17 @@ def number_of_candidates(problem: Problem) -> int:
     return about if about > 10 * settings.most else sum(1 for _ in grid_points(problem))
 
 
+def check_grid(problem: Problem) -> None:
+    """Raise ValueError if the grid is finer than the settings allow."""
+    settings, number = problem.file.search.greedy, number_of_candidates(problem)
+    assert settings is not None
+    if number > settings.most:
+        raise ValueError(
+            f"search.greedy: {number:,} candidates; expected at most {settings.most:,}; enlarge "
+            "position_step or angle_step_deg, or set `greedy: null`"
+        )
+
+
 def _about(zone: Zone, settings: GreedySettings) -> int:
     """Points of the grid of a box around the zone."""
     ys = [y for _, y in zone.polygon]
@@ -157,10 +168,21 @@ def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
         if most is not None:
             carrier = problem.question.carrier
             # What every rig has is paid for first.
-            own = [0.0 if rig == fixed else carrier.total_of(total, rig) for rig in candidates]
+            beside = carrier.beside[total]
+            own = [
+                0.0 if rig == fixed else carrier.total_of(total, rig) - beside for rig in candidates
+            ]
             used.append(np.array(own))
             budgets.append(max(0.0, most - carrier.total_of(total, fixed)))
     return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
+
+
+def least_of(problem: Problem) -> np.ndarray:
+    """The least of each budget of `limits_of` that has to be used."""
+    space, search = problem.space, problem.file.search
+    zones = [float(zone.lidars[0]) for zone in search.zones.values() if zone.lidars is not None]
+    totals = [0.0 for total in TOTALS if getattr(search.constraints, total) is not None]
+    return np.array([float(space.numbers[0]), *[0.0] * search.symmetric, *zones, *totals])
 
 
 def _compatible(candidates: Sequence[Choices], search: SearchSettings) -> np.ndarray:

@@ -13,7 +13,7 @@ from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import candidates_of, limits_of, number_of_candidates
+from sweeps.search.greedy.candidates import candidates_of, check_grid, limits_of
 from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.assess import Traffic
@@ -111,15 +111,8 @@ def _with_fixed(chosen: tuple[Choices, ...], problem: Problem) -> tuple[Choices,
 
 def check_candidates(problem: Problem) -> None:
     """Raise ValueError if the grid is finer than the settings allow."""
-    settings = problem.file.search.greedy
-    if settings is None or why_none(problem) is not None:
-        return
-    number = number_of_candidates(problem)
-    if number > settings.most:
-        raise ValueError(
-            f"search.greedy: {number:,} candidates; expected at most {settings.most:,}; enlarge "
-            "position_step or angle_step_deg, or set `greedy: null`"
-        )
+    if problem.file.search.greedy is not None and why_none(problem) is None:
+        check_grid(problem)
 
 
 def certify(problem: Problem, traffic: Traffic) -> Certificate | None:

@@ -9,14 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
 from numpy.typing import NDArray
 
 from lidarplace import Mount, OccupancyGrid, Roi
 from lidarplace.base.metrics import METRICS
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.coverage import coverage
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
@@ -31,7 +29,6 @@ from sweeps.results.pictures import uncovered
 from sweeps.search.judgement.winners import Found, Judged, stride_error
 from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
-from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
@@ -87,7 +84,7 @@ def write_search(
         _write_requirements(folder, problem, found)
     write_text(folder / "config.yaml", public_yaml(problem.source))
     if found.trials:
-        write_text(folder / "placement.yaml", _placement(problem, found))
+        write_text(folder / "placement.yaml", problem.placement_text(found.judged["found_1"].rig))
         write_text(folder / "sweep.yaml", _sweep(problem, found))
         if found.grids:
             rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
@@ -129,19 +126,6 @@ def _maps(
         for name, grid in grids.items()
     }
     return UnseenMaps(pog, unseen)
-
-
-def _placement(problem: Problem, found: Found) -> str:
-    """The best rig as a file for `lidarplace view` and others, metres and radians."""
-    rig, file = found.judged["found_1"].rig, problem.file
-    settings = as_plain(problem.placement_settings(rig))
-    # Read by itself, the file has to say what the key `lidar` says here.
-    own = file.lidar.model_dump(
-        mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
-    )
-    for mount in settings["mounts"]:
-        mount.setdefault("lidar", own)
-    return yaml.safe_dump(settings, sort_keys=False)
 
 
 def _sweep(problem: Problem, found: Found) -> str:

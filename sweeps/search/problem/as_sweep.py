@@ -7,9 +7,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pydantic import BaseModel
 
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
 from sweeps.configuration.file import check, put
 from sweeps.configuration.grid import GridPoint, Sweep
@@ -45,6 +47,17 @@ class SearchConfig:
         own = {key: value for key, value in rest.items() if value}
         return SweptPlacementSettings.model_validate({"mounts": mounts} | own)
 
+    def placement_text(self, rig: Choices) -> str:
+        """A rig as a file for `lidarplace view` and others, metres and radians."""
+        settings = as_plain(self.placement_settings(rig))
+        # Read by itself, the file has to say what the key `lidar` says here.
+        own = self.file.lidar.model_dump(
+            mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
+        )
+        for mount in settings["mounts"]:
+            mount.setdefault("lidar", own)
+        return yaml.safe_dump(settings, sort_keys=False)
+
     def _mounted(self, lidar: Choice) -> MountSettings:
         pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
         model = self.file.search.models.get(lidar.model)
@@ -61,6 +74,8 @@ class SearchConfig:
             return None
         own = {} if told is None else told.model_dump(exclude_defaults=True)
         boxes = with_keep_outs(search).boxes.tolist()
+        if told is not None and told.trailer is not None:
+            boxes = boxes[len(told.trailer.boxes) :]  # it has those of the trailer besides
         return VehicleSettings.model_validate(own | ({"boxes": boxes} if boxes else {}))
 
     def point(self, changes: Mapping[str, Any], names: Mapping[str, str]) -> Point:

@@ -238,15 +238,20 @@ def measures_of(
             )
             found["body_share"] = max(shares, default=0.0)
         elif constraint.name == "facing":
-            pairs = facing_pairs(placement, carrier.vehicle) if placement else rig
-            found["facing"] = float(len(pairs))
+            poses = carrier.vehicle.poses.values()
+            pairs = [
+                len(facing_pairs(placement, pose)) if placement else len(rig) for pose in poses
+            ]
+            found["facing"] = float(max(pairs))
         elif constraint.name == "common_view":
             wanted = carrier.common_view
             assert wanted is not None
             found["common_view"] = 0.0
             if placement:
-                shared = common_view(placement, carrier.vehicle, wanted, carrier.further)
-                found["common_view"] = weakest(shared, wanted)[0]
+                found["common_view"] = min(
+                    weakest(common_view(placement, pose, wanted, carrier.further), wanted)[0]
+                    for pose in carrier.vehicle.poses.values()
+                )
         else:
             assert carrier.near_field is not None
             found["near_field"] = (

@@ -59,6 +59,9 @@ _LATER = {
 }
 """Keys that the first searches did not have."""
 
+_ELSEWHERE = {"trials", "storage", "vehicle", "cheapest"}
+"""Keys of `search` that do not decide it, or are in its key by their content."""
+
 OWN_MODEL = "lidar"
 """Name of the model that the key `lidar` describes."""
 
@@ -93,9 +96,7 @@ class Problem(SearchConfig):
             "pog": trial.pog.key,
             "code": self._code(),
             "recall": trial.recall.key if self.question.needs_objects and trial.recall else None,
-            "search": _without_paths(
-                self.file.search.model_dump(mode="json", exclude={"trials", "storage", "vehicle"})
-            ),
+            "search": _without_paths(self.file.search.model_dump(mode="json", exclude=_ELSEWHERE)),
             "models": dict(self.models),  # patterns and corrections by their content
             "vehicle": self.question.carrier.body,  # a mesh by its triangles, not by its path
             "file": _without_paths(self.file.model_dump(mode="json", include=_ANSWERING)),

@@ -11,8 +11,8 @@ from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.slices import meets_slices, slices_of
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area, distance_from, grid_over, in_the_way
+from lidarplace.requirements.presets.read import PRESETS, preset
 from lidarplace.requirements.rays_on_objects import count_points, sights_of
-from lidarplace.requirements.settings import PRESETS, preset
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 

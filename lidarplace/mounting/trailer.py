@@ -1,0 +1,74 @@
+"""A vehicle that bends: a tractor, and a trailer that turns about its hitch."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.vehicle import Vehicle
+
+_SKY = 1e3
+"""Metres: a LiDAR above the trailer would turn with it."""
+_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+"""Triangles of a box whose corners are numbered 4 i + 2 j + k along x, y and z."""
+
+
+@dataclass(frozen=True, eq=False)
+class BendingVehicle(Vehicle):
+    """As a `Vehicle` it is straight. `poses` has it at each angle, too.
+
+    Attributes:
+        trailer: so many of the boxes, the first ones, turn.
+        hitch: x and y of the axis about which they do, metres.
+        angles: how far, degrees counter-clockwise as seen from above: at 60 the end is on the
+            right.
+    """
+
+    trailer: int = 0
+    hitch: tuple[float, float] = (0.0, 0.0)
+    angles: tuple[float, ...] = ()
+
+    @cached_property
+    def poses(self) -> Mapping[str, Vehicle]:
+        """The vehicle by name of the case: straight, "", and at each angle of the trailer."""
+        found: dict[str, Vehicle] = {"": Vehicle(self.name, self.boxes, self.mesh)}
+        for angle in self.angles:
+            if angle:
+                label = f"trailer at {angle:g}°".replace("-", "−")
+                found[label] = Vehicle(self.name, self.boxes[self.trailer :], self._bent(angle))
+        return found
+
+    @property
+    def no_mounts(self) -> NDArray[np.float64]:
+        """The boxes in which no LiDAR may sit: those with volume, and all above the trailer."""
+        above = self.boxes[: self.trailer].copy()
+        above[:, 1, 2] = _SKY
+        return np.concatenate([self.interior, above])
+
+    def _bent(self, degrees: float) -> Mesh:
+        """The turned boxes of the trailer as a surface, with the mesh of the vehicle."""
+        angle, hitch = math.radians(degrees), np.array(self.hitch)
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        corners = np.array(
+            [
+                [(box[i, 0], box[j, 1], box[k, 2]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+                for box in self.boxes[: self.trailer]
+            ]
+        ).reshape(-1, 3)
+        corners[:, :2] = (corners[:, :2] - hitch) @ turn.T + hitch
+        faces = (8 * np.arange(self.trailer)[:, None, None] + _FACES).reshape(-1, 3)
+        if self.mesh is None:
+            return Mesh(corners, faces)
+        return Mesh(
+            np.concatenate([self.mesh.vertices, corners]),
+            np.concatenate([self.mesh.faces, len(self.mesh.vertices) + faces]),
+        )

@@ -1,0 +1,82 @@
+"""Presets: the zone of a regulation around a vehicle, and what it asks there, from its file."""
+
+from functools import cache
+from importlib.resources import files
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field
+
+from lidarplace.configuration.settings import Length, Settings, Text
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.area import Area
+
+PRESETS = ("fmvss_111", "un_r151", "un_r158", "un_r159", "un_r167")
+
+End = tuple[Literal["front", "rear", "left", "right", "middle"], Length]
+"""An end of the vehicle's body, or its middle line, and metres from there along the axis."""
+
+
+class AreaFile(Settings):
+    """A rectangle around the vehicle."""
+
+    x: tuple[End, End] = Field(description="from the rear to the front")
+    y: tuple[End, End] = Field(description="from the right to the left")
+
+
+class NumberFile(Settings):
+    """A number of the text."""
+
+    value: float = Field(description="metres")
+    meaning: Text = Field(alias="is", description="what it is")
+    paragraph: Text = Field(description="of the text")
+    checked: bool = Field(description="whether it was compared with the text")
+
+
+class PresetFile(Settings):
+    """A regulation's zone."""
+
+    about: Text = Field(description="what it is about")
+    text: Text = Field(description="the regulation")
+    vehicles: Text = Field(description="categories to which it applies")
+    area: AreaFile = Field(description="where the middle of the object may be")
+    numbers: tuple[NumberFile, ...] = Field(min_length=1, description="each with its paragraph")
+    leaves_out: tuple[Text, ...] = Field(
+        min_length=1, description="what our model of it does not have"
+    )
+    requirements: tuple[dict[str, Any], ...] = Field(
+        min_length=1, description="as in a file of requirements"
+    )
+
+
+@cache
+def preset_file(name: str) -> PresetFile:
+    """What a preset says. Raises ValueError: there is none of that name."""
+    if name not in PRESETS:
+        raise ValueError(f"where.preset: found {name!r}; allowed are {', '.join(PRESETS)}")
+    text = files(__package__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    return PresetFile.model_validate(yaml.safe_load(text))
+
+
+def preset(name: str, vehicle: Vehicle) -> Area:
+    """The area of a preset around this vehicle.
+
+    Raises:
+        ValueError: there is no preset of that name, or the vehicle has no body.
+    """
+    area = preset_file(name).area
+    if not len(vehicle.extents):
+        raise ValueError(
+            f"where.preset: {name} lies around the vehicle's body, and the vehicle has none"
+        )
+    rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
+    front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
+    ends = {
+        "front": front,
+        "rear": rear,
+        "left": left,
+        "right": right,
+        "middle": (left + right) / 2,
+    }
+    (x0, x1), (y0, y1) = ([ends[end] + by for end, by in axis] for axis in (area.x, area.y))
+    return Area(x=(x0, x1), y=((y0, y1),))

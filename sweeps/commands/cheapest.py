@@ -1,0 +1,65 @@
+"""Which rig is the cheapest that does? `lidarplace cheapest search.yaml`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.command_line.invocation import called
+from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
+from sweeps.options import DryRunOption, SetOption
+
+app = new_app()
+
+
+@verb(
+    app,
+    "examples/cheapest.yaml",
+    "examples/cheapest.yaml --set search.cheapest.by=lidars",
+    failed="no rig of the grid meets everything, or none was found in time",
+)
+def cheapest(
+    config: Annotated[Path, typer.Argument(help="YAML file of a search")],
+    set_: SetOption = None,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Choose the rig with fewest LiDARs, least price, power or height that meets all requirements.
+
+    From the grid of candidates of a search, with a proof; then refined between them. Needs no
+    traffic, unless search.cheapest.recall asks a detector, too. Writes placement.yaml.
+    """
+    from sweeps.search.cheapest.choose import cheapest as choose
+    from sweeps.search.cheapest.choose import check
+    from sweeps.search.cheapest.polish import polish
+    from sweeps.search.cheapest.recall import recall_of
+    from sweeps.search.cheapest.result import as_json as told
+    from sweeps.search.cheapest.result import print_chosen, write_chosen
+    from sweeps.search.problem.problem import read_problem
+    from sweeps.store.open import store_of
+
+    console = output()
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    with checked_input():
+        problem = read_problem(config, set_ or [])
+        summary = check(problem)
+        if dry_run:
+            say(summary) if not as_json else print_json({"summary": summary})
+            return
+        recall = recall_of(console, problem, store_of(problem.sweep()))
+    if not as_json:
+        say(summary)
+    with checked_input():
+        chosen = choose(problem, recall)
+    rig = None if chosen.rig is None else polish(problem, chosen.rig, recall)
+    folder = write_chosen(problem, chosen, rig, called())
+    if as_json:
+        print_json(told(problem, chosen, rig, called()))
+    else:
+        print_chosen(console, problem, chosen, rig, folder)
+    if rig is None:
+        raise typer.Exit(1)

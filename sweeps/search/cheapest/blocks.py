@@ -1,0 +1,224 @@
+"""What each LiDAR of a grid has by itself of every requirement: the numbers of the programme."""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace import Placement
+from lidarplace.mounting.near_field import seen_voxels
+from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
+from lidarplace.recall.detection_curve import DetectionCurve
+from lidarplace.requirements.area import Area, Positions
+from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.rays_on_objects import (
+    MOST_CELLS,
+    Sight,
+    at_class,
+    count_points,
+    missed_cells,
+    sights_of,
+)
+from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, Requirement, may_fail
+from sweeps.search.problem.assess import Question
+from sweeps.search.problem.choice import Choice, placement_of
+from sweeps.search.problem.constraints import Carrier, requirement_name
+
+_MOST_BYTES = 4e9
+_WHOLE = 255
+"""Of `Block.missed`: surely missed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A requirement in one case, over the R objects that it places.
+
+    A LiDAR counts as if it were alone on the vehicle. Others can only hide something from it, so
+    sums and unions of these numbers are never below what a rig has.
+
+    Attributes:
+        key: tells it from others.
+        name: of the constraint.
+        alone: what each of L LiDARs has of each object, a share of what is needed, shape (L, R).
+        missed: probability in 255ths that it misses each of C parts of the object, rounded down,
+            shape (L, R, C); None where numbers of LiDARs simply add up.
+        needed: number of parts.
+        position: of each object; the objects of a position are its headings.
+        may_fail: so many positions may have too little.
+        dead: it has to hold without any so many LiDARs, too.
+        sensors: so many LiDARs have to have it, each by itself; 0: all together.
+    """
+
+    key: tuple[int, str, str]
+    name: str
+    alone: NDArray[np.float32]
+    missed: NDArray[np.uint8] | None
+    needed: float
+    position: NDArray[np.int64]
+    may_fail: int
+    dead: int
+    sensors: int
+
+    def nothing(self) -> NDArray[np.float64]:
+        """What no LiDAR has: the state to which `plus` adds."""
+        if self.missed is None:
+            return np.zeros(self.alone.shape[1])
+        return np.ones(self.missed.shape[1:])
+
+    def plus(self, state: NDArray[np.float64], lidars: Iterable[int]) -> NDArray[np.float64]:
+        """The state with further LiDARs."""
+        for lidar in lidars:
+            if self.missed is None:
+                state = state + self.alone[lidar]
+            else:
+                state = state * (self.missed[lidar] / _WHOLE)
+        return state
+
+    def shares(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of what is needed, shape (R,)."""
+        if self.missed is None:
+            return state
+        return np.asarray((1.0 - state).sum(axis=1) / self.needed)
+
+    def of(self, lidars: Iterable[int]) -> NDArray[np.float64]:
+        """What LiDARs have together, shape (R,)."""
+        return self.shares(self.plus(self.nothing(), lidars))
+
+    def gains(self, row: int, lidars: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
+        """What LiDARs have of an object, and what each one adds to it, shape (L,)."""
+        if self.missed is None:
+            own = self.alone[:, row].astype(np.float64)
+            return float(own[list(lidars)].sum()), own
+        left = np.prod(self.missed[list(lidars), row] / _WHOLE, axis=0)
+        seen = [left @ (_WHOLE - own) for own in self.missed[:, row]]
+        return float((1.0 - left).sum() / self.needed), np.array(seen) / (_WHOLE * self.needed)
+
+    def short(self, shares: NDArray[np.float64], level: float) -> NDArray[np.intp]:
+        """Objects with less than `level` of what is needed; none if so many positions may."""
+        rows = np.flatnonzero(shares < level)
+        return rows if len(np.unique(self.position[rows])) > self.may_fail else rows[:0]
+
+
+def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
+    """Look at each LiDAR by itself, as built and in every case but mounts that are off.
+
+    What a drawn rig has depends on the order of its LiDARs, so the judge alone knows it.
+
+    Raises ValueError: the numbers need too much memory.
+    """
+    carrier = question.carrier
+    found: dict[tuple[int, str, str], list[NDArray[Any]]] = {}
+    asked = [*filter(adds_up, carrier.requirements), *_near_field(question)]
+    for number, lidar in enumerate(lidars):
+        rig = placement_of((lidar,), carrier.models)
+        for key, values in _of_one(rig, asked, carrier.vehicle):
+            found.setdefault(key, []).append(values)
+        if number == 0:
+            _check_size(found.values(), len(lidars))
+    return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
+
+
+def adds_up(laid: Laid) -> bool:
+    """Whether a requirement is of LiDARs one by one; else the judge alone knows it, as of cameras,
+    radars, and views in common."""
+    wanted = laid.requirement
+    return wanted.common_view is None and not wanted.needs and wanted.measure not in KIND_OF
+
+
+def _near_field(question: Question) -> list[Laid]:
+    """The near field as a requirement of a coverage."""
+    roi = question.carrier.near_field
+    limits = [c for c in question.constraints if c.name == "near_field"]
+    if roi is None or not limits:
+        return []
+    whole = Positions(roi.centres(0), roi.centres(1), np.ones(roi.shape[:2], np.bool_))
+    wanted = Requirement("", Area(), "coverage", limits[0].limit)
+    return [Laid(wanted, whole, np.empty((0, 0, 7)), roi)]
+
+
+def _of_one(
+    rig: Placement, asked: Sequence[Laid], vehicle: Vehicle
+) -> Iterator[tuple[tuple[int, str, str], NDArray[Any]]]:
+    """Requirement, case, and what a single LiDAR has of objects, or misses of their parts."""
+    sights: dict[tuple[Placement, str], list[Sight]] = {}
+    for number, own in enumerate(asked):
+        wanted = own.requirement
+        variants = replace(wanted.also_when, mounts_off=None).variants(rig).items()
+        for pose, (case, variant) in itertools.product(vehicle.poses, variants):
+            key = number, pose, case
+            if own.roi is not None:
+                inside = voxels_in_body(vehicle.poses[pose], own.roi)[own.positions.held]
+                if inside.all():
+                    continue
+                seen = seen_voxels(variant, vehicle.poses[pose], own.roi)[own.positions.held]
+                yield key, np.where(seen.reshape(1, -1), 0, _WHOLE).astype(np.uint8)
+                continue
+            assert wanted.placed is not None
+            if (variant, pose) not in sights:
+                sights[variant, pose] = sights_of(variant, vehicle.poses[pose])
+            at = at_class(sights[variant, pose], variant, wanted.placed.object_class)
+            boxes, light = own.boxes_in(pose), wanted.placed.reflectivity
+            boxes = boxes[~np.isnan(boxes[:, :, 0])]
+            if not len(boxes):
+                continue
+            if wanted.measure == "points":
+                yield key, count_points(at, boxes, light).all.astype(np.float32)
+            else:
+                missed = missed_cells(at, boxes, wanted.cell, light)
+                yield key, np.floor(missed * _WHOLE).astype(np.uint8)
+
+
+def _block(key: tuple[int, str, str], own: Laid, values: NDArray[Any], carrier: Carrier) -> Block:
+    wanted = own.requirement
+    objects, needed = np.nonzero(~np.isnan(own.boxes_in(key[1])[:, :, 0]))[1], wanted.least
+    positions = len(np.unique(objects))
+    if own.roi is not None:
+        inside = voxels_in_body(carrier.vehicle.poses[key[1]], own.roi)[own.positions.held]
+        objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
+    elif wanted.curve is not None:
+        needed = _cells_for(wanted.curve, wanted.least)
+    missed = values if values.ndim == 3 else None
+    alone = values if missed is None else 1.0 - missed.mean(axis=2) / _WHOLE
+    alone = alone * np.float32((1 if missed is None else missed.shape[2]) / needed)
+    if wanted.sensors is not None and own.roi is None:  # each by itself
+        alone, missed = (alone >= 1.0 - 1e-6) / np.float32(wanted.sensors), None
+    also = wanted.also_when
+    return Block(
+        key,
+        requirement_name(wanted.name) if wanted.name else "near_field",
+        np.asarray(alone, np.float32),
+        missed,
+        needed,
+        objects,
+        may_fail(wanted.share, positions),
+        max(int(also.one_lidar_dead), also.sensors_dead) if key[2] == AS_BUILT else 0,
+        wanted.sensors or 0 if own.roi is None else 0,
+    )
+
+
+def _cells_for(curve: DetectionCurve, probability: float) -> float:
+    """The least number of cells with that probability; endless if the curve never reaches it."""
+    low, high = 0.0, 1.0
+    while curve.probability(np.array([high]))[0] < probability:
+        low, high = high, 2 * high
+        if high > MOST_CELLS:
+            return math.inf
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        enough = curve.probability(np.array([middle]))[0] >= probability
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def _check_size(found: Iterable[Sequence[NDArray[Any]]], lidars: int) -> None:
+    size = lidars * sum(own.nbytes for values in found for own in values)
+    if size > _MOST_BYTES:
+        raise ValueError(
+            f"search.greedy: too many candidates; expected numbers of at most "
+            f"{_MOST_BYTES / 1e9:.0f} GB, found {size / 1e9:.0f} GB of {lidars:,} LiDARs; enlarge "
+            "position_step or angle_step_deg, or step of the requirements"
+        )

@@ -1,0 +1,539 @@
+"""The cheapest rig of a grid, with a proof.
+
+The programme of `Programme` has a 0/1 unknown for each candidate and starts with few rows. Its best
+choice is looked at, rows that it breaks are added, and it is solved again. Each row holds for every
+rig that meets the requirements, so what the programme costs at least, every such rig does:
+
+- Points add up over candidates. The row of an object: the sum is what is needed. More than all that
+  is needed counts as all of it. Where some positions may fail, a 0/1 unknown of each one says
+  whether it has to have enough.
+- Cells, probabilities (which are numbers of cells) and coverage are unions, which are monotone and
+  submodular: at a choice S the row is f(S) + the sum of what each candidate adds to S (Nemhauser
+  and Wolsey).
+- With m LiDARs dead the same rows hold without any m of them, and so without all candidates at m
+  places, each of which has one LiDAR at most. If a rig of N has enough then, m + 1 of its LiDARs
+  have 1 / (N - m) of it each, a row that cuts much more of the relaxation. Of several sensors by
+  themselves a LiDAR counts where it has enough alone.
+- Where no row is new, a cover cut: S grows while it still has too little, and some candidate that
+  is not in it is needed.
+
+So far LiDARs hide nothing from each other, which can only flatter a rig. A choice that keeps all
+rows is judged exactly. If it fails, a cut excludes it and its like: without one of its LiDARs, or
+with one that sees the place in question. Coverage, near fields, mounts that are off, and what a
+detector finds exclude that very rig; LiDARs that others blind or cover exclude all that hold them.
+Other choices of the same cost with the most to spare are tried first. The first rig that is judged
+and costs what the programme does at least is the cheapest of the grid.
+"""
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.requirements.judge import Outcome, judge
+from sweeps.configuration.search import TOTALS
+from sweeps.search.cheapest.blocks import Block, adds_up, blocks_of
+from sweeps.search.cheapest.programme import Position, Programme, Row, Solution
+from sweeps.search.greedy.candidates import (
+    candidates_of,
+    check_grid,
+    least_of,
+    limits_of,
+    number_of_candidates,
+)
+from sweeps.search.problem.choice import Choices, is_possible, ordered, placement_of
+from sweeps.search.problem.constraints import Constraint, measures_of, requirement_name
+from sweeps.search.problem.problem import Problem
+
+_TOLERANCE = 1e-6
+"""Shares of what is needed: the solver's rounding."""
+_AT_ONCE = 12
+"""Rows of a requirement that are added in a round."""
+_SPARE_SECONDS = 5.0
+_GROWING = ("blind_lidars", "body_share")
+"""Constraints that further LiDARs can only break more."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the judge says of a rig.
+
+    Attributes:
+        broken: constraints that it breaks.
+        outcomes: of requirements.
+        margin: the least that a requirement has of what it needs; infinite without any.
+    """
+
+    broken: tuple[Constraint, ...]
+    outcomes: tuple[Outcome, ...]
+    margin: float
+
+    @property
+    def good(self) -> bool:
+        """Whether it keeps everything."""
+        return not self.broken
+
+
+def verdict_of(rig: Choices, problem: Problem) -> Verdict:
+    """Judge a rig, with LiDARs that hide each other."""
+    question, carrier = problem.question, problem.question.carrier
+    if not is_possible(rig):
+        return Verdict(question.constraints, (), 0.0)
+    placement = placement_of(rig, problem.models)
+    outcomes = judge(carrier.requirements, placement, carrier.vehicle, carrier.further)
+    values = {requirement_name(own.requirement.name): own.worst.value for own in outcomes}
+    others = [c for c in question.constraints if c.name not in values]
+    values |= measures_of(rig, others, carrier)
+    broken = tuple(c for c in question.constraints if c.violation(values[c.name]) > 0)
+    margins = (own.worst.value / own.requirement.least for own in outcomes)
+    return Verdict(broken, tuple(outcomes), min(margins, default=math.inf))
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The cheapest rig that was found.
+
+    Attributes:
+        rig: None: none was found.
+        cost, bound: what it costs, and what every rig of the grid costs at least; infinite where
+            none meets everything.
+        closest: where there is no rig: the one that was judged to lack least.
+        candidates, objects, rounds, rows, cuts, judged: how many there were.
+        value: of the detector, percent; None if it was not asked.
+        seconds: in all.
+    """
+
+    rig: Choices | None
+    cost: float
+    bound: float
+    closest: Choices | None
+    seconds: float
+    candidates: int = 0
+    objects: int = 0
+    rounds: int = 0
+    rows: int = 0
+    cuts: int = 0
+    judged: int = 0
+    value: float | None = None
+
+    @property
+    def gap(self) -> float:
+        """By which share of its cost the rig may be dearer than the cheapest; 0: proven."""
+        if self.bound >= self.cost - _TOLERANCE * max(1.0, abs(self.cost)):
+            return 0.0
+        return 1.0 - max(self.bound, 0.0) / self.cost if self.cost < math.inf else math.inf
+
+
+Recall = Callable[[Choices], float]
+"""What a detector finds with a rig, percent."""
+
+
+def check(problem: Problem) -> str:
+    """Whether there is something to choose from. Returns what will be chosen, a line.
+
+    Raises ValueError: the search has no grid or too large a one, no requirement, or what its LiDARs
+    cost is not known.
+    """
+    search, carrier, file = problem.file.search, problem.question.carrier, problem.path
+    if search.greedy is None or not search.zones:
+        key = "zones" if search.greedy else "greedy"
+        raise ValueError(
+            f"{file}: search.{key}: no candidates to choose from; expected a grid in zones, such "
+            "as greedy: {position_step: 0.5}, found none"
+        )
+    if not (carrier.requirements or carrier.near_field or search.cheapest.recall):
+        raise ValueError(
+            f"{file}: search.requirements: nothing to meet; expected one or more, found none"
+        )
+    if (by := search.cheapest.by) in TOTALS:
+        costs = [carrier.totals[by][model] for model in problem.space.models]
+        if any(map(math.isnan, costs)) or not any([*costs, *carrier.mount_prices.values()]):
+            raise ValueError(
+                f"{file}: search.cheapest.by: {by} of models is unknown; expected search.models "
+                f"with a {by} of each, found {dict(zip(problem.space.models, costs, strict=True))}"
+            )
+    check_grid(problem)
+    low, high = problem.space.numbers
+    return (
+        f"least {by} of {low} to {high} LiDARs; models: {len(problem.space.models)}, mounts of the "
+        f"grid: {number_of_candidates(problem):,}, requirements: {len(carrier.requirements)}"
+    )
+
+
+def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
+    """Choose from the grid of the search, for at most `search.cheapest.seconds`.
+
+    Args:
+        recall: has to be at least `search.cheapest.recall`; None: it is not asked for.
+
+    Raises ValueError: the grid is too large.
+    """
+    start = time.monotonic()
+    candidates = candidates_of(problem)
+    if not candidates:
+        return Chosen(None, math.inf, math.inf, None, time.monotonic() - start)
+    work = _Work(problem, candidates, recall)
+    work.run()
+    best = work.best
+    return Chosen(
+        None if best is None else work.rig(best),
+        math.inf if best is None else work.programme.cost(best),
+        work.bound,
+        None if work.closest is None else work.rig(work.closest),
+        time.monotonic() - start,
+        len(candidates),
+        sum(block.alone.shape[1] for block in work.blocks),
+        work.rounds,
+        len(work.programme.rows),
+        len(work.programme.cuts),
+        len(work.judged),
+        None if best is None else work.values.get(best),
+    )
+
+
+@dataclass(eq=False)
+class _Work:
+    """The rounds. `chosen` are numbers of candidates throughout."""
+
+    problem: Problem
+    candidates: Sequence[Choices]
+    recall: Recall | None
+    best: tuple[int, ...] | None = None
+    closest: tuple[int, ...] | None = None
+    bound: float = -math.inf
+    rounds: int = 0
+    judged: dict[tuple[int, ...], Verdict] = field(default_factory=dict)
+    values: dict[tuple[int, ...], float] = field(default_factory=dict)
+    known: set[tuple[object, ...]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        problem, settings = self.problem, self.problem.file.search.cheapest
+        lidars = [lidar for rig in self.candidates for lidar in rig]
+        sizes = [len(rig) for rig in self.candidates]
+        self.owner = np.repeat(np.arange(len(sizes)), sizes)
+        spots = np.array([lidar.mount.position for lidar in lidars])
+        self.place = np.unique(spots, axis=0, return_inverse=True)[1].ravel()
+        self.blocks = blocks_of(lidars, problem.question)
+        limits = limits_of(self.candidates, problem)
+        assert limits.compatible is not None
+        self.compatible = limits.compatible
+        fixed = ordered(problem.space.fixed)
+        by = settings.by
+        base = problem.question.carrier.beside[by] if by in TOTALS else 0.0
+        self.programme = Programme(
+            np.array([cost_of(rig, problem) - base for rig in self.candidates]),
+            np.array(sizes, float),
+            limits.used,
+            least_of(problem),
+            limits.budgets,
+            np.array([bool(fixed) and rig == fixed for rig in self.candidates]),
+            of_highest=by == "height",
+            base=base,
+        )
+        self.deadline = time.monotonic() + settings.seconds
+        self.most_lidars = int(problem.space.numbers[-1]) + len(fixed)
+
+    @property
+    def left(self) -> float:
+        """Seconds."""
+        return self.deadline - time.monotonic()
+
+    def rig(self, chosen: Iterable[int]) -> Choices:
+        """The rig of these candidates."""
+        return ordered(lidar for i in chosen for lidar in self.candidates[i])
+
+    def lidars(self, chosen: Sequence[int]) -> list[int]:
+        """Numbers of their LiDARs."""
+        return np.flatnonzero(np.isin(self.owner, list(chosen))).tolist()
+
+    def run(self) -> None:
+        """Solve, look, add, until a rig is as cheap as the programme, or time is up."""
+        self.add_rows(Solution((), 0.0))
+        if not self.greedy(by_cost=True):
+            self.greedy(by_cost=False)
+        while self.left > 0 and not self.is_proven():
+            self.rounds += 1
+            found = self.programme.solve(self.left)
+            self.bound = max(self.bound, found.bound)
+            if self.is_proven() or found.chosen is None:
+                break
+            if self.add_rows(found):
+                continue
+            if self.accept(found.chosen):
+                self.programme.exactly = True
+            else:
+                self.try_others(self.programme.cost(found.chosen))
+        if self.best is not None:
+            self.bound = min(self.bound, self.programme.cost(self.best))
+
+    def is_proven(self) -> bool:
+        """Whether no rig is cheaper than the best one."""
+        cost = math.inf if self.best is None else self.programme.cost(self.best)
+        return self.bound >= cost - _TOLERANCE * max(1.0, abs(cost))
+
+    def greedy(self, by_cost: bool) -> bool:
+        """A rig to begin with: one candidate after the other, the one that adds most, for its cost
+        or whatever it costs. Returns whether the judge accepts it.
+
+        Of an object a LiDAR counts up to what is needed, and as many as may be dead and one more.
+        """
+        own, chosen = self.programme, np.flatnonzero(self.programme.fixed).tolist()
+        parts = [np.minimum(block.alone, 1.0) for block in self.blocks]
+        may = ~own.fixed & self.compatible[chosen].all(axis=0)
+        while self.left > 0:
+            used = own.used[:, chosen].sum(axis=1)
+            may &= (own.used + used[:, None] <= own.most[:, None] + 1e-9).all(axis=0)
+            gains = np.zeros(len(self.owner))
+            for block, part in zip(self.blocks, parts, strict=True):
+                has, most = part[self.lidars(chosen)].sum(axis=0), 1.0 + block.dead
+                gains += (np.minimum(has + part, most) - np.minimum(has, most)).mean(axis=1)
+            worth = np.where(may, self.by_candidate(gains), -1.0)
+            if by_cost and not own.of_highest:
+                worth /= np.maximum(own.costs, 1e-9)
+            if worth.max(initial=-1.0) < 0:
+                break
+            chosen.append(int(worth.argmax()))
+            may &= self.compatible[chosen[-1]]
+            may[chosen[-1]] = False
+            choice = tuple(sorted(chosen))
+            if not self.add_rows(Solution(choice, 0.0)) and self.accept(choice):
+                return self.drop(chosen)
+        return bool(chosen) and self.accept(tuple(sorted(chosen)))
+
+    def drop(self, chosen: list[int]) -> bool:
+        """Leave out what is not needed, the dearest first."""
+        for i in sorted(chosen, key=lambda i: -self.programme.costs[i]):
+            rest = tuple(sorted(j for j in chosen if j != i))
+            needed = self.programme.fixed[i] or not rest or self.add_rows(Solution(rest, 0.0))
+            if not needed and self.accept(rest):
+                chosen = list(rest)
+        return True
+
+    def try_others(self, cost: float) -> None:
+        """Rigs that cost no more, with the most to spare."""
+        for _ in range(_AT_ONCE):
+            found = self.programme.solve(min(_SPARE_SECONDS, self.left), cost, reach=1.0)
+            if found.chosen is None or self.left <= 0:
+                return
+            if not self.add_rows(found):
+                self.accept(found.chosen)
+                return
+
+    # Rows that a choice breaks.
+
+    def add_rows(self, found: Solution) -> bool:
+        """Whether the choice breaks something that is known of its LiDARs one by one."""
+        assert found.chosen is not None
+        broken = self.add_cliques(found.chosen)
+        lidars = self.lidars(found.chosen)
+        for block in self.blocks:
+            dead = itertools.combinations(lidars, min(block.dead, len(lidars)))
+            for lost in [(), *(own for own in dead if own)]:
+                kept = [lidar for lidar in lidars if lidar not in lost]
+                shares = block.of(kept)
+                short = block.short(shares, 1.0 - _TOLERANCE)
+                if not len(short):
+                    continue
+                broken = True
+                rows = self.worst(block, short, shares[short])
+                if not self.add_short(block, rows, kept, lost, found.failing):
+                    self.add_cover(block, kept, lost)
+                if not lost:
+                    break  # without any of them it has less still
+        return broken
+
+    def add_cliques(self, chosen: Sequence[int]) -> bool:
+        """Of candidates that are too near to each other one at most."""
+        near = [(i, j) for i, j in itertools.combinations(chosen, 2) if not self.compatible[i, j]]
+        for i, j in near:
+            clique, may = [i, j], ~self.compatible[i] & ~self.compatible[j]
+            while may.any():
+                clique.append(int(may.argmax()))
+                may &= ~self.compatible[clique[-1]]
+                may[clique] = False
+            self.programme.cut(self.marked(clique), -math.inf, 1.0)
+        return bool(near)
+
+    def add_short(
+        self,
+        block: Block,
+        rows: Sequence[int],
+        kept: Sequence[int],
+        lost: Sequence[int],
+        failing: Collection[Position],
+    ) -> bool:
+        """Rows of objects of which LiDARs that are kept have too little. Returns whether some are
+        new.
+
+        They hold without any LiDAR at the places of those that are lost: there is one at most.
+        """
+        added, gone = False, np.isin(self.place, self.place[list(lost)])
+        whole = (block.key, *np.unique(self.place[list(lost)]).tolist())
+        for row in rows:
+            position = self.position(block, row, whole, block.may_fail)
+            key = (whole, row, *([] if block.missed is None else kept))
+            if position in failing or key in self.known:
+                continue
+            self.known.add(key)
+            base, gains = block.gains(row, kept)
+            if block.missed is None:
+                base = 0.0
+            else:
+                gains[list(kept)] = 0.0
+            self.programme.rows.append(
+                Row(self.by_candidate(np.where(gone, 0.0, gains)), base, position)
+            )
+            added = True
+            if block.dead and (block.key, row) not in self.known:
+                self.known.add((block.key, row))
+                self.add_lifted(block, row)
+        return added
+
+    def add_lifted(self, block: Block, row: int) -> None:
+        """Several LiDARs have a part of what is needed, as any may be dead. Where positions may
+        fail, those without such several fail with one of the LiDARs, each of which may cost some.
+        """
+        if block.may_fail and block.dead > 1:
+            return
+        parts = block.sensors or self.most_lidars - block.dead
+        enough = block.alone[:, row] * parts >= 1.0 - _TOLERANCE
+        gains = self.by_candidate(enough / (block.dead + max(block.sensors, 1.0)))
+        position = self.position(block, row, (block.key, "lifted"), block.may_fail)
+        self.programme.rows.append(Row(gains, 0.0, position))
+
+    def position(
+        self, block: Block, row: int, of: tuple[object, ...], may_fail: int
+    ) -> Position | None:
+        """The position of an object in a case of a requirement; None if none may fail."""
+        if not may_fail:
+            return None
+        of_each = of[-1] == "lifted"
+        return Position(of, int(block.position[row]), may_fail, of_each and block.dead == 1)
+
+    def worst(self, block: Block, rows: NDArray[np.intp], shares: NDArray[np.float64]) -> list[int]:
+        """Some objects with the least, of equal ones those that candidates see least of; one a
+        position."""
+        ease = np.minimum(block.alone[:, rows], 1.0).sum(axis=0)
+        order = np.lexsort((ease, shares)) if len(shares) else np.argsort(ease)
+        first = np.unique(block.position[rows][order], return_index=True)[1]
+        return [int(rows[order[i]]) for i in np.sort(first)[: _AT_ONCE + block.may_fail]]
+
+    def add_cover(self, block: Block, kept: Sequence[int], lost: tuple[int, ...]) -> None:
+        """Some candidate is needed that is not among as many as can be had without enough."""
+        state, inside = block.plus(block.nothing(), kept), set(self.owner[[*kept, *lost]].tolist())
+        alike = self.owner[np.isin(self.place, self.place[list(lost)])]
+        inside |= {i for i in alike.tolist() if len(self.candidates[i]) == 1}
+        ease = self.by_candidate(np.minimum(block.alone, 1.0).sum(axis=1))
+        for i in np.argsort(ease).tolist():
+            more = block.plus(
+                state, [] if i in inside else np.flatnonzero(self.owner == i).tolist()
+            )
+            if len(block.short(block.shares(more), 1.0 - _TOLERANCE)):
+                state = more
+                inside.add(i)
+        others = np.ones(len(self.candidates))
+        others[list(inside)] = 0.0
+        self.programme.cut(others, 1.0)
+
+    def by_candidate(self, of_lidars: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Sums over the LiDARs of each candidate."""
+        return np.asarray(np.bincount(self.owner, of_lidars, len(self.candidates)), np.float64)
+
+    def marked(self, chosen: Sequence[int]) -> NDArray[np.float64]:
+        """1 for these candidates."""
+        marks = np.zeros(len(self.candidates))
+        marks[list(chosen)] = 1.0
+        return marks
+
+    # The judge.
+
+    def accept(self, chosen: tuple[int, ...]) -> bool:
+        """Whether the judge accepts a choice; else add what excludes it."""
+        if chosen not in self.judged:
+            verdict = self.judged[chosen] = verdict_of(self.rig(chosen), self.problem)
+            kept = None if self.closest is None else self.judged[self.closest]
+            if kept is None or (-len(verdict.broken), verdict.margin) > (
+                -len(kept.broken),
+                kept.margin,
+            ):
+                self.closest = chosen
+        verdict = self.judged[chosen]
+        own = self.programme
+        if (own.used[:, list(chosen)].sum(axis=1) < own.least - 1e-9).any():
+            return False  # greedy choice alone tries rigs of too few LiDARs
+        if verdict.good and self.finds_enough(chosen):
+            if self.best is None or self.programme.cost(chosen) < self.programme.cost(self.best):
+                self.best = chosen
+            return True
+        if verdict.good or not chosen:
+            self.exclude(chosen, [i for i in range(len(self.candidates)) if i not in chosen])
+            return False
+        for constraint in verdict.broken:
+            self.exclude_broken(chosen, constraint)
+        return False
+
+    def finds_enough(self, chosen: tuple[int, ...]) -> bool:
+        """Whether the detector finds as much as is asked for."""
+        least = self.problem.file.search.cheapest.recall
+        if self.recall is None or least is None:
+            return True
+        if chosen not in self.values:
+            self.values[chosen] = self.recall(self.rig(chosen))
+        return self.values[chosen] >= least
+
+    def exclude(self, chosen: Sequence[int], unless: Sequence[int]) -> None:
+        """No rig holds all of these, unless it holds one of the others, too."""
+        self.programme.cut(self.marked(unless) - self.marked(chosen), 1.0 - len(chosen))
+
+    def exclude_broken(self, chosen: tuple[int, ...], broken: Constraint) -> None:
+        """What no rig can hold that keeps a constraint which this one breaks."""
+        others = [i for i in range(len(self.candidates)) if i not in chosen]
+        if broken.name in _GROWING:
+            held = list(chosen)
+            for i in chosen:
+                rest = [j for j in held if j != i]
+                if rest and broken in verdict_of(self.rig(rest), self.problem).broken:
+                    held = rest
+            self.exclude(held, [])
+            return
+        outcome = self.without_draws(chosen, broken)
+        if outcome is None or outcome.met or outcome.requirement.placed is None:
+            self.exclude(chosen, others)
+            return
+        short = outcome.least_of < outcome.requirement.least
+        blocks = [block for block in self.blocks if block.name == broken.name]
+        if not blocks[0].may_fail:  # one place is enough
+            worst = int(outcome.least_of.argmin())
+            short = np.arange(len(short)) == worst
+        helps = np.zeros(len(self.owner), np.bool_)
+        for block in blocks:
+            helps |= (block.alone[:, short[block.position]] > 0).any(axis=1)
+        helping = np.flatnonzero(self.by_candidate(helps.astype(float)) > 0)
+        self.exclude(chosen, [i for i in helping.tolist() if i not in chosen])
+
+    def without_draws(self, chosen: tuple[int, ...], broken: Constraint) -> Outcome | None:
+        """A requirement that is broken, in all of its cases but mounts that are off; None: it is
+        another constraint, or one that the judge alone knows."""
+        carrier = self.problem.question.carrier
+        for laid in carrier.requirements:
+            wanted = laid.requirement
+            if requirement_name(wanted.name) == broken.name and adds_up(laid):
+                also = replace(wanted.also_when, mounts_off=None)
+                plain = replace(laid, requirement=replace(wanted, also_when=also))
+                rig = placement_of(self.rig(chosen), self.problem.models)
+                return judge([plain], rig, carrier.vehicle)[0]
+        return None
+
+
+def cost_of(rig: Choices, problem: Problem) -> float:
+    """What a rig costs: LiDARs, price, watts, or the height of its highest mount, metres."""
+    by = problem.file.search.cheapest.by
+    if by == "lidars":
+        return float(len(rig))
+    if by == "height":
+        return max(lidar.mount.z for lidar in rig)
+    return problem.question.carrier.total_of(by, rig)

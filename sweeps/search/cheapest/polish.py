@@ -1,0 +1,122 @@
+"""Off the grid: LiDARs move a little, are left out or become cheaper, while everything is met."""
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, replace
+
+from sweeps.search.cheapest.choose import Recall, Verdict, cost_of, verdict_of
+from sweeps.search.greedy.certificate import slots_of
+from sweeps.search.problem.choice import Choices, rounded
+from sweeps.search.problem.constraints import requirement_name
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.slots import Placed, rig_of
+from tracking.labels import digits
+
+_HOPELESS = 0.5
+"""A rig with a smaller margin than that is not moved to see whether it can meet all."""
+_PLENTY = 2.0
+"""Of what is needed; more is no better."""
+
+_Value = tuple[float, float, float]
+
+
+def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
+    """A rig that meets everything, is not dearer than this one and has more to spare.
+
+    Cheaper rigs are tried first: without one of its LiDARs, or with a cheaper model in its place.
+    Each coordinate of each LiDAR moves by half a step of the grid while that helps, then by a
+    quarter, and so on, as `search.greedy.refine` says. It takes no longer than the choice may.
+
+    Args:
+        recall: as of `cheapest`; a rig that it rejects is not taken.
+    """
+    settings, search = problem.file.search.greedy, problem.file.search
+    assert settings is not None
+    until = time.monotonic() + search.cheapest.seconds
+    best, starts = rig, sorted(_cheaper(problem, rig), key=lambda own: cost_of(own, problem))
+    for start in [*starts, rig]:
+        if cost_of(start, problem) > cost_of(best, problem):
+            continue
+        placed = slots_of(start, problem)
+        if placed is None or _value(problem, placed)[0] < _HOPELESS:
+            continue
+        for level in range(1, settings.refine + 1):
+            length = settings.position_step / 2**level
+            placed = _moved(
+                problem, placed, length, math.radians(settings.angle_step_deg) / 2**level, until
+            )
+        moved = rig_of(placed, problem.space)
+        least = search.cheapest.recall
+        found = recall is None or least is None or recall(moved) >= least
+        if found and verdict_of(moved, problem).good:
+            best = moved
+    return best
+
+
+def _cheaper(problem: Problem, rig: Choices) -> Iterator[Choices]:
+    """The rig without one of its LiDARs, or mirrored pairs, and with a cheaper model."""
+    placed = slots_of(rig, problem) or []
+    for i, place in enumerate(placed):
+        others = [*placed[:i], *placed[i + 1 :]]
+        models = [
+            [replace(place, lidar=replace(place.lidar, model=model))] for model in place.slot.models
+        ]
+        for own in [[], *models]:
+            new = rig_of([*others, *own], problem.space)
+            if new and cost_of(new, problem) < cost_of(rig, problem) and slots_of(new, problem):
+                yield new
+
+
+def _moved(
+    problem: Problem, placed: Sequence[Placed], length: float, angle: float, until: float
+) -> list[Placed]:
+    """Moves of one coordinate by a step, as long as one helps."""
+    placed, value, better = list(placed), _value(problem, placed), True
+    while better and time.monotonic() < until:
+        better = False
+        for i in range(len(placed)):
+            for place in _neighbours(placed[i], length, angle):
+                new = [*placed[:i], place, *placed[i + 1 :]]
+                if time.monotonic() < until and (own := _value(problem, new)) > value:
+                    placed, value, better = new, own, True
+    return placed
+
+
+def _neighbours(place: Placed, length: float, angle: float) -> Iterator[Placed]:
+    steps = [length] * 3 + [angle if low < high else 0.0 for low, high in place.slot.spans.values()]
+    centre = astuple(place.lidar.mount)
+    for axis, step in enumerate(steps):
+        for way in (-step, step) if step else ():
+            mount = rounded(*(c + way * (k == axis) for k, c in enumerate(centre)))
+            if place.allows(mount):
+                yield replace(place, lidar=replace(place.lidar, mount=mount))
+
+
+def _value(problem: Problem, placed: Sequence[Placed]) -> _Value:
+    """First requirements are met, then it is cheap, then there is something to spare."""
+    rig = rig_of(placed, problem.space)
+    verdict = verdict_of(rig, problem)
+    if any(not own.name.startswith(requirement_name("")) for own in verdict.broken):
+        return -1.0, 0.0, 0.0
+    return min(verdict.margin, 1.0), -cost_of(rig, problem), min(verdict.margin, _PLENTY)
+
+
+def needed_for(problem: Problem, rig: Choices) -> list[str]:
+    """What fails without each LiDAR: the first requirement or constraint; "" for nothing."""
+    found = []
+    for number in range(len(rig)):
+        left = (*rig[:number], *rig[number + 1 :])
+        verdict = verdict_of(left, problem)
+        found.append(_worst(verdict) if verdict.broken else "")
+    return found
+
+
+def _worst(verdict: Verdict) -> str:
+    """The requirement that lacks most, and where; or another constraint."""
+    short = [own for own in verdict.outcomes if not own.met]
+    if not short:
+        return verdict.broken[0].name
+    own = min(short, key=lambda own: own.worst.value / own.requirement.least)
+    x, y = digits(own.worst.x, "z.2f"), digits(own.worst.y, "z.2f")
+    return f"{own.requirement.name} at x {x}, y {y}"

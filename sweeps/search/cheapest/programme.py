@@ -1,0 +1,216 @@
+"""The mixed-integer programme: one 0/1 unknown a candidate, and the rows that are known so far."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array, diags_array, hstack, vstack
+
+_INFEASIBLE = 2
+"""HiGHS' status."""
+
+
+class Position(NamedTuple):
+    """Where a requirement may fail in a case.
+
+    Attributes:
+        of: requirement and case.
+        number: of the position.
+        may_fail: so many of them may.
+        of_each: so many for each LiDAR of the rig.
+    """
+
+    of: tuple[object, ...]
+    number: int
+    may_fail: int
+    of_each: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """`gains · x + base` is at least what is needed, 1, or as much as `position` has to have.
+
+    Attributes:
+        gains: what each candidate adds at most, shares of what is needed.
+        base: what is there without them.
+        position: where some may fail; None: it may not.
+    """
+
+    gains: NDArray[np.float64]
+    base: float
+    position: Position | None = None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the solver found.
+
+    Attributes:
+        chosen: numbers of the candidates; None where it found none in time, or there is none.
+        bound: no choice that keeps the rows costs less; infinite where none keeps them.
+        failing: positions that are given up.
+    """
+
+    chosen: tuple[int, ...] | None
+    bound: float
+    failing: frozenset[Position] = frozenset()
+
+
+@dataclass(eq=False)
+class Programme:
+    """Least cost of a choice of candidates. Each row that is added holds for every rig allowed.
+
+    Attributes:
+        costs: of each candidate; they add up, or with `of_highest` the largest one counts, and of
+            equal ones the number of LiDARs.
+        sizes: LiDARs of each candidate.
+        used, least, most: sums of `used`, shape (resources, candidates), and their limits.
+        fixed: whether a candidate is part of every rig.
+        base: what every rig costs besides.
+        rows, cuts: see `Row` and `cut`.
+        exactly: solve to the end; else a choice may be dearer than the cheapest by less than costs
+            differ.
+    """
+
+    costs: NDArray[np.float64]
+    sizes: NDArray[np.float64]
+    used: NDArray[np.float64]
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
+    fixed: NDArray[np.bool_]
+    of_highest: bool = False
+    base: float = 0.0
+    rows: list[Row] = field(default_factory=list)
+    cuts: list[tuple[NDArray[np.float64], float, float]] = field(default_factory=list)
+    exactly: bool = False
+
+    def __post_init__(self) -> None:
+        whole = np.round(1000 * self.costs)
+        even = (abs(1000 * self.costs - whole) < 1e-6).all()
+        self.grain = float(np.gcd.reduce(whole.astype(np.int64))) / 1000 if even else 1e-9
+        self.grain = max(self.grain, 1e-9)
+        self.last = 0.0
+
+    def cut(self, weights: NDArray[np.float64], least: float, most: float = math.inf) -> None:
+        """Keep a sum of weights of the chosen ones within limits."""
+        self.cuts.append((weights, least, most))
+
+    def cost(self, chosen: Sequence[int]) -> float:
+        """What these candidates cost."""
+        own = self.costs[list(chosen)]
+        return self.base + float(own.max(initial=0.0) if self.of_highest else math.fsum(own))
+
+    def solve(self, seconds: float, most: float | None = None, reach: float = 0.0) -> Solution:
+        """The cheapest choice.
+
+        Args:
+            seconds: that the solver may take.
+            most: look, of those that cost no more, for the one with most to spare in the row that
+                has least, up to `reach` times what is needed.
+        """
+        n = len(self.costs)
+        positions = list(dict.fromkeys(row.position for row in self.rows if row.position))
+        at = {position: n + 2 + number for number, position in enumerate(positions)}
+        width = n + 2 + len(positions)  # candidates, the highest, what there is to spare, positions
+        high = np.ones(width)
+        high[n], high[n + 1] = math.inf, reach
+        matrix, lows, highs = self._limits(width)
+        matrix += self._needs(width, at, reach)
+        lows += [
+            (0.0 if row.position else 1.0) - (reach if row.position else 0.0) - row.base
+            for row in self.rows
+        ]
+        highs += [math.inf] * len(self.rows)
+        for of in dict.fromkeys(position.of for position in positions):
+            own = [position for position in positions if position.of == of]
+            kept = np.zeros(width)
+            kept[[at[position] for position in own]] = 1.0
+            may_fail = own[0].may_fail
+            if own[0].of_each:
+                kept[:n] = may_fail * self.sizes
+            matrix.append(csr_array(kept[None]))
+            lows.append(float(len(own) - (0 if own[0].of_each else may_fail)))
+            highs.append(math.inf)
+        goal, scale = np.zeros(width), 1.0
+        goal[:n], levels = self.costs, np.zeros(1)
+        if self.of_highest:
+            levels, ranks = np.unique(self.costs, return_inverse=True)
+            scale = float(self.most[0] + self.sizes[self.fixed].sum() + 1.0)
+            goal[:n], goal[n] = self.sizes, scale
+            pairs = hstack([-diags_array(ranks.astype(float)), np.ones((n, 1))])
+            matrix.append(_widened(pairs, width))
+            lows += [0.0] * n
+            highs += [math.inf] * n
+        if most is not None:
+            if self.of_highest:
+                high[:n] *= self.costs <= most - self.base + 1e-9
+            else:
+                matrix.append(csr_array(goal[None]))
+                lows.append(-math.inf)
+                highs.append(most - self.base + 1e-6 * max(1.0, abs(most)))
+            goal = np.zeros(width)
+            goal[n + 1] = -1.0
+        low = np.zeros(width)
+        low[:n] = self.fixed
+        kinds = np.ones(width)
+        kinds[n : n + 2] = 0
+        found = milp(
+            goal,
+            integrality=kinds,
+            bounds=Bounds(low, high),
+            constraints=LinearConstraint(vstack(matrix), lows, highs),
+            options={"time_limit": max(seconds, 0.1), "mip_rel_gap": self._gap(most)},
+        )
+        if found.status == _INFEASIBLE:
+            return Solution(None, math.inf)
+        bound = -math.inf if found.mip_dual_bound is None else float(found.mip_dual_bound)
+        if self.of_highest and most is None and math.isfinite(bound):
+            rank = math.ceil((bound - (scale - 1.0)) / scale - 1e-6)
+            bound = float(levels[min(max(rank, 0), len(levels) - 1)])
+        elif most is None and math.isfinite(bound):
+            bound = self.last = self.grain * math.ceil(bound / self.grain - 1e-6)
+        bound += self.base
+        if found.x is None:
+            return Solution(None, bound)
+        chosen = tuple(np.flatnonzero(found.x[:n] > 0.5).tolist())
+        off = frozenset(p for p, i in at.items() if found.x[i] < 0.5)
+        return Solution(chosen, bound, off)
+
+    def _gap(self, most: float | None) -> float:
+        """How far the solver may stop before the end, a share of the cost."""
+        if most is not None:
+            return 0.05
+        if self.exactly or self.of_highest:
+            return 0.0
+        return 0.4 * self.grain / max(self.last, self.grain)
+
+    def _limits(self, width: int) -> tuple[list[csr_array], list[float], list[float]]:
+        """Budgets and cuts."""
+        weights = np.array([*self.used, *(cut[0] for cut in self.cuts)])
+        lows = [*self.least.tolist(), *(cut[1] for cut in self.cuts)]
+        highs = [*(self.most + 1e-9).tolist(), *(cut[2] for cut in self.cuts)]
+        return [_widened(csr_array(weights), width)], lows, highs
+
+    def _needs(self, width: int, at: Mapping[Position, int], reach: float) -> list[csr_array]:
+        """The rows: what there is to spare is taken off, and what a position has to have."""
+        if not self.rows:
+            return []
+        n = len(self.costs)
+        # More than all that is needed counts as all of it: the relaxation is tighter.
+        gains = [np.minimum(row.gains, max(0.0, 1.0 + reach - row.base)) for row in self.rows]
+        spare = -np.ones(len(self.rows))
+        asked = [(i, at[row.position]) for i, row in enumerate(self.rows) if row.position]
+        columns = [n + 1] * len(self.rows) + [j for _, j in asked]
+        lines = [*range(len(self.rows)), *(i for i, _ in asked)]
+        values = [*spare, *[-(1.0 + reach)] * len(asked)]
+        other = csr_array((values, (lines, columns)), shape=(len(self.rows), width))
+        return [_widened(csr_array(np.array(gains)), width) + other]
+
+
+def _widened(matrix: csr_array, width: int) -> csr_array:
+    """With columns of zeros up to a width."""
+    return hstack([matrix, csr_array((matrix.shape[0], width - matrix.shape[1]))], format="csr")

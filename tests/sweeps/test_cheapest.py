@@ -1,0 +1,309 @@
+"""The cheapest rig of a grid, against every rig of it."""
+
+import itertools
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+from search_files import write_search
+from typer.testing import CliRunner
+
+from lidarplace import Lidar, Mount
+from lidarplace.configuration.placement import read_placement
+from lidarplace.requirements.judge import judge
+from sweeps.commands.cheapest import app
+from sweeps.search.cheapest import choose
+from sweeps.search.cheapest import recall as recall_module
+from sweeps.search.cheapest.choose import cheapest, cost_of
+from sweeps.search.greedy.candidates import candidates_of
+from sweeps.search.problem.assess import Traffic, assess
+from sweeps.search.problem.choice import Choice, ordered
+from sweeps.search.problem.judged_sweep import judged_rigs
+from sweeps.search.problem.problem import read_problem
+from sweeps.tasks.task import with_inputs
+
+MODELS = {
+    "wide": {"beams": 8, "azimuth_steps": 300, "price": 4, "power": 9, "size_mm": [500, 500, 400]},
+    "flash": {
+        "beams": 12,
+        "azimuth_steps": 300,
+        "azimuth_deg": [-60, 60],
+        "price": 2.5,
+        "power": 12,
+    },
+    "lossy": {
+        "beams": 10,
+        "azimuth_steps": 300,
+        "drop_off": 0.3,
+        "price": 3,
+        "power": 5,
+        "size_mm": [300, 300, 300],
+    },
+}
+ZONES = {
+    "roof": {"x": [0, 0.6], "y": [-0.7, 0.7], "z": [1.8, 2.3]},
+    "nose": {"x": 2.45, "y": [-0.5, 0.5], "z": 0.6},
+    "left": {"x": [0, 0.6], "y": 1.05, "z": 0.9},
+}
+WHERE = (
+    {"x": [2, 5], "y": [-2, 2]},
+    {"distance": [0.5, 2]},
+    {"x": [-2, 2], "y": [1.5, 3]},
+    {"sectors": ["front"], "distance": [1, 4]},
+)
+
+
+def drawn(seed):
+    """Keys of a small search: requirements of all kinds, constraints, and what is to be least."""
+    random = np.random.default_rng(seed)
+
+    def one_of(*values):
+        return values[random.integers(len(values))]
+
+    requirements = []
+    for number in range(random.integers(1, 4)):
+        where = dict(one_of(*WHERE))
+        measure = one_of("points", "points", "cells", "probability", "coverage")
+        own = {"name": f"r{number}", "where": where, "step": one_of(1.0, 1.5), "also_when": {}}
+        if measure == "coverage":
+            own |= {"at_least": {"coverage": one_of(0.15, 0.3, 0.45)}, "step": 0.5}
+            where["z"] = [0, 1]
+        else:
+            least = {"points": one_of(4, 8, 16, 32), "cells": one_of(2, 4, 7), "probability": 0.05}
+            own |= {"what": "Pedestrian", "at_least": {measure: least[measure]}}
+            own["for"] = one_of(1.0, 0.8, 0.6)
+            if random.random() < 0.25:
+                own["at_least"]["sensors"] = 2
+        if random.random() < 0.4:
+            own["also_when"] |= one_of({"one_lidar_dead": True}, {"sensors_dead": 2})
+        if random.random() < 0.2:
+            own["also_when"] |= {"range_factor": 0.2}
+        if random.random() < 0.25:
+            own["also_when"] |= {"mounts_off": {"angle_deg": 1.0, "draws": 2}}
+        requirements.append(own)
+    zones = {name: dict(own) for name, own in ZONES.items()}
+    if random.random() < 0.5:  # in a row, where they hide much from each other
+        zones = {"rack": {"x": [0, 2.4], "y": 0, "z": 1.8}, "nose": zones["nose"]}
+    keys = {"lidars": [1, 3]}
+    if random.random() < 0.4:
+        for own in zones.values():
+            own["lidars"] = [0, int(random.integers(1, 3))]
+        if "left" in zones:
+            zones["left"]["mirrored"] = bool(random.random() < 0.7)
+        next(iter(zones.values()))["lidars"] = [1, 2]
+    constraints = {"distance": one_of(0.0, 0.2, 0.9)}
+    if random.random() < 0.3:
+        constraints["price"] = 9
+    if random.random() < 0.3:
+        constraints["near_field"] = {"coverage": 0.15, "resolution": 0.5}
+    if random.random() < 0.3:
+        constraints["body_share"] = 0.45
+    if random.random() < 0.2:
+        constraints["facing"] = 0
+    vehicle = None
+    if random.random() < 0.3:
+        boxes = [[[-5, -0.9, 0.4], [-1.2, 0.9, 1.4]]]
+        trailer = {"hitch": [-1.2, 0], "boxes": boxes, "angles_deg": [-70, 50]}
+        vehicle = {"boxes": [[[-1, -0.95, 0], [2.35, 0.95, 1.5]]], "trailer": trailer}
+    fixed = [{"x": 0.0, "y": 0.0, "z": 2.0, "model": "wide"}] if random.random() < 0.2 else []
+    return keys | {
+        "zones": zones,
+        "vehicle": vehicle,
+        "models": {
+            str(k): MODELS[str(k)]
+            for k in random.permutation(list(MODELS))[: random.integers(1, 4)]
+        }
+        | ({"wide": MODELS["wide"]} if fixed else {}),
+        "fixed": fixed,
+        "requirements": requirements,
+        "constraints": constraints,
+        "pitch_deg": 15,
+        "roll_deg": 0,
+        "greedy": {"position_step": 0.6, "refine": 0},
+        "cheapest": {"by": one_of("lidars", "price", "price", "power", "height"), "seconds": 60},
+        "objective": "price",
+    }
+
+
+def least_of_all(problem):
+    """What the cheapest of all rigs of the grid costs, each judged as a search does."""
+    space, search = problem.space, problem.file.search
+    fixed = ordered(space.fixed)
+    candidates = [rig for rig in candidates_of(problem) if rig != fixed]
+    low, high = space.numbers
+    best = math.inf
+    for size in range(1, high + 1):
+        for parts in itertools.combinations(candidates, size):
+            lidars = [lidar for rig in parts for lidar in rig]
+            zones = [rig[0].zone for rig in parts]
+            counts = {n: own.lidars for n, own in search.zones.items() if own.lidars is not None}
+            if not low <= len(lidars) <= high or not all(
+                least <= zones.count(name) <= most for name, (least, most) in counts.items()
+            ):
+                continue
+            rig = ordered([*fixed, *lidars])
+            if cost_of(rig, problem) < best and assess(rig, problem.question, NOTHING).feasible:
+                best = cost_of(rig, problem)
+    return best
+
+
+NOTHING = Traffic({}, None)
+
+
+@pytest.mark.parametrize("by_cuts", [False, True])
+@pytest.mark.parametrize("seed", range(10))
+def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by_cuts):
+    if by_cuts:  # neither a rig to begin with nor one with more to spare: rows and cuts alone
+        monkeypatch.setattr(choose._Work, "greedy", lambda self, by_cost: False)
+        monkeypatch.setattr(choose._Work, "try_others", lambda self, cost: None)
+    problem = read_problem(write_search(tmp_path, search=drawn(seed)))
+    found = cheapest(problem)
+    assert found.gap == 0 or found.rig is None
+    assert found.cost == pytest.approx(least_of_all(problem))
+    if found.rig is not None:
+        assert assess(found.rig, problem.question, NOTHING).feasible
+        assert cost_of(found.rig, problem) == pytest.approx(found.cost)
+    else:
+        assert found.bound == math.inf
+
+
+EASY = {
+    "name": "somebody ahead",
+    "where": {"x": [3, 5], "y": [-1, 1]},
+    "what": "Pedestrian",
+    "at_least": {"points": 6},
+    "step": 1.0,
+    "also_when": {"one_lidar_dead": True},
+}
+SMALL = {
+    "lidars": [1, 3],
+    "zones": {"nose": {"x": 2.45, "y": [-0.6, 0.6], "z": [0.6, 0.9]}},
+    "models": MODELS,
+    "requirements": [EASY],
+    "objective": "price",
+    "greedy": {"position_step": 0.3, "refine": 2},
+}
+
+
+def run(folder, *options, **changes):
+    path = write_search(folder, search=SMALL | changes)
+    return CliRunner().invoke(app, [str(path), *options], catch_exceptions=False)
+
+
+def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
+    done = run(tmp_path, cheapest={"by": "price"})
+    assert done.exit_code == 0, done.output
+    assert "price 5: the least of the grid, which is proven" in done.output
+    folder = tmp_path / "runs/small/cheapest"
+    told = json.loads((folder / "cheapest.json").read_text())
+    assert (told["cost"], told["bound"], told["gap"]) == (5, 5, 0)
+    assert told["refined_cost"] == 5
+    assert told["margin"] > 1, "moved off the grid, it has something to spare"
+    rig = read_placement(folder / "placement.yaml", Lidar.paper())
+    assert len(rig.mounts) == 2
+    plain = read_problem(tmp_path / "small.yaml").question.carrier
+    (outcome,) = judge(plain.requirements, rig, plain.vehicle)
+    assert outcome.met
+    assert outcome.worst.value / 6 == pytest.approx(told["margin"])
+    assert done.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
+
+
+def test_none_is_feasible(tmp_path):
+    run(tmp_path)
+    far = EASY | {"at_least": {"points": 500}}
+    done = run(tmp_path, requirements=[far])
+    assert done.exit_code == 1
+    assert "No rig of the grid meets everything, which is proven" in done.output
+    assert "FAIL" in done.output
+    assert not (tmp_path / "runs/small/cheapest/placement.yaml").exists()
+    told = json.loads(run(tmp_path, "--json", requirements=[far]).output)
+    assert (told["found"], told["bound"]) == (False, None)
+    assert told["broken"] == ["requirement.somebody ahead"]
+    assert 0 < told["cases"][0]["value"] < 500, "the closest has some"
+
+
+def test_a_rig_that_the_detector_rejects_is_excluded(tmp_path):
+    few = {"cheapest": {"recall": 80.0}, "models": {"flash": MODELS["flash"]}}
+    problem = read_problem(write_search(tmp_path, search=SMALL | few))
+    asked = []
+
+    def recall(rig):
+        asked.append(rig)
+        return 90.0 if len(rig) == 3 else 70.0
+
+    found = cheapest(problem, recall)
+    assert (found.cost, found.bound, found.gap) == (3, 3, 0)
+    assert found.value == 90.0
+    pairs = {rig for rig in asked if len(rig) == 2}
+    good = itertools.combinations([rig[0] for rig in candidates_of(problem)], 2)
+    assert pairs == {r for r in map(ordered, good) if assess(r, problem.question, NOTHING).feasible}
+
+
+def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(monkeypatch):
+    demo = Path(__file__).parents[2] / "examples/search_demo.yaml"
+    problem = read_problem(demo, ["search.cheapest.recall=50"])
+    row = {"class": "all", "metric": "recall", "iou": 0.7, "difficulty": "all"}
+    row |= {"value": 61.0, "ground_truths": 9}
+    ran = []
+
+    class Store:
+        def read(self, task, of):
+            assert task in ran
+            return of(SimpleNamespace(metrics=pd.DataFrame([row])))
+
+    monkeypatch.setattr(recall_module, "run_tasks", lambda *own: ran.extend(own[-1]) or {})
+    recall = recall_module.recall_of(Console(), problem, Store())
+    assert recall(problem.paper_rigs()["line"]) == 61.0
+    (tests,) = judged_rigs(problem, {}, {"x": problem.paper_rigs()["line"]}, problem.tests.search)[
+        "x"
+    ]
+    searched = {task.key for task in with_inputs(trial.evaluate for trial in tests)}
+    scenes = {task.key for task in ran if task.stage == "scene"}
+    assert scenes
+    assert not scenes & searched, "what chooses sees other traffic than a search"
+    high = Choice("lidar", "", Mount(0.0, 0.0, 9.0))
+    assert recall((high,)) == -math.inf, "it does not know such rigs"
+
+
+def test_time_that_is_over_leaves_a_gap(tmp_path, monkeypatch):
+    problem = read_problem(write_search(tmp_path, search=SMALL | {"cheapest": {"by": "price"}}))
+    monkeypatch.setattr(choose._Work, "left", property(lambda self: 1.0 - self.rounds))
+    monkeypatch.setattr(choose._Work, "drop", lambda self, chosen: True)
+    found = cheapest(problem)
+    assert found.rounds == 1
+    assert assess(found.rig, problem.question, NOTHING).feasible
+    assert 0 <= found.gap < 1
+    assert found.bound <= 5 <= found.cost
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"greedy": None}, "search.greedy: no candidates to choose from; expected"),
+        ({"requirements": []}, "search.requirements: nothing to meet; expected"),
+        ({"models": {}, "cheapest": {"by": "price"}}, "search.cheapest.by: price of models is"),
+        (
+            {"cheapest": {"recall": 80}},
+            "search.cheapest.recall: no generalist judges rigs; expected",
+        ),
+        (
+            {"cheapest": {"by": "weight"}},
+            "search.cheapest.by: expected 'lidars', 'price', 'power' or 'height', found",
+        ),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, changes, line):
+    done = run(tmp_path, **changes)
+    assert done.exit_code == 2
+    assert line in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_key_of_a_search_does_not_depend_on_it(tmp_path):
+    path = write_search(tmp_path, search=SMALL)
+    assert read_problem(path).key == read_problem(path, ["search.cheapest.by=price"]).key
