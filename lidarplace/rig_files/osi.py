@@ -141,7 +141,7 @@ def _rays(mounted: MountedLidar) -> dict[str, Any]:
                 for side, at, focal in zip(built.pixels, built.centre, built.focal, strict=True)
             ]
             pixels = zip(("Horizontal", "Vertical"), built.pixels, strict=True)
-            view = {f"numberOfPixels{side}": number for side, number in pixels}
+            view: dict[str, Any] = {f"numberOfPixels{side}": number for side, number in pixels}
         else:
             start, width = built.azimuth
             angles = [2 * max(abs(start), abs(start + width)), 2 * max(map(abs, built.elevation))]

@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from lidarplace.configuration.further_sensors import further_catalogue
+from lidarplace.configuration.further_sensors import (
+    CameraSettings,
+    RadarSettings,
+    further_catalogue,
+)
 from lidarplace.configuration.placement import read_placement_settings
 from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.sensor import SensorSettings
@@ -35,7 +39,8 @@ def read_own(path: Path) -> list[MountedLidar]:
 def read_further(path: Path) -> list[MountedLidar]:
     """Its cameras and radars. Raises ValueError as `read_own`."""
     settings = read_placement_settings(path)
-    found, several = [], (*settings.cameras, *settings.radars)
+    several: tuple[CameraSettings | RadarSettings, ...] = (*settings.cameras, *settings.radars)
+    found = []
     for number, (each, mount) in enumerate(zip(several, settings.in_ego(several), strict=True)):
         name = each.name or f"{each.KIND}_{number + 1}"
         found.append(MountedLidar(name, mount, further=each))

@@ -500,9 +500,7 @@ class SearchSettings(Settings):
         self._check_zones()
         self.further()
         if any(o.one_lidar_dead for o in self.objective) and self.most_lidars < 2:
-            raise ValueError(
-                "objective: one_lidar_dead: needs two or more LiDARs"
-            )
+            raise ValueError("objective: one_lidar_dead: needs two or more LiDARs")
         if self.space and not any(measured):
             raise ValueError(
                 "space: surrogates depend on the placement alone; choose a measured objective such "

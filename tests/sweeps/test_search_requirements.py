@@ -12,12 +12,14 @@ from search_files import write_search
 from typer.testing import CliRunner
 
 from lidarplace import Mount
+from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.facing import facing_pairs
 from lidarplace.requirements.judge import judge
 from sweeps.commands.search import app
 from sweeps.configuration.file import ConfigError
 from sweeps.search.output.terminal import rig_warnings, warnings_of
+from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint
@@ -297,6 +299,9 @@ def test_cameras_and_radars_that_every_rig_has(tmp_path):
     assert found.measures["common_view"] < alone.measures["common_view"]
     assert any("make no clouds" in said for said in warnings_of(with_them))
     assert with_them.key != problem_of(tmp_path, **changes).key
+    found_rig = as_plain(with_them.placement_settings(RIG))
+    again = SweptPlacementSettings.model_validate(found_rig)
+    assert again.further() == with_them.question.carrier.further
     watts = {"objective": "power", "models": {"small": "vlp16"}, "cameras": [camera]}
     with pytest.raises(ConfigError, match="cameras: power of front: is missing; say it"):
         problem_of(tmp_path, **watts)

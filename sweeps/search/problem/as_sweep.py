@@ -40,7 +40,10 @@ class SearchConfig:
         """A rig as one of `placements`; mounts have their model, if it is not that of all."""
         dead = [self._mounted(lidar) for lidar in rig if lidar.dead]
         mounts = [self._mounted(lidar) for lidar in rig if not lidar.dead]
-        return SweptPlacementSettings(mounts=mounts, **({"dead": dead} if dead else {}))
+        further = {key: getattr(self.file.search, key) for key in ("cameras", "radars")}
+        rest = {"dead": dead} | further
+        own = {key: value for key, value in rest.items() if value}
+        return SweptPlacementSettings.model_validate({"mounts": mounts} | own)
 
     def _mounted(self, lidar: Choice) -> MountSettings:
         pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
