@@ -444,5 +444,5 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(folder, tmp_path):
     assert done.stdout.strip() == str(folder / "search.html")
     wrong = CliRunner().invoke(app, [str(tmp_path)], catch_exceptions=False)
     assert wrong.exit_code == 2
-    assert "it has no search.json, trials.parquet" in wrong.stderr
+    assert "missing search.json, trials.parquet" in wrong.stderr
     assert "Traceback" not in wrong.stderr
