@@ -29,7 +29,7 @@ def on_files(files: Files, config: Any) -> Files:
         page = pending.pop()
         for path in _linked(page):
             uri = uri_of(path)
-            if uri in known or (ROOT / path).is_dir():
+            if uri in known or not (ROOT / path).is_file():
                 continue
             if path.endswith(".ipynb"):
                 file = File.generated(config, uri, content=_of_notebook(ROOT / path))
