@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.sight import obstacles_of, stopped
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, poses_of
 from lidarplace.rigs.lidar import Lidar, unit_vectors
 from lidarplace.rigs.placement import Mount, blocks
 
@@ -37,7 +37,7 @@ def body_share(
     if azimuth_steps < 1:
         raise ValueError(f"azimuth_steps must be at least 1, found {azimuth_steps}")
     azimuths, rays = lidar.azimuths(), 0
-    obstacles = [obstacles_of(pose, others) for pose in vehicle.poses.values()]
+    obstacles = [obstacles_of(pose, others) for pose in poses_of(vehicle).values()]
     hits = np.zeros(len(obstacles))
     if lidar.pattern is None:
         number = min(lidar.fired_steps, azimuth_steps)

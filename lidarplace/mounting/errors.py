@@ -54,11 +54,6 @@ class MountingErrors:
         dead = tuple(zip(mounts[working:], models, strict=True))
         return replace(placement, mounts=mounts[:working], dead=dead)
 
-    def fleet(self, placement: Placement, number: int, seed: int) -> tuple[Placement, ...]:
-        """The rig as so many vehicles have it; the rig itself if `number` is 0."""
-        drawn = (self.drawn(placement, seed, vehicle) for vehicle in range(1, number + 1))
-        return tuple(drawn) or (placement,)
-
     def displaced(self, mount: Mount, random: np.random.Generator) -> Mount:
         """The mount with an error of its own; its angles are those of the turned rotation."""
         shift, turn = random.uniform(-1, 1, (2, 3)) * [[self.offset], [self.angle]]
@@ -67,3 +62,11 @@ class MountingErrors:
         if self.angle:  # without it the angles stay: others may mean the same rotation
             roll, pitch, yaw = angles(Rotation.from_rotvec(turn).as_matrix() @ mount.rotation)
         return Mount(x, y, z, roll, pitch, yaw)
+
+
+def fleet(
+    placement: Placement, errors: MountingErrors, number: int, seed: int
+) -> tuple[Placement, ...]:
+    """The rig as so many vehicles have it; the rig itself if `number` is 0."""
+    drawn = (errors.drawn(placement, seed, vehicle) for vehicle in range(1, number + 1))
+    return tuple(drawn) or (placement,)

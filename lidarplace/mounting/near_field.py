@@ -12,7 +12,7 @@ from lidarplace.coverage.cone import cone_bits
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import obstacles_of, stopped
-from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
+from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.rigs.placement import Placement
 
 
@@ -31,7 +31,7 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
         ValueError: every voxel has its centre inside of the body.
     """
     shares = []
-    for pose in vehicle.poses.values():
+    for pose in poses_of(vehicle).values():
         seen, outside = seen_in_columns(placement, pose, roi)
         if not outside.any():
             raise ValueError(

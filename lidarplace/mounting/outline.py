@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, poses_of
 
 _STEPS = 200
 """Places along the first axis at which the ends of a mesh are known."""
@@ -28,7 +28,7 @@ def closed_lines(vehicle: Vehicle, axes: tuple[int, int]) -> list[NDArray[np.flo
         np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
         for (x0, y0), (x1, y1) in vehicle.boxes[:, :, axes].tolist()
     ]
-    for pose in vehicle.poses.values():
+    for pose in poses_of(vehicle).values():
         if pose.mesh is not None:
             lines.append(_around(pose.mesh.triangles[:, :, axes]))
     return lines

@@ -75,16 +75,6 @@ class Vehicle:
         return np.concatenate([self.boxes, [around]])
 
     @property
-    def poses(self) -> Mapping[str, Vehicle]:
-        """The vehicle in all of its shapes, by the name of the case; "": as it is."""
-        return {"": self}
-
-    @property
-    def no_mounts(self) -> NDArray[np.float64]:
-        """The boxes in which no LiDAR may sit, shape (m, 2, 3)."""
-        return self.interior
-
-    @property
     def height(self) -> float:
         """Of the highest top above the ground, metres; 0 without a body."""
         return float(self.extents[:, 1, 2].max(initial=0.0))
@@ -94,6 +84,21 @@ class Vehicle:
         """The boxes with volume, their faces moved inwards by a nanometre; shape (m, 2, 3)."""
         shrunk = self.boxes + np.array([[_HAIR], [-_HAIR]])
         return np.asarray(shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)])
+
+
+def poses_of(vehicle: Vehicle) -> Mapping[str, Vehicle]:
+    """The vehicle in all of its shapes, by the name of the case; "": as it is.
+
+    Clouds have the vehicle as it is: were this of the class, their keys would depend on it.
+    """
+    found: Mapping[str, Vehicle] = getattr(vehicle, "poses", {"": vehicle})
+    return found
+
+
+def no_mounts_of(vehicle: Vehicle) -> NDArray[np.float64]:
+    """The boxes in which no LiDAR may sit, shape (m, 2, 3)."""
+    found: NDArray[np.float64] = getattr(vehicle, "no_mounts", vehicle.interior)
+    return found
 
 
 def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -107,8 +112,8 @@ def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.f
     Returns:
         Metres, shape (places,).
     """
-    found = depth_in(vehicle.no_mounts, places)
-    for pose in vehicle.poses.values():
+    found = depth_in(no_mounts_of(vehicle), places)
+    for pose in poses_of(vehicle).values():
         if pose.mesh is not None:
             found = np.maximum(found, depths(pose.mesh, places))
     return found
@@ -141,7 +146,9 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
     (x0, x1), (z0, z1) = zone.x, zone.z
     ys = [y for _, y in zone.polygon]
     low, high = np.array([x0, min(ys), z0]), np.array([x1, max(ys), z1])
-    boxes = np.concatenate([vehicle.no_mounts, *(own.extents for own in vehicle.poses.values())])
+    boxes = np.concatenate(
+        [no_mounts_of(vehicle), *(own.extents for own in poses_of(vehicle).values())]
+    )
     some = bool(((boxes[:, 0] < high) & (low < boxes[:, 1])).all(axis=1).any())
     shares = np.linspace(0.0, 1.0, 5).tolist()
     points = np.array([position(zone, *at) for at in product(shares, repeat=3)]) if some else low

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
 from lidarplace.mounting.near_field import seen_without
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, poses_of
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.cameras_and_radars import seen_by_each
 from lidarplace.requirements.layout import Laid
@@ -102,14 +102,14 @@ def judge(
 
     def sights_once(rig: Placement, pose: str) -> list[Sight]:
         if (rig, pose) not in sights:
-            sights[rig, pose] = sights_of(rig, vehicle.poses[pose])
+            sights[rig, pose] = sights_of(rig, poses_of(vehicle)[pose])
         return sights[rig, pose]
 
     outcomes = []
     for own in laid:
         findings, least = [], np.full(int(own.positions.held.sum()), np.inf)
         variants = own.requirement.also_when.variants(placement).items()
-        for (pose, body), (case, rig) in itertools.product(vehicle.poses.items(), variants):
+        for (pose, body), (case, rig) in itertools.product(poses_of(vehicle).items(), variants):
             around = replace(own, boxes=own.boxes_in(pose))
             dead: dict[str, tuple[int, ...]] = {"": ()}
             if case == AS_BUILT:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
+from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import Requirement
 
@@ -70,7 +70,7 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
     held = positions.held.copy()
     held[held] = free
     boxes, bent = boxes[:, free], {}
-    for label, pose in vehicle.poses.items():
+    for label, pose in poses_of(vehicle).items():
         if label:
             bent[label] = boxes.copy()
             for own, angle in zip(bent[label], placed.angles.tolist(), strict=True):

@@ -21,7 +21,7 @@ from lidarplace.clouds.recorded import check_lidars, check_rig, clouds_digest
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.logs.box_log import read_frames
-from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.mounting.vehicle import Vehicle
@@ -237,7 +237,7 @@ class _Builder:
         errors, draws = point.mounting_errors.errors(), point.surrogate.mount_draws
         rig = self._as_collected(point, grid_point.rig)
         params = RecallParams(
-            rigs=errors.fleet(rig, draws, point.scene.seed),
+            rigs=fleet(rig, errors, draws, point.scene.seed),
             names=of_objects,
             roi=grid_point.roi,
             classes=point.classes,

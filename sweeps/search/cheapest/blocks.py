@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidarplace import Placement
 from lidarplace.mounting.near_field import seen_voxels
-from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
+from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.recall.detection_curve import DetectionCurve
 from lidarplace.requirements.area import Area, Positions
 from lidarplace.requirements.layout import Laid
@@ -148,18 +148,18 @@ def _of_one(
     for number, own in enumerate(asked):
         wanted = own.requirement
         variants = replace(wanted.also_when, mounts_off=None).variants(rig).items()
-        for pose, (case, variant) in itertools.product(vehicle.poses, variants):
+        for pose, (case, variant) in itertools.product(poses_of(vehicle), variants):
             key = number, pose, case
             if own.roi is not None:
-                inside = voxels_in_body(vehicle.poses[pose], own.roi)[own.positions.held]
+                inside = voxels_in_body(poses_of(vehicle)[pose], own.roi)[own.positions.held]
                 if inside.all():
                     continue
-                seen = seen_voxels(variant, vehicle.poses[pose], own.roi)[own.positions.held]
+                seen = seen_voxels(variant, poses_of(vehicle)[pose], own.roi)[own.positions.held]
                 yield key, np.where(seen.reshape(1, -1), 0, _WHOLE).astype(np.uint8)
                 continue
             assert wanted.placed is not None
             if (variant, pose) not in sights:
-                sights[variant, pose] = sights_of(variant, vehicle.poses[pose])
+                sights[variant, pose] = sights_of(variant, poses_of(vehicle)[pose])
             at = at_class(sights[variant, pose], variant, wanted.placed.object_class)
             boxes, light = own.boxes_in(pose), wanted.placed.reflectivity
             boxes = boxes[~np.isnan(boxes[:, :, 0])]
@@ -177,7 +177,7 @@ def _block(key: tuple[int, str, str], own: Laid, values: NDArray[Any], carrier: 
     objects, needed = np.nonzero(~np.isnan(own.boxes_in(key[1])[:, :, 0]))[1], wanted.least
     positions = len(np.unique(objects))
     if own.roi is not None:
-        inside = voxels_in_body(carrier.vehicle.poses[key[1]], own.roi)[own.positions.held]
+        inside = voxels_in_body(poses_of(carrier.vehicle)[key[1]], own.roi)[own.positions.held]
         objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
     elif wanted.curve is not None:
         needed = _cells_for(wanted.curve, wanted.least)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
-from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.search.problem.choice import Choices, cases_of, is_possible, placement_of, value_of
@@ -136,8 +136,8 @@ def _recalls(rig: Choices, question: Question, traffic: Traffic) -> dict[str, di
     found = {}
     for case, own in cases.items():
         rig_as_meant = placement_of(own, question.carrier.models)
-        fleet = question.errors.fleet(rig_as_meant, question.mount_draws, question.seed)
-        every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(fleet)]
+        rigs = fleet(rig_as_meant, question.errors, question.mount_draws, question.seed)
+        every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(rigs)]
         mean = pd.concat(every, axis=1).mean(axis=1)
         found[case] = {str(k): float(v) for k, v in mean.items()}
     return found

@@ -19,7 +19,7 @@ from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
-from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, zone_in_body
+from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, poses_of, zone_in_body
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
 from lidarplace.rigs.further_sensors import MountedSensor
@@ -238,7 +238,7 @@ def measures_of(
             )
             found["body_share"] = max(shares, default=0.0)
         elif constraint.name == "facing":
-            poses = carrier.vehicle.poses.values()
+            poses = poses_of(carrier.vehicle).values()
             pairs = [
                 len(facing_pairs(placement, pose)) if placement else len(rig) for pose in poses
             ]
@@ -250,7 +250,7 @@ def measures_of(
             if placement:
                 found["common_view"] = min(
                     weakest(common_view(placement, pose, wanted, carrier.further), wanted)[0]
-                    for pose in carrier.vehicle.poses.values()
+                    for pose in poses_of(carrier.vehicle).values()
                 )
         else:
             assert carrier.near_field is not None
