@@ -97,7 +97,7 @@ def test_the_list_of_verbs_says_what_they_do():
 
 
 def test_the_version():
-    assert lidarplace("--version").stdout.startswith("lidarplace 0.")
+    assert lidarplace("--version").stdout.startswith("lidarplace 1.")
 
 
 def test_heavy_libraries_wait_until_they_are_needed():

@@ -15,6 +15,7 @@ NUMBER = re.compile(r"\d+(?:[.,]\d+)*")
 OF_THE_DESIGN = {
     *("0.7", "0.5", "95"),  # IoUs and intervals
     *("4", "8", "16", "560", "1,120", "1"),  # LiDARs, beams, frames, and centimetres of mounts
+    *("10", "30", "40"),  # bounds of distances, metres
     "0.1",  # q of expected IG by default
 }
 """Numbers that the words may hold: the configuration says them."""

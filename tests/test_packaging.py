@@ -183,6 +183,7 @@ for name in VERBS:
 LINES = {
     "run": ("run", "examples/grid.yaml"),
     "search": ("search", "examples/search.yaml", "--dry-run"),
+    "cheapest": ("cheapest", "examples/search.yaml"),
     "dashboard": ("dashboard", "runs/mlflow.db"),
     "record": ("record", "examples/grid.yaml", "logs"),
     "pretrain": ("pretrain", "examples/grid.yaml", "--out", "base.pt"),

@@ -46,27 +46,15 @@ SOURCES = {
     "released": ("released",),
     "anchors": ("anchors",),
     "second_own": ("second_own",),
-    "random": ("random",),
-    "shipped": ("shipped",),
 }
 """Of each table the run folders, `findings_` before their names."""
-MEANS_ALONE = (
-    "exact",
-    "second",
-    "finetuned",
-    "longer",
-    "carla",
-    "sparse",
-    "second_own",
-    "random",
-    "shipped",
-)
+MEANS_ALONE = ("exact", "second", "finetuned", "longer", "carla", "sparse", "second_own")
 """Tables whose values without a route or an individual nothing asks for."""
 BY_DISTANCE = ("controlled",)
 """Tables of which Car AP over IoU is asked for by distance, too."""
 OTHER_SCENES = ("carla", "sparse")
 """Other towns or traffic."""
-OWN_SURROGATES = (*OTHER_SCENES, "products", "random")
+OWN_SURROGATES = (*OTHER_SCENES, "products")
 """Of other scenes or rigs than the main table."""
 BESIDES = ("candidates", "findings_occluded")
 """Run folders without detectors, which took their time, too."""
@@ -89,8 +77,6 @@ def main() -> None:
             _write(f"{name}_distance", rings)
         if name in OWN_SURROGATES:
             _write(f"{name}_surrogates", [run.surrogates[_SURROGATES] for run in found])
-        if name == "random" and found[0].individuals is not None:
-            _write("random_individuals", [found[0].individuals])
         if name in MEANS_ALONE:
             continue
         left_out = [_of_units(_wanted(_judged(run, run.left_out), wanted)) for run in found]
@@ -104,10 +90,6 @@ def main() -> None:
     if (occluded / "surrogates.parquet").exists():
         own = RunFolder.read(occluded).surrogates[_SURROGATES]
         _write("occluded", [own.assign(surrogate="expected_ig, occluded")])
-    for name in ("drawn", "random_drawn"):
-        folder = runs / f"findings_{name}"
-        if (folder / "surrogates.parquet").exists():
-            _write(name, [RunFolder.read(folder).surrogates[_SURROGATES]])
     _write("hours", _hours(runs))
 
 

@@ -122,7 +122,6 @@ def _facts() -> dict[str, Any]:
         "counts": _counts(),
         "hours": _hours(),
         "population": population,
-        "new": population.figures(),
         "proof": contrast,
         "proof_table": _proof_table(),
         "proof_cars": contrast.individuals("Car"),

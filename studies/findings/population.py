@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
-from candidates import FOLDER
 from judged import SHORT, Judged, head_of, label, number, table
 from numpy.typing import NDArray
 from predicting import equal_budget, of, own_detectors, predictors, read, set_aside
@@ -17,26 +16,15 @@ from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.statistics.confidence_interval import intervals
 
-DRAWN = "expected_recall, drawn mounts"
-SHIPPED = "pretrained"
-"""The generalist of the package."""
-NEW = "random, fine-tuned"
-NAMES = {
-    "generalist": "three generalists, trained for this",
-    SHIPPED: "the package's generalist",
-    DRAWN: "expected recall over drawn mounts",
-}
+RANDOM = "random"
 PREDICTORS = (
     "generalist",
-    SHIPPED,
     "expected_recall",
-    DRAWN,
     "log_cells",
     "covered_entropy",
     "expected_ig",
     "expected_points",
 )
-TARGETS = ("car", "recall", "car_recall", "pedestrian_recall")
 SUBSETS, OF = 4_000, 10
 """Random draws of so many rigs, among which a predictor takes the best."""
 
@@ -46,11 +34,9 @@ def populations() -> dict[str, list[str]]:
     """Rigs of each kind that have detectors of their own."""
     trained = [*own_detectors()["placement"].unique(), *set_aside()]
     four = equal_budget(trained)
-    new = sorted(set(read("random_results")["placement"]) - set(PAPER_PLACEMENTS))
     return {
         "the paper's eight": [name for name in four if name in PAPER_PLACEMENTS],
-        "random, from scratch": [name for name in four if name.startswith("random")],
-        NEW: new,
+        RANDOM: [name for name in four if name.startswith("random")],
         "optimised": [name for name in four if name.startswith("optimum")],
         "other LiDARs": [name for name in trained if name not in four],
     }
@@ -60,7 +46,7 @@ def population_table(target: str) -> str:
     """A row a predictor, a column a kind of rigs: Spearman's rho with 95 %."""
     rows = []
     for name in PREDICTORS:
-        cells = [NAMES.get(name, label(name))]
+        cells = [label(name)]
         cells += [interval(name, target, kind) for kind in populations()]
         rows.append(cells)
     heads = [f"{kind} ({len(rigs)})" for kind, rigs in populations().items()]
@@ -83,53 +69,16 @@ def rho(predictor: str, target: str, kind: str) -> str:
     return number(stats.spearmanr(x, y.mean(axis=1)).statistic)
 
 
-def slope(predictor: str, target: str, kind: str) -> str:
-    """Of what detectors reach on what is predicted, both percent (least squares)."""
-    x, y = _both(predictor, target, kind)
-    return number(float(np.polyfit(100 * x, y.mean(axis=1), 1)[0]))
-
-
 def lost(predictor: str, target: str, kind: str) -> str:
     """Mean regret of taking the predictor's best of random draws of rigs, points."""
     x, y = _both(predictor, target, kind)
     return number(_regret(x.to_numpy(np.float64), y.mean(axis=1).to_numpy(np.float64)), 1)
 
 
-def seeds_agree(target: str, kind: str) -> str:
-    """Spearman's rho of two seeds of a rig's own detectors."""
-    y = _reached(target, kind).dropna()
-    pairs = [(a, b) for a in y.columns for b in y.columns if a < b]
-    if not pairs:
-        return "–"
-    return number(float(np.mean([stats.spearmanr(y[a], y[b]).statistic for a, b in pairs])))
-
-
-def calibration_table() -> str:
-    """Slopes of measured recall on expected recall, with exact and with drawn mounts."""
-    rows = []
-    for target in ("car_recall", "pedestrian_recall"):
-        for kind in ("random, from scratch", NEW):
-            cells = [f"{head_of(target)}, {kind}"]
-            for name in ("expected_recall", DRAWN):
-                cells += [rho(name, target, kind), slope(name, target, kind)]
-            rows.append(cells)
-    return table(["", "exact: ρ", "slope", "drawn: ρ", "slope"], rows)
-
-
 def regret_table() -> str:
     """Mean regret by predictor among random rigs."""
-    rows = []
-    for name in PREDICTORS:
-        cells = [NAMES.get(name, label(name))]
-        for target in ("car", "recall"):
-            for kind in ("random, from scratch", NEW):
-                known = len(_both(name, target, kind)[0])
-                cells.append(lost(name, target, kind) if known >= OF else "–")
-        rows.append(cells)
-    heads = [
-        f"{head_of(t)}, {kind}" for t in ("car", "recall") for kind in ("random, from scratch", NEW)
-    ]
-    return table(["", *heads], rows)
+    rows = [[label(n), lost(n, "car", RANDOM), lost(n, "recall", RANDOM)] for n in PREDICTORS]
+    return table(["", head_of("car"), head_of("recall")], rows)
 
 
 def _regret(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
@@ -143,49 +92,19 @@ def _regret(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
 def _both(predictor: str, target: str, kind: str) -> tuple[pd.Series, pd.DataFrame]:
     """What is predicted and what detectors reach, a row a rig that has both."""
     y = _reached(target, kind)
-    x = _predicted(predictor, target, kind).reindex(y.index).dropna()
+    x = _predicted(predictor, target).reindex(y.index).dropna()
     return x, y.loc[x.index]
 
 
 def _reached(target: str, kind: str) -> pd.DataFrame:
-    rigs = populations()[kind]
-    if kind == NEW:
-        rows = read("random_results").query("judge == 'specialist'")
-        rows = of(rows[rows["placement"].isin(rigs)], SHORT[target])
-    else:
-        rows = of(Judged(rigs).results, SHORT[target])
+    rows = of(Judged(populations()[kind]).results, SHORT[target])
     return rows.pivot(index="placement", columns="seed", values="value").dropna(axis=1)
 
 
-def _predicted(predictor: str, target: str, kind: str) -> pd.Series:
-    new = kind == NEW
-    if predictor in ("generalist", SHIPPED):
-        if new and predictor == "generalist":
-            return pd.Series(dtype=np.float64)
-        shipped = "random_results" if new else "shipped_results"
-        rows = read("main_results" if predictor == "generalist" else shipped)
-        rows = rows[rows["judge"] == predictor]
+def _predicted(predictor: str, target: str) -> pd.Series:
+    if predictor == "generalist":
+        rows = read("main_results").query("judge == 'generalist'")
         return of(rows, SHORT[target]).groupby("placement")["value"].mean()
-    object_class = SHORT[target][0]
-    if predictor == DRAWN:
-        own = read("random_drawn" if new else "drawn")
-        wide = surrogates_of(with_sums(own), {}, object_class)
-        return wide["expected_recall"]
-    if new:
-        wide = surrogates_of(with_sums(read("random_surrogates")), {}, object_class)
-    else:
-        known = predictors()
-        kept = known[known["surrogate"] == predictor].drop(columns="target")
-        wide = surrogates_of(with_sums(kept), {}, object_class)
-    return wide[predictor] if predictor in wide else pd.Series(dtype=np.float64)
-
-
-def figures() -> dict[str, int]:
-    """How many rigs, test objects and frames the new random rigs have."""
-    individuals = pd.read_parquet(FOLDER / "tables" / "random_individuals.parquet")
-    tested = individuals.query("split == 'test'")
-    return {
-        "rigs": len(populations()[NEW]),
-        "individuals": len(tested),
-        "cars": int((tested["class"] == "Car").sum()),
-    }
+    known = predictors()
+    kept = known[known["surrogate"] == predictor].drop(columns="target")
+    return surrogates_of(with_sums(kept), {}, SHORT[target][0])[predictor]

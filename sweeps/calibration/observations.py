@@ -78,7 +78,7 @@ def _test_objects(trial: Trial, store: AnyStore) -> tuple[CountedObjects, pd.Dat
         point.classes,
         CELL_M,
         seed=point.scene.seed,
-        vehicle=point.body(),
+        vehicle=trial.grid_point.vehicle,
     )
     return objects, frames
 

@@ -55,7 +55,8 @@ class GridPoint:
     @cached_property
     def vehicle(self) -> Vehicle | None:
         """What carries the LiDARs; None: a sedan."""
-        return self.point.body()
+        own = self.point.vehicle
+        return None if own is None else own.vehicle()
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,6 @@ from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
 from lidarplace.logs.boxes import CLASSES
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.surrogates.table import ASKED_FOR, SURROGATES
 from lidarplace.requirements.settings import Requirements
 from lidarplace.scenes.kinds import Scene
@@ -296,10 +295,6 @@ class Point(Settings):
         """What tables call the detector, which may be a command; None: there is none."""
         by_command = isinstance(self.judge, CommandJudge) and self.detector is not None
         return self.judged_by if by_command else self.detector
-
-    def body(self) -> Vehicle | None:
-        """The vehicle that carries the LiDARs; None for a sedan."""
-        return None if self.vehicle is None else self.vehicle.vehicle()
 
     def voxel_roi(self) -> Roi:
         """The ROI with its voxels."""

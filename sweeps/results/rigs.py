@@ -65,7 +65,7 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
     rigs = {own.point.placement: own.rig for own in sweep.points}
     models = lidar_models(sweep)
     drawn = list(rigs)[:MOST_DRAWN]
-    vehicle = sweep.points[0].point.body()
+    vehicle = sweep.points[0].vehicle
     section = Section(
         "Rigs",
         notes=[

@@ -122,7 +122,7 @@ WRONG = [
     (f"{CUBOID}/0/val/8", -1, "sizes must be at least 0"),
     ("frames/0/frame_properties/timestamp", "noon", "a number or a date of ISO 8601, found 'noon'"),
     (PARENT, {"quaternion": [0, 0, 0, 1]}, "a transform is matrix4x4, or translation with quatern"),
-    ("frames", None, "is no OpenLABEL file: openlabel.frames: is missing"),
+    ("frames", None, "not a valid OpenLABEL file: openlabel.frames: is missing"),
 ]
 """Where the file is made wrong, what is there then (None: nothing), and what is told."""
 

@@ -187,8 +187,8 @@ def test_a_damaged_cloud_names_its_frame(tmp_path):
     ("text", "message"),
     [
         ("{", "line 1: no JSON"),
-        ("7", "is no record of a rig: "),
-        ('{"mounts": 3}', "is no record of a rig: mounts: "),
+        ("7", "not a valid record of a rig: "),
+        ('{"mounts": 3}', "not a valid record of a rig: mounts: "),
         ('{"mounts": [{"z": "high"}], "lidars": []}', r"mounts\[0\].z: "),
         ('{"mounts": [{"z": 2}]}', "0 lidars for 1 mounts"),
         ('{"mounts": [{"z": 2}], "lidars": []}', "0 lidars for 1 mounts"),

@@ -20,6 +20,7 @@ OWN = {
     "lidarplace.configuration.further_sensors": "of the package",
     "lidarplace.rigs.catalogue.datasheet": "of the package",
     "lidarplace.recall.detection_curve": "of the package",
+    "lidarplace.requirements.presets.read": "of the package",
     "lidarplace.viewing.page": "of the package",
     "lidarplace.files.atomic": "fsync",
     "lidarplace.base.kernel_cache": "of the package",

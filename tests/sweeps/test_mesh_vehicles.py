@@ -66,7 +66,7 @@ def sweep_file(folder, name="grid.yaml", **changes):
 
 
 def body_of(folder, vehicle):
-    return read_sweep(sweep_file(folder, vehicle=vehicle)).points[0].point.body()
+    return read_sweep(sweep_file(folder, vehicle=vehicle)).points[0].vehicle
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb", "off"])

@@ -346,7 +346,7 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch):
     told = r"odd:// needs the package no_such_package: pip install no_such_package$"
     with pytest.raises(ValueError, match=told):
         open_store("odd://bucket/a", tmp_path)
-    with pytest.raises(ValueError, match="fsspec knows no protocol 's33'"):
+    with pytest.raises(ValueError, match="fsspec has no protocol 's33'"):
         open_store("s33://bucket/a", tmp_path)
 
 

@@ -147,7 +147,7 @@ def test_mistakes_are_one_line(runs, monkeypatch):
         ("without", "without/sweep.json: name: is missing"),
         ("damaged", "damaged/sweep.json: Invalid JSON"),
         ("sqlite:///mistyped.db", "mistyped.db: no such database"),
-        ("text.db", "file is not a database; restore a copy, or move it away: a sweep that is run"),
+        ("text.db", "file is not a database; restore a copy, or move the file away: the next run"),
         ("empty.db", "empty.db: is an empty file"),
         ("file:mlruns", "no such database"),
         ("nosuch://u:secret@host/db", "u:***@host/db"),

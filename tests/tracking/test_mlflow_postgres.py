@@ -99,7 +99,7 @@ def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
     assert log(range(1, 3)) == 0
     assert said == []
     assert log(range(1, 12)) == 0
-    assert [line.split(" is ")[1].split(",")[0] for line in said] == ["away", "back"]
+    assert [line.split(" is ")[1].split(",")[0] for line in said] == ["unreachable", "back"]
     postgres.kill()
     assert log([12], patience_s=0.2) == 2
     postgres.start()

@@ -58,7 +58,7 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
             assert interrupted.undelivered
             server = start_server(uri, port, tmp_path)
         assert (interrupted.undelivered, interrupted.refused) == (0, 0)
-        assert [line.split(" is ")[1].split(",")[0] for line in said] == ["away", "back"]
+        assert [line.split(" is ")[1].split(",")[0] for line in said] == ["unreachable", "back"]
         assert_logged_once(address, range(1, MORE.stop))
         assert len(list((tmp_path / "artifacts").rglob("report.html"))) == 1
 

@@ -107,7 +107,7 @@ def test_the_pages_fold_them_and_draw_what_fails(folder, page):
 def test_a_wrong_file_is_told_by_name(folder, tmp_path):
     grounds = RunFolder.read(folder).grounds
     Grounds(grounds.body, grounds.names, grounds.x, grounds.x, grounds.least).write(tmp_path)
-    with pytest.raises(ValueError, match=r"requirements\.npz: least/0/.* is no grid of x and y"):
+    with pytest.raises(ValueError, match=r"requirements\.npz: least/0/.* is not a grid of x and y"):
         Grounds.read(tmp_path)
     Grounds(grounds.body[0], grounds.names, grounds.x, grounds.y, grounds.least).write(tmp_path)
     with pytest.raises(ValueError, match=r"requirements\.npz: body must hold numbers, 2 axes"):

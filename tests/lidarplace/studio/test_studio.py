@@ -308,7 +308,7 @@ def test_a_sweep_has_the_vehicle_and_the_requirements_of_the_file(tmp_path, monk
     swept = read_yaml_file(tmp_path / "sweep.yaml")
     assert swept["requirements"] == content["requirements"]
     sweep, _ = read_plan(tmp_path / "sweep.yaml")
-    assert sweep.points[0].point.body().boxes.tolist() == content["vehicle"]
+    assert sweep.points[0].vehicle.boxes.tolist() == content["vehicle"]
     opened = yaml.safe_load(rigs_yaml(sweep))
     assert opened["requirements"] == content["requirements"]
     assert RigsSettings(**opened).vehicle == RigsSettings(**content).vehicle

@@ -68,7 +68,7 @@ def test_a_sweep_of_the_rigs_has_the_same_clouds(screened, tmp_path, monkeypatch
     write_small_log(tmp_path / "log")
     screened.sweep(tmp_path / "sweep.yaml", scene_of(tmp_path / "log"))
     sweep, _ = read_plan(tmp_path / "sweep.yaml")
-    body = sweep.points[0].point.body()
+    body = sweep.points[0].vehicle
     view, rig = screened.view, screened.placement
     crop = (ROI.x[0], ROI.y[0], ROI.z[0] - 0.5, ROI.x[1], ROI.y[1], ROI.z[1])
     swept = collect(LOG, [0], rig, crop, vehicle=body)[0]
