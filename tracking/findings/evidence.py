@@ -262,9 +262,9 @@ def ray_counting_caution(share: float) -> str | None:
         return None
     return (
         f"Expected IG counts rays here: it is {100 * share:.0f} % of what it would be if every "
-        "ray counted by itself, so a ray through voxels that others have seen is worth as much as one "
-        "through new ones. More lidar.azimuth_steps (lidar.cloud_share thins the clouds alone), a "
-        "greater surrogate.detection_probability or a coarser surrogate.resolution change that."
+        "ray counted by itself, so a ray through voxels that others have seen is worth as much as "
+        "one through new ones. More lidar.azimuth_steps (lidar.cloud_share thins the clouds alone),"
+        " a greater surrogate.detection_probability or a coarser surrogate.resolution change that."
     )
 
 
