@@ -92,6 +92,13 @@ class Interleaving:
     after: float
 
 
+def beam_gap(lidars: Sequence[Lidar]) -> float:
+    """Between neighbouring beams of the LiDARs that turn, the median, radians; 0 without any."""
+    turning = [lidar for lidar in lidars if lidar.pattern is None]
+    gaps = [np.diff(np.sort(lidar.elevations)) for lidar in turning]
+    return float(np.median(np.concatenate(gaps))) if any(map(len, gaps)) else 0.0
+
+
 def interleaving(placement: Placement) -> Interleaving | None:
     """Pitches that lay rings between each other, None where that frees less than `LEAST_GAIN`.
 
@@ -99,9 +106,7 @@ def interleaving(placement: Placement) -> Interleaving | None:
     it, in the order of the mounts.
     """
     number = len(placement.mounts)
-    turning = [lidar for lidar in placement.lidars if lidar.pattern is None]
-    gaps = [np.diff(np.sort(lidar.elevations)) for lidar in turning]
-    gap = float(np.median(np.concatenate(gaps))) if any(map(len, gaps)) else 0.0
+    gap = beam_gap(placement.lidars)
     pitches = tuple((i - (number - 1) / 2) / number * gap for i in range(number))
     mounts = [
         replace(mount, pitch=math.fmod(mount.pitch + pitch, math.tau))

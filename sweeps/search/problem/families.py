@@ -6,6 +6,7 @@ rings between each other, a roll outwards, a pitch of all. A search over all mou
 for each LiDAR.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, TypeVar
@@ -15,6 +16,7 @@ from optuna.distributions import FloatDistribution
 from scipy.stats import qmc
 
 from lidarplace import Lidar
+from lidarplace.mounting.ring_overlap import beam_gap
 from sweeps.search.problem.space import Slot, Space
 
 _Item = TypeVar("_Item")
@@ -108,7 +110,7 @@ def _laid_out(
     zone, model = _one_of(zones, kind), _one_of(names, kind)
     spread = 0.4 + 0.6 * apart  # nearer LiDARs are like one
     shares = _one_of(_LAYOUTS, layout)(len(slots), spread, height)
-    gap = _beam_gap_deg(models[model]) / sum(slot.size for slot in slots)
+    gap = math.degrees(beam_gap([models[model]])) / sum(slot.size for slot in slots)
     steps = _one_of(_STEPS, step) * gap * (np.arange(len(slots)) - (len(slots) - 1) / 2)
     outwards, nose = _one_of(_ROLLS_DEG, roll), _one_of(_PITCHES_DEG, pitch)
     params: dict[str, Any] = {}
@@ -123,12 +125,6 @@ def _laid_out(
                 value = min(max(value, distribution.low), distribution.high)
             params[key] = value
     return params
-
-
-def _beam_gap_deg(lidar: Lidar) -> float:
-    """Between two beams, the median, degrees; 0 of a single one."""
-    gaps = np.diff(np.unique(lidar.elevations))
-    return float(np.degrees(np.median(gaps))) if len(gaps) else 0.0
 
 
 def _even(number: int, spread: float) -> list[float]:
