@@ -92,7 +92,7 @@ def judge(
 ) -> list[Outcome]:
     """What becomes of requirements that are laid out around `vehicle` under one rig.
 
-    LiDARs that are dead cost little: what a rig has without them is told from the counts of all.
+    LiDARs that are dead cost little: what a rig has without them follows from the counts of all.
     One inside of the vehicle's body sees nothing.
 
     Args:
