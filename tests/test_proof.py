@@ -43,7 +43,7 @@ def test_intervals_of_the_contrast_hold_the_truth(of_seed, of_route):
     held = []
     for _ in range(150):
         difference, half, seeds = contrast(
-            drawn(random, 1.0, of_seed, of_route), "found", list(TESTS)
+            drawn(random, 1.0, of_seed, of_route), ("found", "center"), list(TESTS)
         )
         assert seeds == SEEDS
         held.append(abs(difference - 1.0) <= half)

@@ -1,7 +1,8 @@
-"""The contrast of the proof: what the found rig gains over the baseline, by network and test set.
+"""The contrasts of the proof: what one rig gains over another, by network and test set.
 
-Run as `python studies/proof/contrast.py [RUN ...]`. What run folders of `verify.yaml` have is
-written to `contrast.parquet` and `distance.parquet` first; without any these are read.
+Run as `python studies/proof/contrast.py [RUN ...]`. What run folders of `verify.yaml` and
+`budgets.yaml` have is written to `contrast.parquet` and `distance.parquet` first; without any these
+are read.
 """
 
 from __future__ import annotations
@@ -18,7 +19,12 @@ from lidarplace.command_line.terminal import table
 from tracking.statistics.jackknife import sample_error
 
 FOLDER = Path(__file__).parent
-BASELINE = "center"
+PAIRS = (
+    ("found", "center"),  # the planned contrast
+    ("found", "found_upright"),  # what the rolls are worth
+    ("found", "found_lower"),  # what the height is worth
+)
+"""Rigs, and what they are compared with."""
 METRICS = {
     "Car AP over IoU": ("Car", "AP_R40_3D_mean", 0.0),
     "Car AP @ 0.7": ("Car", "AP_R40_3D", 0.7),
@@ -33,7 +39,7 @@ _KEYS = ["network", "test", "placement", "seed", "class", "metric", "iou"]
 
 
 def main() -> None:
-    """Print a table for each rig that is compared with BASELINE."""
+    """Print a table for each of PAIRS."""
     if len(sys.argv) > 1:
         runs = [_read(Path(run)) for run in sys.argv[1:]]
         pd.concat(runs, ignore_index=True).to_parquet(FOLDER / "contrast.parquet", index=False)
@@ -41,17 +47,20 @@ def main() -> None:
         far.to_parquet(FOLDER / "distance.parquet", index=False)
         _individuals(Path(sys.argv[1])).to_csv(FOLDER / "individuals.csv", index=False)
     rows = read()
-    for rig in sorted(set(rows["placement"]) - {BASELINE}):
+    for pair in PAIRS:
         lines = []
-        for network, own in rows.groupby("network"):
+        for network, every in rows.groupby("network"):
+            own = every[every["placement"].isin(pair)]
             tests = sorted(set(own["test"]))
+            if own["placement"].nunique() < 2:
+                continue
             for name, wanted in METRICS.items():
                 of_metric = _of(own, wanted)
-                every = _cell(of_metric, rig, tests)
-                cells = [every, *(_cell(of_metric, rig, [test]) for test in tests)]
+                cells = [_cell(of_metric, pair, asked) for asked in (tests, *([t] for t in tests))]
                 lines.append((str(network), name, *cells))
-        head = ("", "", "mean of the tests", *tests)
-        show(table(f"{rig} less {BASELINE}, points, 95 %", head, lines))
+        if lines:
+            head = ("", "", "mean of the tests", *tests)
+            show(table(f"{pair[0]} less {pair[1]}, points, 95 %", head, lines))
 
 
 def read() -> pd.DataFrame:
@@ -65,24 +74,34 @@ def individuals(object_class: str) -> int:
     return int(counts["individuals"].sum())
 
 
-def gain(network: str, metric: str, rig: str = "found", test: str | None = None) -> str:
+def gain(
+    network: str, metric: str, test: str | None = None, pair: tuple[str, str] = PAIRS[0]
+) -> str:
     """The contrast of a network and metric, mean of the tests or of one, to a tenth of a point."""
     rows = read().query("network == @network")
     tests = sorted(set(rows["test"])) if test is None else [test]
-    difference, half, _ = contrast(_of(rows, METRICS[metric]), rig, tests)
+    difference, half, _ = contrast(_of(rows, METRICS[metric]), pair, tests)
     low, high = difference - half, difference + half
     return f"{difference:+.1f} ({low:+.1f} to {high:+.1f})".replace("-", "−")
 
 
-def gain_at(network: str, metric: str, from_m: float, rig: str = "found") -> str:
+def seeds(network: str, pair: tuple[str, str] = PAIRS[0]) -> int:
+    """How many seeds a contrast has."""
+    rows = _of(read().query("network == @network"), METRICS["recall of all"])
+    return contrast(rows, pair, sorted(set(rows["test"])))[2]
+
+
+def gain_at(network: str, metric: str, from_m: float, pair: tuple[str, str] = PAIRS[0]) -> str:
     """What the rig gains in a ring of distances, mean over seeds and tests, points."""
     rows = pd.read_parquet(FOLDER / "distance.parquet").query("network == @network")
     rows = _of(rows[rows["from_m"] == from_m], METRICS[metric])
     means = rows.set_index("placement")["value"]
-    return f"{means[rig] - means[BASELINE]:+.1f}".replace("-", "−")
+    return f"{means[pair[0]] - means[pair[1]]:+.1f}".replace("-", "−")
 
 
-def contrast(rows: pd.DataFrame, rig: str, tests: list[str]) -> tuple[float, float, int]:
+def contrast(
+    rows: pd.DataFrame, pair: tuple[str, str], tests: list[str]
+) -> tuple[float, float, int]:
     """The mean difference over seeds and tests, the half-width of its 95 % interval, and seeds.
 
     Seeds are paired. The objects of a test err alike for all seeds: theirs is the paired jackknife
@@ -91,14 +110,15 @@ def contrast(rows: pd.DataFrame, rig: str, tests: list[str]) -> tuple[float, flo
     Args:
         rows: of one network and metric, as `_read` has them.
     """
-    pair = rows[rows["placement"].isin([rig, BASELINE])]
-    whole = pair[pair["unit"] == ""]
+    rig, other = pair
+    rows = rows[rows["placement"].isin(pair)]
+    whole = rows[rows["unit"] == ""]
     values = whole.pivot_table(index="seed", columns=["test", "placement"], values="value")
-    gains = pd.DataFrame({test: values[test][rig] - values[test][BASELINE] for test in tests})
+    gains = pd.DataFrame({test: values[test][rig] - values[test][other] for test in tests})
     by_seed = gains.dropna().mean(axis=1)
     parts = [(by_seed.var(ddof=1) / len(by_seed), len(by_seed) - 1.0)]
     for test in tests:
-        error = sample_error(pair[pair["test"] == test], paired=True)
+        error = sample_error(rows[rows["test"] == test], paired=True)
         if error is None:
             raise ValueError(f"{test}: the error of its objects is unknown")
         parts.append((2 * error.variance / len(tests) ** 2, error.degrees))
@@ -108,10 +128,10 @@ def contrast(rows: pd.DataFrame, rig: str, tests: list[str]) -> tuple[float, flo
     return float(by_seed.mean()), float(half), len(by_seed)
 
 
-def _cell(rows: pd.DataFrame, rig: str, tests: list[str]) -> str:
-    difference, half, seeds = contrast(rows, rig, tests)
+def _cell(rows: pd.DataFrame, pair: tuple[str, str], tests: list[str]) -> str:
+    difference, half, known = contrast(rows, pair, tests)
     low, high = difference - half, difference + half
-    return f"{difference:+.2f} ({low:+.2f} to {high:+.2f}), {seeds} seeds"
+    return f"{difference:+.2f} ({low:+.2f} to {high:+.2f}), {known} seeds"
 
 
 def _of(rows: pd.DataFrame, wanted: tuple[str, str, float]) -> pd.DataFrame:
