@@ -219,7 +219,9 @@ def _once(
         if place not in tables:
             table = rows()
             tables[place] = None if table is None else with_columns(table, columns)
-    return _stack([table for table in tables.values() if table is not None])
+    # Trials may share some of their tasks: one that trains has the training frames besides.
+    rows = _stack([table for table in tables.values() if table is not None])
+    return rows.drop_duplicates(ignore_index=True)
 
 
 def _points(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:

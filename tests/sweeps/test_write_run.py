@@ -1,6 +1,7 @@
 """Tables of the run folder that say which objects were behind the numbers."""
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan, read_plan
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.promotion import Promotion
-from sweeps.results.run_folder import Run, write_run
+from sweeps.results.run_folder import Run, _once, write_run
 from sweeps.store.local import Store
 from sweeps.store.open import store_of
 from sweeps.tasks.parameters import (
@@ -88,6 +89,14 @@ def test_rows_of_settings_that_differ_are_told_apart(table, stages):
     """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
     keys = {key.partition(".")[0] for stage in stages for key in keys_of(object.__new__(stage))}
     assert keys - {"placement", "classes"} <= set(table.axes)
+
+
+def test_rows_that_trials_share_in_part_are_there_once():
+    """A detector from a file has the test frames alone, one that is trained the others, too."""
+    tested, trained = SimpleNamespace(key="test"), SimpleNamespace(key="train")
+    rows = pd.DataFrame({"split": ["test", "train"], "object_id": [1, 2]})
+    found = [(None, [tested], lambda: rows[:1]), (None, [tested, trained], lambda: rows)]
+    pd.testing.assert_frame_equal(_once(sweep_tables.INDIVIDUALS, (), found), rows)
 
 
 def test_the_vehicle_is_kept_to_be_drawn(folder):
