@@ -114,7 +114,7 @@ COMMAND = {
     "detector": "second",
     "judge": {
         "command": "{python} judge.py {clouds} {detections} {rig} {seed}",
-        "format": "nuscenes",
+        "format": "parquet",
         "name": "mine",
         "folder": ".",
         "depends_on": ["rig.yaml", "rigs"],
