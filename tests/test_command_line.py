@@ -17,9 +17,8 @@ from sweeps.command_line import VERBS, app
 ROOT = Path(__file__).parents[1]
 CONVERT = ("nuscenes", "argoverse", "table", "kitti")
 COMMANDS = [
-    *(name for name in VERBS if name not in ("convert", "sensors")),
+    *(name for name in VERBS if name != "convert"),
     *(f"convert {name}" for name in CONVERT),
-    *("sensors list", "sensors fit"),
 ]
 
 

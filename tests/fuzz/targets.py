@@ -191,7 +191,6 @@ QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=partial(_box_log, "log"), check=SOUND),
-    Target("sensors fit", "cloud.parquet", "sensors fit cloud.parquet --out lidar.yaml"),
     Target(
         "recorded log",
         "recorded/rig.json recorded/boxes.parquet",
@@ -264,7 +263,6 @@ DATA: tuple[Target, ...] = (
             ("urdf", ".urdf", ".urdf"),
             ("ros2", ".launch.xml", ".launch.xml"),
             ("carla", ".json", ".json"),
-            ("osi", ".json", ".json"),
         )
     ),
     Target("KITTI clouds", "kitti/training/velodyne/*.bin", read=_kitti_clouds),

@@ -114,7 +114,7 @@ COMMAND = {
     "detector": "second",
     "judge": {
         "command": "{python} judge.py {clouds} {detections} {rig} {seed}",
-        "format": "nuscenes",
+        "format": "parquet",
         "name": "mine",
         "folder": ".",
         "depends_on": ["rig.yaml", "rigs"],
@@ -183,7 +183,7 @@ def _rigs(folder: Path) -> None:
     model = SensorSettings(name="vlp32c")
     rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("left", Mount(0, 1, 1), model)]
     for name, known in FORMATS.items():
-        suffix = ".json" if name in ("carla", "osi") else (*known.suffixes, "")[0]
+        suffix = ".json" if name == "carla" else (*known.suffixes, "")[0]
         known.write(folder / f"{name}{suffix}", rig)
 
 
@@ -257,14 +257,11 @@ def _clouds(folder: Path) -> None:
 
     from lidarplace.clouds.clouds import PointClouds, write_clouds
     from lidarplace.clouds.recorded import rig_record
-    from lidarplace.rigs.lidar import Lidar
     from lidarplace.rigs.placement import PAPER_PLACEMENTS
-    from tests.lidarplace.test_sensors_fit import cloud_of
 
     random = np.random.default_rng(0)
     clouds = [(random.uniform(0, 1, (50, 4)).astype(np.float32), [20, 30]) for _ in FRAMES]
     write_clouds(folder / "clouds/route", PointClouds.from_frames(FRAMES, clouds, CROP))
-    cloud_of(Lidar.even(6, (-15, 5), 120)).to_parquet(folder / "cloud.parquet", index=False)
     record = json.dumps(rig_record(PAPER_PLACEMENTS["line"]))
     (folder / "clouds/placement.json").write_text(record)
 

@@ -30,18 +30,6 @@ class Poses:
         turns[:, 2] = boxes[GEOMETRY[6]]
         return cls(boxes[list("xyz")].to_numpy(np.float64), Rotation.from_rotvec(turns))
 
-    @classmethod
-    def of_ego(cls, table: pd.DataFrame) -> "Poses":
-        """Those of `ego_columns`."""
-        turns = table[["ego_yaw", "ego_pitch", "ego_roll"]].to_numpy(np.float64)
-        position = table[["ego_x", "ego_y", "ego_z"]].to_numpy(np.float64)
-        return cls(position, Rotation.from_euler("ZYX", turns))
-
-    @property
-    def quaternions(self) -> NDArray[np.float64]:
-        """w, x, y, z; (N, 4)."""
-        return np.asarray(self.rotation.as_quat().reshape(-1, 4)[:, [3, 0, 1, 2]])
-
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Poses":
         # Not self.rotation[rows], which refuses to take nothing from nothing.
         return Poses(self.position[rows], Rotation.from_quat(self.rotation.as_quat()[rows]))

@@ -1,4 +1,4 @@
-"""A first guess of the mapping of a label file, from names and values of its columns."""
+"""A first guess of the mapping of a label file: columns by their names, units by their values."""
 
 import json
 from collections.abc import Iterator
@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 
 from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausible import SIZES
-from lidarplace.scenes.label_tables.guess_columns import (
-    add_columns_by_values,
-    class_in,
-    guess_columns,
-)
+from lidarplace.scenes.label_tables.guess_columns import class_in, guess_columns
 from lidarplace.scenes.label_tables.mapping import Columns
 from lidarplace.scenes.label_tables.read import read_table
 from lidarplace.scenes.label_tables.units import (
@@ -34,8 +30,8 @@ NEAR_GROUND_M = 0.1
 def propose_mapping(path: Path) -> str:
     """A mapping of the label file as YAML, with comments that say what each guess is from.
 
-    A column that neither name nor values identify is a key without value: reading such a mapping
-    is an error.
+    A column that its name does not identify is a key without value: reading such a mapping is an
+    error.
 
     Raises:
         ValueError: the file cannot be read, or has no row.
@@ -45,19 +41,17 @@ def propose_mapping(path: Path) -> str:
         raise ValueError(f"{path}: has no row")
     table.columns = table.columns.map(str)
     columns = guess_columns(list(table.columns))
-    named = set(columns)
     if "time" in columns:
         columns.pop("frame", None)
-    add_columns_by_values(table, columns)
     lines = [f"# A guess from names and values of {path.name}: check every line of it."]
-    return "\n".join([*lines, *_Proposal(table, columns, columns.keys() - named).lines()]) + "\n"
+    return "\n".join([*lines, *_Proposal(table, columns).lines()]) + "\n"
 
 
 class _Proposal:
     """The parts of the mapping, which depend on each other's units."""
 
-    def __init__(self, table: pd.DataFrame, columns: dict[str, str], by_values: set[str]) -> None:
-        self.table, self.columns, self.by_values = table, columns, by_values
+    def __init__(self, table: pd.DataFrame, columns: dict[str, str]) -> None:
+        self.table, self.columns = table, columns
         x, y, z = (self._numbers(axis) for axis in "xyz")
         ego_x, ego_y, ego_z = (self._numbers(f"poses.{axis}") for axis in "xyz")
         relative = np.hypot(x - ego_x, y - ego_y)
@@ -102,10 +96,6 @@ class _Proposal:
         found = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
         return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
 
-    def _name(self, key: str) -> str:
-        """Of the column, and the evidence if it was not its name."""
-        return _text(self.columns[key]) + "   # by its values" * (key in self.by_values)
-
     def _step(self) -> float:
         """From one time stamp of a drive to the next, in the median; NaN if there is one."""
         drive = self.columns.get("drive")
@@ -120,7 +110,7 @@ class _Proposal:
         yield "columns:"
         for key, field in Columns.model_fields.items():
             if key in self.columns:
-                yield f"  {key}: {self._name(key)}"
+                yield f"  {key}: {_text(self.columns[key])}"
             elif field.is_required() or (key == "time" and "frame" not in self.columns):
                 yield f"  {key}:   # nothing tells it; other columns: {_text(others)}"
 
@@ -145,7 +135,7 @@ class _Proposal:
         yield "poses:"
         for key in ("x", "y", "z", "yaw"):
             if f"poses.{key}" in self.columns:
-                yield f"  {key}: {self._name(f'poses.{key}')}"
+                yield f"  {key}: {_text(self.columns[f'poses.{key}'])}"
         yield f"  position: {self.position.unit}   # as of boxes"
         angle = guess_angle(self.columns["poses.yaw"], self._numbers("poses.yaw"))
         yield f"  angle: {angle.unit}   # {angle.why}"
