@@ -7,6 +7,7 @@ from pathlib import Path
 from lidarplace.rig_files.carla import read_carla, write_carla
 from lidarplace.rig_files.mounted import MountedLidar, Vector
 from lidarplace.rig_files.nuscenes import read_nuscenes_rig, write_nuscenes_rig
+from lidarplace.rig_files.osi import read_osi, write_osi
 from lidarplace.rig_files.ros2 import read_ros2, write_ros2
 from lidarplace.rig_files.urdf import read_urdf, write_urdf
 from lidarplace.scenes.datasets.nuscenes import ORIGIN
@@ -41,6 +42,7 @@ FORMATS = {
     "urdf": RigFormat(read_urdf, write_urdf, suffixes=(".urdf",), frames=True),
     "ros2": RigFormat(read_ros2, write_ros2, suffixes=(".launch.xml", ".launch"), frames=True),
     "carla": RigFormat(read_carla, write_carla, (0.0, 0.0, 0.0), lidars_alone=True),
+    "osi": RigFormat(read_osi, write_osi),
 }
 """By name."""
 

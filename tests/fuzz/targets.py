@@ -263,6 +263,7 @@ DATA: tuple[Target, ...] = (
             ("urdf", ".urdf", ".urdf"),
             ("ros2", ".launch.xml", ".launch.xml"),
             ("carla", ".json", ".json"),
+            ("osi", ".json", ".json"),
         )
     ),
     Target("KITTI clouds", "kitti/training/velodyne/*.bin", read=_kitti_clouds),

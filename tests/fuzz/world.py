@@ -183,7 +183,7 @@ def _rigs(folder: Path) -> None:
     model = SensorSettings(name="vlp32c")
     rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("left", Mount(0, 1, 1), model)]
     for name, known in FORMATS.items():
-        suffix = ".json" if name == "carla" else (*known.suffixes, "")[0]
+        suffix = ".json" if name in ("carla", "osi") else (*known.suffixes, "")[0]
         known.write(folder / f"{name}{suffix}", rig)
 
 

@@ -154,7 +154,7 @@ FURTHER = [
 ]
 
 
-@pytest.mark.parametrize("name", ["own", "nuscenes"])
+@pytest.mark.parametrize("name", ["own", "nuscenes", "osi"])
 def test_cameras_and_radars_come_back(name, tmp_path):
     path = tmp_path / "rig.yaml"
     if name == "own":

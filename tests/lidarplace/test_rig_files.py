@@ -136,6 +136,24 @@ def test_a_urdf_of_another_library(tmp_path):
     np.testing.assert_allclose(left.mount.rotation, expected.rotation, atol=1e-9)
 
 
+def test_an_osi_configuration_of_another_library(tmp_path):
+    out = tmp_path / "rig.yaml"
+    source = DATA / "sensor_view_configuration.json"
+    found_by_command(source, out, "--format", "osi", "--origin", -1.4, 0, 0.3, "--lidar", "vlp16")
+    (lidar,) = read_own(out)
+    assert (lidar.name, lidar.model.name) == ("lidar_7", "vlp16")
+    np.testing.assert_allclose(lidar.mount.position, [0, 0, 1.8], atol=1e-9)
+    np.testing.assert_allclose(lidar.mount.rotation, rotation(0.1, -0.2, 3.0), atol=1e-9)
+
+
+def test_the_messages_own_names_are_read_as_well(tmp_path):
+    path = tmp_path / "view.json"
+    place = {"position": {"x": 1.0}, "orientation": {"yaw": 0.5}}
+    path.write_text(json.dumps({"lidar_sensor_view_configuration": [{"mounting_position": place}]}))
+    (lidar,) = FORMATS["osi"].read(path, [])
+    assert lidar == MountedLidar("lidar_0", Mount(x=1.0, yaw=0.5))
+
+
 LAUNCH = """<launch>
   <node pkg="tf2_ros" exec="static_transform_publisher"
     args="0 0 1.5 1.5707963267948966 0 0 base_link roof"/>
@@ -223,12 +241,14 @@ def test_calibrations_of_nuscenes(tmp_path):
 
 
 def test_a_lidar_under_the_ground_is_told(tmp_path):
-    where = ("--origin", 0, 0, -1.6, "--only", "LIDAR_*")
-    done = found_by_command(DATA / "car.urdf", tmp_path / "rig.yaml", *where)
-    assert "is 0.1 m under the ground" in done.stderr
+    source = DATA / "sensor_view_configuration.json"
+    done = found_by_command(
+        source, tmp_path / "rig.yaml", "--format", "osi", "--origin", 0, 0, -1.6
+    )
+    assert "warning: lidar_7 is 0.1 m under the ground" in done.stderr
 
 
 def test_a_number_that_python_does_not_read(tmp_path):
-    (tmp_path / "rig.json").write_text('{"objects": [%s]}' % ("1" * 5000))
+    (tmp_path / "rig.json").write_text('{"lidarSensorViewConfiguration": [%s]}' % ("1" * 5000))
     with pytest.raises(ValueError, match="a number of more than 4,300 digits"):
-        FORMATS["carla"].read(tmp_path / "rig.json", [])
+        FORMATS["osi"].read(tmp_path / "rig.json", [])

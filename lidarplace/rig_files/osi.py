@@ -1,0 +1,160 @@
+"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON.
+
+https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen describes the
+messages. They say how a simulator shall show the world to a LiDAR, not which LiDAR it is: rays in
+them may be any number, so models are not read.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.alias_generators import to_camel
+
+from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
+from lidarplace.configuration.record import NoTruth, Number, read_record
+from lidarplace.configuration.settings import fault
+from lidarplace.files.atomic import write_text
+from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
+from lidarplace.rigs.further_sensors import Camera
+
+
+class _Message(BaseModel):
+    """Field names as in the messages, or as protobuf's JSON has them; what is 0 may be left out."""
+
+    model_config = ConfigDict(alias_generator=to_camel, populate_by_name=True, extra="ignore")
+
+
+class _Vector3d(_Message):
+    x: Number = 0.0
+    y: Number = 0.0
+    z: Number = 0.0
+
+
+class _Orientation3d(_Message):
+    """Radians; yaw about z, then pitch about the new y, then roll about the new x."""
+
+    roll: Number = 0.0
+    pitch: Number = 0.0
+    yaw: Number = 0.0
+
+
+class _MountingPosition(_Message):
+    position: _Vector3d = _Vector3d()
+    orientation: _Orientation3d = _Orientation3d()
+
+
+class _Identifier(_Message):
+    value: Annotated[int, NoTruth] = 0
+
+
+class _OneSensor(_Message):
+    """What LiDARs, cameras and radars have; angles are of cameras and radars, radians."""
+
+    sensor_id: _Identifier = _Identifier()
+    mounting_position: _MountingPosition
+    field_of_view_horizontal: Number = 0.0
+    field_of_view_vertical: Number = 0.0
+    number_of_pixels_horizontal: Annotated[int, NoTruth] = 0
+    number_of_pixels_vertical: Annotated[int, NoTruth] = 0
+
+
+class _SensorViewConfiguration(_Message):
+    lidar_sensor_view_configuration: list[_OneSensor] = []
+    camera_sensor_view_configuration: list[_OneSensor] = []
+    radar_sensor_view_configuration: list[_OneSensor] = []
+
+
+def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+    """The sensors of a configuration, called by kind and id, `lidar_1`.
+
+    Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
+    and no range.
+
+    Raises ValueError: the file is no such configuration.
+    """
+    view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
+    lidars = []
+    for kind in ("lidar", "camera", "radar"):
+        for each in getattr(view, f"{kind}_sensor_view_configuration"):
+            at, turned = each.mounting_position.position, each.mounting_position.orientation
+            name = f"{kind}_{each.sensor_id.value}"
+            angles = (turned.roll, turned.pitch, turned.yaw)
+            mount = mount_at((at.x, at.y, at.z), angles, f"{path}: {name}")
+            further = None if kind == "lidar" else _further(kind, each, f"{path}: {name}")
+            lidars.append(MountedLidar(name, mount, further=further))
+    names = named_like([lidar.name for lidar in lidars], only, str(path))
+    return [lidar for lidar in lidars if lidar.name in names]
+
+
+def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSettings:
+    across, up = (
+        round(math.degrees(angle), 9)
+        for angle in (own.field_of_view_horizontal, own.field_of_view_vertical)
+    )
+    pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
+    known: dict[str, Any] = {"z": 0.0}
+    try:
+        if kind == "camera":
+            known |= {"fov_deg": (across, up)} if across and up else {}
+            known |= {"pixels": pixels} if all(pixels) else {}
+            return CameraSettings.model_validate(known)
+        known |= {"azimuth_deg": (-across / 2, across / 2)} if across else {}
+        known |= {"elevation_deg": (-up / 2, up / 2)} if up else {}
+        return RadarSettings.model_validate(known)
+    except ValidationError as error:
+        raise fault(error, where) from None
+
+
+def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
+    """Write a configuration; ids count from 1, of each kind.
+
+    Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
+    OSI's fields of view are even about the sensor's axis: the smallest that holds all beams.
+    """
+    found: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
+    for each in lidars:
+        views = found.setdefault(f"{each.kind}SensorViewConfiguration", [])
+        views.append(
+            {
+                "sensorId": {"value": str(len(views) + 1)},
+                "mountingPosition": {
+                    "position": {axis: getattr(each.mount, axis) for axis in "xyz"},
+                    "orientation": {
+                        axis: getattr(each.mount, axis) for axis in ("roll", "pitch", "yaw")
+                    },
+                },
+                **_rays(each),
+            }
+        )
+    write_text(path, json.dumps(found, indent=1))
+
+
+def _rays(mounted: MountedLidar) -> dict[str, Any]:
+    if mounted.further is not None and (built := mounted.further.built()) is not None:
+        if isinstance(built, Camera):
+            angles = [
+                2 * math.atan(max(at, side - at) / focal)
+                for side, at, focal in zip(built.pixels, built.centre, built.focal, strict=True)
+            ]
+            pixels = zip(("Horizontal", "Vertical"), built.pixels, strict=True)
+            view: dict[str, Any] = {f"numberOfPixels{side}": number for side, number in pixels}
+        else:
+            start, width = built.azimuth
+            angles = [2 * max(abs(start), abs(start + width)), 2 * max(map(abs, built.elevation))]
+            view = {}
+        across, up = angles
+        return {"fieldOfViewHorizontal": across, "fieldOfViewVertical": up} | view
+    if mounted.model is None:
+        return {}
+    lidar = mounted.model.lidar()
+    view = {
+        "fieldOfViewHorizontal": 2 * max(abs(end) for end in lidar.azimuth),
+        "fieldOfViewVertical": 2 * max(abs(elevation) for elevation in lidar.elevations),
+    }
+    if lidar.pattern is not None:
+        return view
+    return view | {"numberOfRaysHorizontal": lidar.fired_steps, "numberOfRaysVertical": lidar.beams}
