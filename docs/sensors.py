@@ -90,29 +90,30 @@ turning prisms.
 
 ## Your own LiDAR, from its clouds
 
-Elevations come from a few sweeps with a column `ring`, in the frame of the LiDAR:
-
-```python
-from pathlib import Path
-
-import numpy as np
-from lidarplace.clouds.cloud_files import read_cloud
-
-cloud = read_cloud(Path("clouds/sweeps/0.parquet"))  # or .bin, .pcd.bin, .pcd, .feather, .npy
-cloud["elevation_deg"] = np.degrees(np.arctan2(cloud["z"], np.hypot(cloud["x"], cloud["y"])))
-rings = cloud[np.hypot(cloud["x"], cloud["y"]) > 3].groupby("ring")["elevation_deg"]
-print(rings.median().sort_values().round(3).tolist())  # lidar.elevations_deg
-print(rings.size().max())  # returns of a beam: at most lidar.azimuth_steps
+```sh
+lidarplace sensors fit clouds/sweeps --like vlp16 --out lidar.yaml
 ```
 
+prints the beams, elevations, laser offsets, azimuth steps, range noise and share of returns that
+the clouds show, with those of the catalogue, and writes them as `lidar`, to copy into a
+configuration. Other values, such as the range, stay the catalogue's; without `--like` the nearest
+LiDAR is shown.
+
+- Clouds have a column `ring`, or the order of KITTI's files, in which ring follows ring. Without
+  either the pattern is unknown, and the command refuses. Formats: .bin, .pcd.bin, .pcd, .feather,
+  .parquet, .npy. Up to ten sweeps of a folder are used.
+- Clouds are in the frame of their LiDAR. For clouds in the vehicle's frame `--rig` names the
+  mounts, a YAML file or a log that has its rig, and `--mount` the pose of one LiDAR; `--origin`
+  is where that frame starts in ours, such as `-1.425 0 0.33` for files of Argoverse 2. `--out` is
+  a file of `mounts` then. Rays that do not start near the LiDAR's origin are an error.
 - `offsets_m` has the height of every laser above the sensor's origin, along its z axis: rays
   start there in clouds, `expected_recall`, requirements, coverage and shares of rays on the body.
   Each block of equal offsets is cast by itself. Sight lines of the near field start at the
   origin. CARLA's LiDARs have none: `offsets_m: null`.
-- `hdl64e` has elevations and offsets of KITTI's unit, fitted to three of its sweeps: 0.20 m for the
-  upper 32 lasers and 0.12 m for the lower; other units differ. Nominal elevations were off by 0.27
-  degrees in the median, 0.75 at most. `vlp32c` agrees with sweeps of Argoverse 2 to 0.001 degrees
-  in the median, `hdl32e` with one of nuScenes to 0.013.
+- `hdl64e` has elevations and offsets of KITTI's unit. The command found them in three of its
+  sweeps, 0.20 m for the upper 32 lasers and 0.12 m for the lower; other units differ. Nominal
+  elevations were off by 0.27 degrees in the median, 0.75 at most. `vlp32c` agrees with sweeps of
+  Argoverse 2 to 0.001 degrees in the median, `hdl32e` with one of nuScenes to 0.013.
 - The steps of the catalogue are those of 10 turns a second. A name may have another rate:
   `hdl32e@20hz` has half of them, as on the vehicles of nuScenes.
 

@@ -17,6 +17,7 @@ from tests.docs_verbs import app_of
 from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
 from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.lidarplace.test_sensors_fit import cloud_of
 from tests.lidarplace.waymo_layout import Box as WaymoBox
 from tests.lidarplace.waymo_layout import Segment, write_waymo
 from tests.mlflow_database import write_database
@@ -105,8 +106,7 @@ def make_world(folder: Path) -> None:
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)
     (folder / "clouds/sweeps").mkdir(parents=True)
-    sweep = pd.DataFrame(10 * Lidar.even(16, (-15, 15), 400).directions(), columns=list("xyz"))
-    sweep.assign(ring=sweep.index // 400).to_parquet(folder / "clouds/sweeps/0.parquet")
+    cloud_of(Lidar.even(16, (-15, 15), 400)).to_parquet(folder / "clouds/sweeps/0.parquet")
     (folder / "our_car.yaml").write_text(
         "lidars: {up_lidar: {mask: {azimuth_deg: 360, shares: [1]}}}"
     )

@@ -17,8 +17,9 @@ from sweeps.command_line import VERBS, app
 ROOT = Path(__file__).parents[1]
 CONVERT = ("nuscenes", "argoverse", "table", "kitti")
 COMMANDS = [
-    *(name for name in VERBS if name != "convert"),
+    *(name for name in VERBS if name not in ("convert", "sensors")),
     *(f"convert {name}" for name in CONVERT),
+    *("sensors list", "sensors fit"),
 ]
 
 

@@ -1,15 +1,30 @@
-"""LiDARs known by name: `lidarplace sensors [NAME …]`."""
+"""LiDARs known by name, `lidarplace sensors [NAME …]`, or fitted, `lidarplace sensors fit`."""
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
+from lidarplace.commands.sensors_fit import fit
 from lidarplace.rigs.catalogue.datasheet import Datasheet, catalogue, datasheet
 
-app = new_app()
+
+class _NamesOrFit(TyperGroup):
+    """Lists the LiDARs that are named, unless the first word is another command."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        known = args and (args[0] in self.commands or args[0] == "--help")
+        return super().parse_args(ctx, args if known else ["list", *args])
+
+
+app = new_app(
+    cls=_NamesOrFit,
+    help="List the LiDARs that are known by name (`list` may be left out), or fit one.",
+)
+verb(app, "sweeps/ --like vlp32c --out lidar.yaml", "000000.bin --like hdl64e")(fit)
 
 HEAD = (
     *("name", "model", "beams", "elevation", "azimuth", "rays"),
@@ -18,7 +33,7 @@ HEAD = (
 """Degrees and metres."""
 
 
-@verb(app, "", "vlp16 at128", "vlp16 --json")
+@verb(app, "", "vlp16 at128", "vlp16 --json", name="list")
 def main(
     names: Annotated[
         list[str] | None,

@@ -191,6 +191,7 @@ QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=partial(_box_log, "log"), check=SOUND),
+    Target("sensors fit", "cloud.parquet", "sensors fit cloud.parquet --out lidar.yaml"),
     Target(
         "recorded log",
         "recorded/rig.json recorded/boxes.parquet",

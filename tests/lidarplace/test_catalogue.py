@@ -2,7 +2,6 @@
 
 import json
 import math
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -11,12 +10,9 @@ from typer.testing import CliRunner
 
 from lidarplace import Lidar
 from lidarplace.commands.sensors import app
-from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.rigs.catalogue.datasheet import catalogue, datasheet
-from lidarplace.scenes.datasets.recorded_rig import KITTI_STEPS, NUSCENES_STEPS
 
 SHEETS = catalogue()
-FACTS = json.loads((Path(__file__).parents[1] / "data" / "scan_fits.json").read_text("utf-8"))
 
 
 @pytest.mark.parametrize("name", SHEETS)
@@ -132,34 +128,3 @@ def test_command():
     assert wrong.exit_code == 2
     assert wrong.stderr.count("\n") == 1
     assert "did you mean vlp16?" in wrong.stderr
-
-
-@pytest.mark.parametrize("name", FACTS["lidars"])
-def test_the_catalogue_agrees_with_real_clouds(name):
-    own = FACTS["lidars"][name]
-    lidar = Lidar.named(name)
-    apart = np.abs(np.degrees(lidar.elevations) - own["elevations_deg"])
-    assert np.median(apart) < own["median_deg"] + 0.001
-    assert apart.max() < own["largest_deg"] + 0.001
-    blocks = own["offsets_m"]
-    assert (lidar.offsets is None) == (blocks is None)
-    if blocks is not None:
-        np.testing.assert_allclose(lidar.offsets, np.repeat(blocks, 32), atol=0.01)
-
-
-def test_a_name_may_have_a_rate():
-    steps = Lidar.named("HDL-32E @ 20 Hz").azimuth_steps
-    assert steps == Lidar.named("hdl32e").azimuth_steps / 2
-    assert FACTS["lidars"]["hdl32e"]["azimuth_steps"] == pytest.approx(steps, rel=0.01)
-    assert Lidar.named("hdl32e@10hz") == Lidar.named("hdl32e")
-    assert SensorSettings(name="hdl32e@20hz").lidar().azimuth_steps == steps
-    for name in ("hdl32e@", "hdl32e@fast", "hdl32e@0hz", "hdl32e@1e9hz", "mid40@20hz", "x@20hz"):
-        with pytest.raises(ValueError, match=r"rate|pattern|no LiDAR"):
-            Lidar.named(name)
-
-
-def test_the_rates_of_recorded_rigs():
-    assert FACTS["lidars"]["hdl64e"]["azimuth_steps"] == pytest.approx(KITTI_STEPS, rel=0.005)
-    assert FACTS["lidars"]["hdl32e"]["azimuth_steps"] == pytest.approx(NUSCENES_STEPS, rel=0.005)
-    steps = Lidar.named("vlp32c").azimuth_steps
-    assert FACTS["lidars"]["vlp32c"]["azimuth_steps"] == pytest.approx(steps, rel=0.01)

@@ -1,0 +1,303 @@
+"""The scan pattern of a LiDAR from its clouds: elevations, offsets of lasers, steps, noise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.errors import InputError
+from lidarplace.rigs.lidar import MOST_OFFSET
+
+NEAREST_M = 3.0
+"""Nearer points are of the vehicle, or bent by the receiver's optics."""
+LEAST_POINTS = 50
+"""Of a ring."""
+LEAST_RINGS = 2
+MOST_RINGS = 10_000
+FARTHEST_M = 10_000.0
+MOST_SPREAD_DEG = 0.2
+"""Half of the points of a ring are within so much of its elevation, in the sensor's frame."""
+LEAST_OFFSET_M = 0.02
+"""Smaller differences of offsets are those of the fit."""
+LEAST_STEP = 1e-4
+"""Radians between two firings; the returns of one firing are nearer to each other."""
+MOST_STEPS = 3
+"""Between returns; over wide gaps the number of steps is not sure."""
+SMOOTH_M = 0.15
+"""A surface is smooth where its range differs by less over two steps."""
+NOISE_RANGES_M = (3.0, 30.0)
+
+
+@dataclass(frozen=True)
+class ScanFit:
+    """What clouds show of the LiDAR that recorded them.
+
+    Attributes:
+        rings: their numbers in the file, by elevation from the lowest.
+        elevations: of every ring, radians, ascending.
+        offsets: of every laser along the sensor's z axis, metres; None: all start at one point.
+        azimuth_steps: firings of a beam per turn.
+        range_noise: standard deviation of a range, metres; None: no smooth surface shows it.
+        share: of all firings that returned.
+        range: farthest return, metres.
+        rate: turns a second; None: the clouds have no times.
+        origin: x, y, z where the rays start, metres; near 0 in the LiDAR's frame.
+        left_out: rings with fewer than LEAST_POINTS.
+    """
+
+    rings: tuple[int, ...]
+    elevations: tuple[float, ...]
+    offsets: tuple[float, ...] | None
+    azimuth_steps: int
+    range_noise: float | None
+    share: float
+    range: float
+    rate: float | None
+    origin: tuple[float, float, float]
+    left_out: tuple[int, ...]
+
+
+def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
+    """Fit the pattern of one LiDAR.
+
+    Args:
+        clouds: of one sweep each, by their files, x, y, z in the sensor's frame, metres, and
+            ring; without it, rings must follow each other in the order of the points. Points that
+            are NaN are left out. `time`, seconds, is optional.
+
+    Raises:
+        InputError: there is neither a ring nor an order, the clouds are too small, or they are not
+            in the sensor's frame.
+    """
+    rays = pd.concat([_rays(cloud, name).assign(sweep=name) for name, cloud in clouds.items()])
+    place = next(iter(clouds)) + (f" and {len(clouds) - 1} more" if len(clouds) > 1 else "")
+    numbered = all("ring" in cloud for cloud in clouds.values())
+    in_sweep = rays.groupby("sweep")["ring"].max() + 1
+    if not numbered and in_sweep.nunique() > 1:  # nobody knows which one is missing
+        raise InputError(
+            "clouds without a ring column have different numbers of rings",
+            place=place,
+            found=", ".join(map(str, sorted(set(in_sweep)))),
+            fix="leave out those with fewer rings",
+        )
+    counts = rays.groupby("ring").size()
+    left_out = counts.index[counts < LEAST_POINTS]
+    rays = rays.loc[~rays["ring"].isin(left_out)]
+    if rays["ring"].nunique() < LEAST_RINGS:
+        raise InputError(
+            "cloud too small to fit a pattern",
+            place=place,
+            expected=f"{LEAST_RINGS} rings of {LEAST_POINTS} points",
+            found=f"{len(counts) - len(left_out)} of {int(counts.sum())} points",
+        )
+    rings = _Rings([own for _, own in rays.groupby("ring")])
+    numbers = rays["ring"].drop_duplicates().sort_values().to_numpy()
+    elevations, offsets, spread = rings.directions()
+    start = rings.origin(elevations, offsets)
+    if np.degrees(spread) > MOST_SPREAD_DEG or np.linalg.norm(start) > MOST_OFFSET:
+        raise InputError(
+            "cloud is not in the frame of its LiDAR",
+            place=place,
+            expected=f"rays that start within {MOST_OFFSET:g} m of its origin",
+            found=f"a start at ({', '.join(f'{value:.2f}' for value in start)}) m, elevations "
+            f"that spread by {np.degrees(spread):.2f} degrees",
+            fix="name its pose with --rig or --mount",
+        )
+    order = np.argsort(elevations, kind="stable")
+    steps = rings.azimuth_steps()
+    if steps is None:
+        raise InputError("points of a ring are all at one azimuth", place=place)
+    turns = len(numbers) * steps * len(clouds)
+    return ScanFit(
+        tuple(numbers[order].tolist()),
+        tuple(elevations[order].tolist()),
+        None if offsets is None else tuple(offsets[order].round(3).tolist()),
+        steps,
+        rings.noise(2 * np.pi / steps),
+        min(len(rays) / turns, 1.0),  # sweeps may be a little more than a turn
+        float(rays["range"].max()),
+        _rate([*clouds.values()]),
+        (float(start[0]), float(start[1]), float(start[2])),
+        tuple(left_out.tolist()),
+    )
+
+
+def _rays(cloud: pd.DataFrame, place: str) -> pd.DataFrame:
+    """Columns ring, level (distance from the z axis), z, range and azimuth of the points."""
+    points = cloud[["x", "y", "z"]].to_numpy(np.float64)
+    known = np.isfinite(points).all(axis=1)
+    x, y, z = points[known].T
+    farthest = np.abs(points[known]).max(initial=0.0)
+    if farthest > FARTHEST_M:
+        raise InputError(
+            "implausible point",
+            place=place,
+            expected=f"coordinates within {FARTHEST_M:g} m",
+            found=f"{farthest:g} m",
+        )
+    azimuth, level = np.arctan2(y, x), np.hypot(x, y)
+    ring = cloud["ring"].to_numpy()[known] if "ring" in cloud else _rings_in_order(azimuth, place)
+    if not ((ring >= 0) & (ring < MOST_RINGS) & (ring == np.round(ring))).all():
+        raise InputError(f"ring: expected whole numbers from 0 to {MOST_RINGS - 1}", place=place)
+    columns = {"level": level, "z": z, "range": np.hypot(level, z), "azimuth": azimuth}
+    rays = pd.DataFrame(columns | {"ring": ring.astype(np.int64)})
+    return rays[rays["level"] > 0]
+
+
+def _rings_in_order(azimuth: NDArray[np.float64], place: str) -> NDArray[np.int64]:
+    """Numbers of rings that follow each other in a file: each begins where the azimuth wraps."""
+    change = np.diff(azimuth % (2 * np.pi), prepend=azimuth[:1] % (2 * np.pi))
+    wraps = max(change < -np.pi, change > np.pi, key=np.count_nonzero)
+    rings: NDArray[np.int64] = np.cumsum(wraps)
+    sizes = np.bincount(rings)
+    # In order a ring holds long runs; shuffled points wrap every few, columns hold no steps.
+    runs = np.count_nonzero(sizes >= LEAST_POINTS) >= LEAST_RINGS
+    if not runs or np.median(sizes) < LEAST_POINTS or np.median(np.abs(change)) < LEAST_STEP:
+        raise InputError(
+            "no ring column, and rings do not follow each other in the file",
+            place=place,
+            expected="a column ring, or KITTI's order",
+            found=f"{int(wraps.sum())} turns of the azimuth in {len(azimuth):,} points",
+        )
+    return rings
+
+
+class _Rings:
+    """The points of every laser, a table each."""
+
+    def __init__(self, rings: Sequence[pd.DataFrame]) -> None:
+        self._all = rings
+        far = [ring[ring["range"] > NEAREST_M] for ring in rings]
+        self._far = [
+            own if len(own) >= LEAST_POINTS else ring for own, ring in zip(far, rings, strict=True)
+        ]
+
+    def directions(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, float]:
+        """Elevations of the lasers, their offsets or None, and the spread about them, radians.
+
+        Offsets are those of blocks of lasers next to each other. They are given where they explain
+        at least half of the spread.
+        """
+        none = np.zeros(len(self._all))
+        elevations, spread = self._elevations(none)
+        order, offsets = np.argsort(elevations), none.copy()
+        lines = np.array([_line(ring) for ring in self._far])
+        offsets[order] = _in_blocks(lines[order])
+        others, less = self._elevations(offsets)
+        if less < 0.5 * spread and np.abs(offsets).max() > LEAST_OFFSET_M:
+            return others, offsets, less
+        return elevations, None, spread
+
+    def origin(
+        self, elevations: NDArray[np.float64], offsets: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Where the rays start, x, y, z in metres, by how rings bend over azimuth.
+
+        From (x, y) a point is nearer to the axis by x cos(azimuth) + y sin(azimuth).
+        """
+        heights = np.zeros(len(elevations)) if offsets is None else offsets
+        ring = pd.concat(
+            own.assign(slope=np.tan(elevation), z=own["z"] - height)
+            for own, elevation, height in zip(self._far, elevations, heights, strict=True)
+        )
+        slope, azimuth = ring["slope"].to_numpy(), ring["azimuth"].to_numpy()
+        bent = slope * ring["level"].to_numpy() - ring["z"].to_numpy()
+        sides = slope[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        kept, start = np.ones(len(bent), np.bool_), np.zeros(2)
+        for _ in range(4):
+            start = np.linalg.lstsq(sides[kept], bent[kept], rcond=None)[0]
+            apart = np.abs(bent - sides @ start)
+            kept = apart <= 2.5 * 1.4826 * np.median(apart) + 1e-6
+        return np.array([*start, np.median(heights)])
+
+    def _elevations(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Medians over each ring, and the median distance from them, radians."""
+        each = [
+            np.arctan2(ring["z"] - offset, ring["level"])
+            for ring, offset in zip(self._far, offsets, strict=True)
+        ]
+        middle = np.array([own.median() for own in each])
+        apart = [(own - own.median()).abs().median() for own in each]
+        return middle, float(np.median(apart))
+
+    def azimuth_steps(self) -> int | None:
+        """Steps of a turn, by those between returns of a laser that follow each other."""
+        sweeps = [own["azimuth"] for ring in self._all for _, own in ring.groupby("sweep")]
+        gaps = np.concatenate([np.diff(np.sort(own)) for own in sweeps])
+        fired = gaps[gaps > LEAST_STEP]
+        if not len(fired):
+            return None
+        step = np.median(fired[fired < 1.5 * np.quantile(fired, 0.25)])
+        steps = np.round(gaps / step)
+        near = steps <= MOST_STEPS
+        return round(2 * np.pi * float(steps[near].sum() / gaps[near].sum()))
+
+    def noise(self, step: float) -> float | None:
+        """From second differences of ranges along rings where surfaces are smooth."""
+        found = []
+        for ring in self._all:
+            for _, own in ring.groupby("sweep"):
+                own = own.sort_values("azimuth")
+                r, turns = own["range"].to_numpy(), np.diff(own["azimuth"]) / step
+                single = np.abs(turns - 1) < 0.3
+                kept = single[1:] & single[:-1] & (np.abs(r[2:] - r[:-2]) < SMOOTH_M)
+                kept &= (r[1:-1] > NOISE_RANGES_M[0]) & (r[1:-1] < NOISE_RANGES_M[1])
+                found.append((r[2:] - 2 * r[1:-1] + r[:-2])[kept])
+        bends = np.concatenate(found)
+        if len(bends) < LEAST_POINTS:
+            return None
+        return float(1.4826 * np.median(np.abs(bends - np.median(bends))) / np.sqrt(6))
+
+
+def _line(ring: pd.DataFrame) -> tuple[float, float]:
+    """Height at which the line of a ring meets the z axis, metres, and how well it is known, 1/m.
+
+    Points that are far from the line, as those of mixed returns, are left out step by step.
+    """
+    level, z = ring["level"].to_numpy(), ring["z"].to_numpy()
+    kept = np.ones(len(z), np.bool_)
+    slope, height, width = 0.0, 0.0, 1.0
+    for _ in range(6):
+        middle = level[kept].mean()
+        width = float(((level[kept] - middle) ** 2).sum())
+        if kept.sum() < LEAST_POINTS or width < 1.0:
+            return height, 0.0
+        slope = float(((level[kept] - middle) * z[kept]).sum() / width)
+        height = float(z[kept].mean() - slope * middle)
+        apart = np.abs(z - slope * level - height)
+        kept = apart <= 2.5 * 1.4826 * np.median(apart[kept]) + 1e-6
+    return height, float(np.sqrt(width) / middle)
+
+
+def _in_blocks(lines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The offset of the block that each laser is in; a block is split where that halves the misfit.
+
+    Args:
+        lines: offset and weight of each laser, by elevation, shape (lasers, 2).
+    """
+
+    def misfit(part: NDArray[np.float64]) -> float:
+        return float((np.abs(part[:, 0] - _middle(part)) * part[:, 1]).sum())
+
+    both = [misfit(lines[:n]) + misfit(lines[n:]) for n in range(1, len(lines))]
+    if both:
+        n = int(np.argmin(both)) + 1
+        apart = abs(_middle(lines[:n]) - _middle(lines[n:]))
+        if apart > LEAST_OFFSET_M and both[n - 1] < 0.5 * misfit(lines):
+            return np.concatenate([_in_blocks(lines[:n]), _in_blocks(lines[n:])])
+    return np.full(len(lines), _middle(lines))
+
+
+def _middle(lines: NDArray[np.float64]) -> float:
+    """Weighted median of offsets."""
+    order = np.argsort(lines[:, 0])
+    weights = lines[order, 1].cumsum()
+    return float(lines[order[np.searchsorted(weights, 0.5 * weights[-1])], 0])
+
+
+def _rate(clouds: Sequence[pd.DataFrame]) -> float | None:
+    """Turns a second by the median time of a sweep."""
+    times = [np.ptp(cloud["time"].dropna()) for cloud in clouds if "time" in cloud]
+    return float(1 / np.median(times)) if times and min(times) > 0 else None

@@ -1,0 +1,268 @@
+"""The model of a LiDAR from its own clouds: `lidarplace sensors fit CLOUDS`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+import typer
+import yaml
+
+from lidarplace.base.errors import InputError
+from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
+from lidarplace.clouds.scan_fit import ScanFit, fit_scan
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import checked_input
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.files.atomic import write_text
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.own import as_written, read_own, write_own
+from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, catalogue, datasheet
+from lidarplace.rigs.placement import Mount
+
+MOST_CLOUDS = 10
+"""Of a folder: more sweeps say little more."""
+OTHER_RATE = 0.1
+"""Share of the catalogue's steps by which a LiDAR that turns at another rate differs."""
+
+Pose = tuple[float, float, float, float, float, float]
+
+
+def fit(
+    clouds: Annotated[
+        list[Path],
+        typer.Argument(help="files of one sweep each, or folders of them", metavar="CLOUDS..."),
+    ],
+    like: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="of the catalogue: gives what clouds do not show; by default the nearest is shown",
+            autocompletion=lambda: list(catalogue()),
+        ),
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(
+            help="for clouds in the ego frame: YAML file of the mounts, or a log with its rig"
+        ),
+    ] = None,
+    mount: Annotated[
+        Pose | None,
+        typer.Option(help="the same for one LiDAR: x y z roll pitch yaw, metres and degrees"),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            help="x y z in metres of ours where the ego frame of the clouds starts, with --rig"
+        ),
+    ] = (0.0, 0.0, 0.0),
+    out: Annotated[
+        Path | None, typer.Option(help="YAML file to write: `lidar`, or `mounts` of a rig")
+    ] = None,
+) -> None:
+    """Fit elevations, laser offsets, azimuth steps and range noise to clouds of a LiDAR.
+
+    Clouds have a column ring, or KITTI's order. They are in the frame of their LiDAR, or in that of
+    the vehicle, with --rig or --mount.
+    """
+    with checked_input():
+        sheet = None if like is None else datasheet(like)
+        if sheet is not None and sheet.rosette is not None:
+            raise InputError(f"{sheet.name} has no beams that turn", place="--like")
+        found = []
+        for place, sweeps in _by_lidar(_files(clouds), _lidars(rig, mount, origin)).items():
+            own = fit_scan(sweeps)
+            if sheet is not None:
+                _check_rings(own, sheet, next(iter(sweeps)))
+            beside = sheet or _nearest(own)
+            found.append((place, own, beside, _model(own, sheet)))
+        if out is not None:
+            _write(out, [(place, model) for place, _, _, model in found], rig or mount)
+    for place, own, beside, _ in found:
+        _show(place.name, own, beside)
+    if out is not None:
+        say(out)
+
+
+def _files(clouds: Sequence[Path]) -> list[Path]:
+    found = []
+    for path in clouds:
+        if path.is_dir():
+            inside = sorted(own for own in path.iterdir() if own.name.endswith(CLOUD_SUFFIXES))
+            if not inside:
+                raise InputError(
+                    "no clouds", place=str(path), expected=f"files of {', '.join(CLOUD_SUFFIXES)}"
+                )
+            found += inside
+        else:
+            found.append(path)
+    if len(found) > MOST_CLOUDS:
+        say(f"fitted to {MOST_CLOUDS} of {len(found)} clouds, evenly spread", sys.stderr)
+        found = [found[n * len(found) // MOST_CLOUDS] for n in range(MOST_CLOUDS)]
+    return found
+
+
+def _lidars(
+    rig: Path | None, mount: Pose | None, origin: tuple[float, float, float]
+) -> list[MountedLidar]:
+    """Of the vehicle in the frame of its clouds, none for clouds in the sensor's frame."""
+    if rig is not None and mount is not None:
+        raise InputError("names the mounts already", place="--rig", fix="leave --mount out")
+    if mount is not None:
+        return [MountedLidar("lidar", Mount.degrees(*mount))]
+    if rig is None:
+        return []
+    if not rig.is_dir():
+        return [own.moved(*(-value for value in origin)) for own in read_own(rig)]
+    known = list(read_box_log(rig).rigs.values())
+    if not known or any(other != known[0] for other in known):
+        raise InputError(
+            "scenes have different rigs" if known else "log has no recorded rig",
+            place=f"--rig {rig}",
+            fix="name a pose with --mount",
+        )
+    return [
+        MountedLidar(name, own).moved(*(-value for value in origin))
+        for name, own in zip(known[0].names, known[0].placement.mounts, strict=True)
+    ]
+
+
+def _by_lidar(
+    files: Sequence[Path], lidars: Sequence[MountedLidar]
+) -> dict[MountedLidar, dict[str, pd.DataFrame]]:
+    """The sweeps of each LiDAR in its own frame, by their files."""
+    found: dict[MountedLidar, dict[str, pd.DataFrame]] = {}
+    for path in files:
+        cloud = read_cloud(path)
+        parts = cloud.groupby("lidar") if "lidar" in cloud else [(None, cloud)]
+        for number, part in parts:
+            place = _place(number, lidars, path)
+            mount = place.mount
+            points = (part[["x", "y", "z"]].to_numpy(np.float64) - mount.position) @ mount.rotation
+            own = part.assign(**dict(zip("xyz", points.T, strict=True)))
+            name = str(path) if number is None else f"{path}: {place.name}"
+            found.setdefault(place, {})[name] = own
+    if len(found) > 1 and not lidars:
+        raise InputError(
+            f"{len(found)} LiDARs in one cloud", place=str(files[0]), fix="name their poses: --rig"
+        )
+    return found
+
+
+def _place(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLidar:
+    """The LiDAR of a value of column lidar, a name or a number in the order of the rig."""
+    if not lidars:
+        return MountedLidar("lidar" if number is None else str(number), Mount())
+    if number is None and len(lidars) == 1:
+        return lidars[0]
+    by_name: Mapping[Any, MountedLidar] = {own.name: own for own in lidars}
+    by_number = dict(enumerate(lidars))
+    if number not in by_name and number not in by_number:
+        raise InputError(
+            "no column lidar" if number is None else f"unknown LiDAR {number}",
+            place=str(path),
+            expected=f"one of {', '.join(by_name)}, or their numbers from 0",
+        )
+    return by_name[number] if number in by_name else by_number[number]
+
+
+def _check_rings(own: ScanFit, sheet: Datasheet, place: str) -> None:
+    beams = len(sheet.elevations_deg)
+    if max(*own.rings, *own.left_out) >= beams:
+        raise InputError(
+            f"rings beyond the beams of {sheet.name}",
+            place=place,
+            expected=f"0 to {beams - 1}",
+            found=str(max(*own.rings, *own.left_out)),
+        )
+
+
+def _nearest(own: ScanFit) -> Datasheet | None:
+    """The LiDAR of the catalogue with as many beams whose elevations are nearest."""
+    same = [s for s in catalogue().values() if len(s.elevations_deg) == len(own.elevations)]
+    return min(same, key=lambda sheet: float(np.median(_apart(own, sheet))), default=None)
+
+
+def _apart(own: ScanFit, sheet: Datasheet) -> Any:
+    """Differences of elevations, degrees: beam by beam, or from the nearest beam."""
+    fitted, stated = np.degrees(own.elevations), np.array(sheet.elevations_deg)
+    if len(fitted) == len(stated):
+        return np.abs(fitted - stated)
+    return np.abs(fitted[:, None] - stated).min(axis=1)
+
+
+def _model(own: ScanFit, sheet: Datasheet | None) -> SensorSettings:
+    known: dict[str, Any] = {
+        "elevations_deg": [round(math.degrees(e), 3) for e in own.elevations],
+        "offsets_m": own.offsets,
+        "azimuth_steps": own.azimuth_steps,
+    }
+    known |= {"range": float(math.ceil(own.range))} if sheet is None else {"name": sheet.name}
+    if own.range_noise is not None:
+        known["range_noise"] = round(own.range_noise, 4)
+    return SensorSettings.model_validate(known)
+
+
+def _write(out: Path, models: Sequence[tuple[MountedLidar, SensorSettings]], posed: object) -> None:
+    if posed:
+        write_own(out, [MountedLidar(own.name, own.mount, model) for own, model in models])
+        return
+    ((_, model),) = models
+    content = {"lidar": as_written(model)}
+    write_text(out, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
+
+
+def _show(name: str, own: ScanFit, sheet: Datasheet | None) -> None:
+    head = (name, "fitted", "–" if sheet is None else sheet.name)
+    output().print(table(None, head, _rows(own, sheet)))
+    if sheet is not None:
+        apart = _apart(own, sheet)
+        say(
+            f"elevations differ from those of {sheet.name} by {np.median(apart):.3f} degrees in "
+            f"the median, {apart.max():.3f} at most"
+        )
+        ratio = own.azimuth_steps / sheet.azimuth_steps
+        if abs(ratio - 1) > OTHER_RATE:
+            say(
+                f"warning: {own.azimuth_steps:,} azimuth steps are {ratio:.2f} of those of "
+                f"{sheet.name} at {FRAMES_PER_S} Hz: it turns at about "
+                f"{FRAMES_PER_S / ratio:.1f} Hz, as {sheet.name}@{FRAMES_PER_S / ratio:.0f}hz does",
+                sys.stderr,
+            )
+    if own.left_out:
+        rings = ", ".join(map(str, own.left_out))
+        say(f"warning: rings with too few points are left out: {rings}", sys.stderr)
+
+
+def _rows(own: ScanFit, sheet: Datasheet | None) -> Iterator[tuple[str, str, str]]:
+    degrees = np.degrees(own.elevations)
+    stated = None if sheet is None else np.array(sheet.elevations_deg)
+    rate = "–" if own.rate is None else f"{own.rate:.1f}"
+    yield "beams", str(len(degrees)), "" if stated is None else str(len(stated))
+    yield "elevation, degrees", _ends(degrees), "" if stated is None else _ends(stated)
+    yield "laser offsets, m", _blocks(own.offsets), _blocks(sheet.offsets_m if sheet else None)
+    yield "rays start at, m", " ".join(f"{value:.2f}" for value in own.origin), ""
+    yield "azimuth steps", f"{own.azimuth_steps:,}", f"{sheet.azimuth_steps:,}" if sheet else ""
+    yield "rate, Hz", rate, str(FRAMES_PER_S) if sheet else ""
+    yield "range noise, m", _number(own.range_noise), _number(sheet.range_noise if sheet else None)
+    yield "range, m", f"{own.range:.0f}", f"{sheet.range:g}" if sheet else ""
+    yield "returns, %", f"{100 * own.share:.0f}", ""
+
+
+def _ends(degrees: Any) -> str:
+    return f"{degrees.min():.2f} to {degrees.max():.2f}"
+
+
+def _blocks(offsets: Sequence[float] | None) -> str:
+    return "–" if offsets is None else ", ".join(f"{own:g}" for own in dict.fromkeys(offsets))
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
