@@ -375,7 +375,7 @@ def test_the_plan_as_json(config):
     plan = json.loads(lidarplace("run", config, "--dry-run", "--json").stdout)
     assert list(plan) == [
         *("name", "stages", "rungs", "scenes", "trials", "requirements", "anchors"),
-        *("memory", "cautions", "estimate"),
+        *("memory", "cautions"),
     ]
     assert plan["stages"]["surrogates"] == {"tasks": 2, "cached": 0}
     assert plan["stages"]["finetune"] == {"tasks": 1, "cached": 0}

@@ -106,7 +106,7 @@ def pretrain(
 
 def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep, Task[Trained]]:
     """What a file trains on, and the sweep that names its store. Raises ConfigError."""
-    from sweeps.configuration.file import ConfigError
+    from sweeps.configuration.file import named
     from sweeps.configuration.grid import read_sweep
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import training_of
@@ -122,7 +122,5 @@ def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep,
     if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
         overrides = [*overrides, "training.checkpoint=null"]
     sweep, plan = read_plan(config, overrides)
-    try:
+    with named(config):
         return sweep, training_of(sweep, plan)
-    except ConfigError as error:
-        raise ConfigError(f"{config}: {error}") from None

@@ -11,6 +11,7 @@ from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.rigs.weather import Weather
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
+from sweeps.configuration.file import named
 from sweeps.configuration.sweep import LidarSettings, Point
 
 
@@ -33,11 +34,9 @@ class Rigs:
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
         self._subset = cache(_subset)
-        try:
+        with named("placements"):
             for name in own:
                 self.of(first, name)
-        except ValueError as error:
-            raise ValueError(f"placements: {error}") from None
 
     def of(self, point: Point, name: str | None = None) -> Placement:
         """The rig of a point, or the one called `name` with its LiDARs and in its weather.
@@ -49,10 +48,8 @@ class Rigs:
         """
         name, subset = name or point.placement, None
         if names := self.recorded(name):
-            try:
+            with named(f"{name}.recorded"):
                 subset = self._subset(point.scene, point.lidar, names)
-            except ValueError as error:
-                raise ValueError(f"{name}.recorded: {error}") from None
         return self._built(name, point.lidar.lidar(), point.weather.weather(), subset)
 
     def recorded(self, name: str) -> tuple[str, ...]:

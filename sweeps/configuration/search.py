@@ -15,7 +15,6 @@ from lidarplace.configuration.further_sensors import CameraSettings, RadarSettin
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
-    Pair,
     PlaceSettings,
     mountable,
     number_as_interval,
@@ -33,8 +32,6 @@ from lidarplace.configuration.settings import (
     Distance,
     Factor,
     Name,
-    Number,
-    Probability,
     Seconds,
     Seed,
     Settings,
@@ -49,11 +46,7 @@ from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Mount
 from sweeps.configuration.sweep import Common, Point, best_of
 
-Scalar = Text | bool | int | Number | None
-
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
-PRUNERS = ("median", "successive_halving")
-
 
 Turn = Annotated[
     tuple[Degrees, Degrees], BeforeValidator(number_as_interval), AfterValidator(ordered)
@@ -123,24 +116,6 @@ class FixedSettings(MountSettings):
     model: Name | None = Field(None, description="of `models`; the first one by default")
 
 
-class NearFieldSettings(Settings):
-    """A box around the vehicle that has to be seen, past the vehicle's own body."""
-
-    x: Pair = Field((-4.0, 4.0), description="metres")
-    y: Pair = Field((-2.5, 2.5), description="metres")
-    z: Pair = Field((0.0, 1.0), description="metres")
-    resolution: Distance = Field(0.2, gt=0, description="edge of a voxel, metres")
-    coverage: Probability = Field(description="least share of its voxels")
-
-
-class ConstraintSettings(LimitSettings):
-    """What a placement has to keep."""
-
-    near_field: NearFieldSettings | None = Field(
-        None, description="coverage required close to the vehicle"
-    )
-
-
 FAMILIES = 16
 """Trials of few numbers with which a search by a generalist begins."""
 
@@ -185,7 +160,6 @@ class ObjectiveSettings(Settings):
     )
     also: tuple[Text, ...] = Field(
         (),
-        exclude_if=lambda value: not value,  # keys of searches without it stay
         description="further measured values, such as [recall] or [recall.Pedestrian]: the "
         "objective is the mean of all; generalist.AP_R40_3D_mean.Car and recall is short for it",
     )
@@ -291,20 +265,6 @@ def _several(value: Any) -> Any:
     return value if isinstance(value, (list, tuple)) else [value]
 
 
-class RangeSettings(Settings):
-    """Numbers from `low` to `high`; whole ones if both are."""
-
-    low: int | Number = Field(description="smallest value")
-    high: int | Number = Field(description="largest value")
-    log: bool = Field(False, description="on a logarithmic scale")
-
-    @model_validator(mode="after")
-    def _ordered(self) -> RangeSettings:
-        if not self.low <= self.high or (self.log and self.low <= 0):
-            raise ValueError("allowed is low <= high, and low > 0 with log")
-        return self
-
-
 class GreedySettings(Settings):
     """A grid of candidate mounts, from which greedy choice takes the best, one after the other."""
 
@@ -368,9 +328,7 @@ class SearchSettings(Settings):
     lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] = Field(
         (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
     )
-    zones: dict[Name, ZoneSettings] = Field(
-        default={}, description="by name; without zones LiDARs are where `placement` has them"
-    )
+    zones: dict[Name, ZoneSettings] = Field(min_length=1, description="by name")
     models: dict[Name, Annotated[ModelSettings, short_for("name")]] = Field(
         default={}, description="LiDAR models by name; by default the one of the key `lidar`"
     )
@@ -390,29 +348,24 @@ class SearchSettings(Settings):
     )
     adapt: CountFromOne | None = Field(
         None,
-        exclude_if=lambda value: value is None,
         description="trials of a first round, NAME_first, by the weights of objective: pretrained; "
         "they are then trained further on rigs near the best, as `generalist` says, and evaluate "
         "the other trials, which start from these rigs",
     )
     near_start: bool = Field(
         False,
-        exclude_if=lambda value: not value,
         description="a generalist is trained on rigs near those of `start`, off by up to a tenth "
         "of a zone and 5 degrees, in place of rigs anywhere in the zones",
     )
     families: Count | None = Field(
         None,
-        exclude_if=lambda value: value is None,  # keys of searches without it stay
         description="trials to begin with that have few numbers: LiDARs around the middle of a "
         "zone, across, in a stack, with pitches that lay rings between each other or a roll "
         "outwards; null: 16 where a generalist evaluates, else none",
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     keep_out: KeepOuts = Field(default={})
-    constraints: ConstraintSettings = Field(
-        ConstraintSettings(), description="limits of a placement"
-    )
+    constraints: LimitSettings = Field(LimitSettings(), description="limits of a placement")
     requirements: Requirements = Field(
         (),
         description="what must be seen around the vehicle, as in a file of requirements; other "
@@ -425,10 +378,6 @@ class SearchSettings(Settings):
         (ObjectiveSettings(by=DEFAULT_METRIC, judge=GENERALIST),),
         min_length=1,
         description="one or several; expected_ig.Car is short for one class; generalist by default",
-    )
-    space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
-        default={},
-        description="key path -> values or {low, high, log}, searched together with the placement",
     )
     sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
         "tpe", description="Optuna sampler"
@@ -452,15 +401,6 @@ class SearchSettings(Settings):
     )
     over: Literal["mean", "worst"] = Field(
         "mean", description="how values over traffic and vehicles are combined"
-    )
-    rungs: tuple[dict[str, Any], ...] = Field(
-        default=(), description="shorter trainings first, such as {training.epochs: 1}"
-    )
-    pruner: Literal[PRUNERS] = Field(  # type: ignore[valid-type]
-        "median", description="stops trials after a rung"
-    )
-    storage: Text | None = Field(
-        None, description="URL of a database for Optuna; a journal in the run folder if null"
     )
     greedy: GreedySettings | None = Field(
         GreedySettings(), description="greedy choice and upper bound; null: none"
@@ -496,10 +436,6 @@ class SearchSettings(Settings):
                 raise ValueError(
                     "objective: expected one judge for all objectives, generalist or specialist"
                 )
-            if not self.zones or self.space:
-                raise ValueError("objective: a generalist judges rigs in zones, without `space`")
-            if self.rungs:
-                raise ValueError("rungs: are shorter trainings, and a generalist is trained once")
             tests = max(len(self.traffic.search), len(self.traffic.choice))
             if self.over == "worst" and tests * (self.vehicles or 1) == 1:
                 raise ValueError("over: worst needs several, in traffic or by vehicles")
@@ -520,15 +456,6 @@ class SearchSettings(Settings):
         self.further()
         if any(o.one_lidar_dead for o in self.objective) and self.most_lidars < 2:
             raise ValueError("objective: one_lidar_dead: needs two or more LiDARs")
-        if self.space and not any(measured):
-            raise ValueError(
-                "space: surrogates depend on the placement alone; choose a measured objective such "
-                "as AP_R40_3D.Car"
-            )
-        if not self.zones and not self.space:
-            raise ValueError("zones: name at least one, or key paths in `space`")
-        if self.rungs and (not any(measured) or len(self.objective) > 1):
-            raise ValueError("rungs: prune the trainings of a single measured objective")
         for fixed in self.fixed:
             if fixed.lidar is not None:
                 raise ValueError("fixed: lidar: name it in `models`, and the model here")
@@ -542,9 +469,7 @@ class SearchSettings(Settings):
 
     @property
     def first_families(self) -> int:
-        """How many trials are of families; none where LiDARs have no zones."""
-        if not self.zones:
-            return 0
+        """How many trials are of families."""
         if self.families is not None:
             return self.families
         return FAMILIES if self.objective[0].judged else 0
@@ -596,9 +521,6 @@ class SearchSettings(Settings):
                     f"{place}: common_view.pairs: LiDARs of a search have no fixed numbers; "
                     f"expected all or chain, found {[list(pair) for pair in view.pairs]}"
                 )
-        for key in ("keep_out", "requirements"):
-            if getattr(self, key) and not self.zones:
-                raise ValueError(f"{key}: no zones to place LiDARs in")
         if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
             unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
             if unknown or not self.models:
@@ -625,7 +547,7 @@ class SearchSettings(Settings):
             if value is not None and not (name == "distance" and value == 0)
         }
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
-        if limits and self.zones and not self.objective[0].judged:
+        if limits and not self.objective[0].judged:
             raise ValueError(
                 f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would look where "
                 "nothing is allowed; take tpe, gp, nsga2 or nsga3, or lift them "
@@ -662,7 +584,7 @@ class SearchFile(Common, Point):
         description="mounting errors in simulated clouds; real rigs perform worse than "
         "on paper alone",
     )
-    placement: Name = Field("line", description="where no zone is given")
+    placement: Name = Field("line", description="not for searches, which have search.start")
     search: SearchSettings = Field(description="zones, constraints, objective and sampler")
     robustness: RobustnessSettings | None = Field(
         RobustnessSettings(), description="sensitivity of the winner; null: skip"
@@ -678,8 +600,3 @@ class SearchFile(Common, Point):
                 if by not in (*METRICS.own, *self.metrics):
                     raise ValueError(f"search.objective: {by} is not among metrics")
         return self
-
-    @property
-    def urls(self) -> tuple[str, ...]:
-        """Addresses that may hold secrets."""
-        return (*super().urls, *filter(None, [self.search.storage]))

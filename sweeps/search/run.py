@@ -45,7 +45,7 @@ from sweeps.search.trials.study import (
     open_study,
     quiet,
     run_study,
-    storage_for,
+    storage_in,
 )
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
 from sweeps.store.open import AnyStore, reference
@@ -98,8 +98,8 @@ class SearchWork:
     def open(self, folder: Path, say: Say) -> ParentRun:
         """Open Optuna's storage."""
         file, search = self.problem.file, self.problem.file.search
-        self._storage = storage_for(search.storage, folder)
-        if search.storage is None and is_emptied(folder):
+        self._storage = storage_in(folder)
+        if is_emptied(folder):
             say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
         params = {
             "objective": ", ".join(objective.name for objective in search.objective),

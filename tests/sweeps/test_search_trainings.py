@@ -1,10 +1,9 @@
-"""Searches for a measured value: detectors are trained, hopeless ones are stopped."""
+"""Searches for a measured value: a detector is trained for every trial."""
 
 import json
 
 import pandas as pd
 import pytest
-import yaml
 from search_files import write_search
 from typer.testing import CliRunner
 
@@ -24,51 +23,20 @@ def tracking(tmp_path_factory):
 
 
 def search(folder, tracking, **changes):
-    path = write_search(folder, tracking=tracking, **TINY, **changes)
+    path = write_search(folder, tracking=tracking, **TINY | changes)
     result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
     run = folder / "runs/small"
     about = json.loads((run / "search.json").read_text())
     return result, pd.read_parquet(run / "trials.parquet"), about
 
 
-def test_hyper_parameters_of_a_fixed_placement(tmp_path, tracking):
-    result, table, found = search(
-        tmp_path,
-        tracking,
-        placement="center",
-        search={
-            "zones": {},
-            "objective": "AP_R40_BEV.Car",
-            "space": {"training.lr": {"low": 1e-4, "high": 1e-1, "log": True}},
-            "sampler": "random",
-            "trials": 3,
-            "batch_size": 3,
-        },
-    )
-    assert result.exit_code == 0, result.output
-    assert (table["state"] == "COMPLETE").all()
-    assert table["param.training.lr"].nunique() == 3
-    assert table["value.AP_R40_BEV.Car"].between(0, 100).all()
-    assert table.loc[0, "lidar_1.z_m"] >= 2.4  # center's
-    sweep = yaml.safe_load((tmp_path / "runs/small/sweep.yaml").read_text())
-    best = table["value.AP_R40_BEV.Car"].max()
-    lr = table.loc[table["value.AP_R40_BEV.Car"].idxmax(), "param.training.lr"]
-    assert sweep["training"]["lr"] == lr
-    assert found["rigs"]["found_1"]["params"] == {"training.lr": lr}
-    assert f"training.lr: {lr}" in result.output
-    assert found["rigs"]["found_1"]["values"]["AP_R40_BEV.Car"] == best
-    assert found["bound"]["reason"] == "no LiDAR is placed"
-
-
-def test_rungs_prune_and_a_resumed_search_trains_nothing_again(tmp_path, tracking, monkeypatch):
+def test_a_resumed_search_trains_nothing_again(tmp_path, tracking, monkeypatch):
     def height(objective, trials, store):  # tiny trainings find nothing, so all would be alike
         return 10 * trials[0].evaluate.inputs[1].params.placement.mounts[0].z
 
     monkeypatch.setattr(by_detectors, "measured_value", height)
     options = {
         "objective": "recall",
-        "rungs": [{"training.epochs": 1}],
-        "pruner": "successive_halving",
         "sampler": "random",
         "trials": 6,
         "batch_size": 6,
@@ -78,13 +46,11 @@ def test_rungs_prune_and_a_resumed_search_trains_nothing_again(tmp_path, trackin
     assert result.exit_code == 0, result.output
     feasible = table[table["feasible"]]
     assert (table.loc[~table["feasible"], "state"] == "PRUNED").all()
-    assert (feasible["state"] == "PRUNED").any()
+    assert (feasible["state"] == "COMPLETE").all()
     best = feasible["lidar_1.z_m"].idxmax()
-    assert table.loc[best, "state"] == "COMPLETE"
     assert found["rigs"]["found_1"]["values"]["recall"] == 10 * table.loc[best, "lidar_1.z_m"]
     store = tmp_path / "runs/store"
-    finished = (feasible["state"] == "COMPLETE").sum()
-    assert len(list(store.glob("finetune/*"))) == len(feasible) + finished
+    assert len(list(store.glob("finetune/*"))) == len(feasible) > 1
     before = {path: path.stat().st_mtime_ns for path in store.rglob("*") if path.is_file()}
     journal = tmp_path / "runs/small/optuna.journal"
     journal.unlink()  # a search that lost its trials finds their trainings
@@ -99,7 +65,8 @@ def test_a_training_that_fails_is_told_as_failed(tmp_path, tracking):
     result, table, _ = search(
         tmp_path,
         tracking,
-        search={"zones": {}, "objective": "recall", "space": {"training.lr": [1e6]}, "trials": 1},
+        training=TINY["training"] | {"lr": 1e6},
+        search={"objective": "recall", "constraints": {"distance": 0}, "trials": 1},
     )
     assert result.exit_code == 1
     assert table.loc[0, "state"] == "FAIL"

@@ -105,18 +105,13 @@ def print_problem(console: Console, problem: Problem) -> None:
     settings, space = problem.file.search, problem.space
     low, high = space.numbers
     wanted = ", ".join(f"{o.best} {o.name}" for o in settings.objective)
-    sizes = {len(space.distributions(makeup) | space.further) for makeup in space.makeups}
+    sizes = {len(space.distributions(makeup)) for makeup in space.makeups}
     parameters = " to ".join(str(size) for size in sorted({min(sizes), max(sizes)}))
-    if space.zones:
-        number = f"{low} to {high}" if low < high else str(low)
-        console.print(
-            f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
-            f"{parameters} parameters; {wanted}"
-        )
-    else:
-        console.print(
-            f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}"
-        )
+    number = f"{low} to {high}" if low < high else str(low)
+    console.print(
+        f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
+        f"{parameters} parameters; {wanted}"
+    )
     if over := settings.said_of(problem.traffic.search):
         console.print(f"judged by {over}")
     for zone in space.zones:
@@ -144,7 +139,7 @@ def planned(problem: Problem) -> dict[str, Any]:
         "name": problem.file.name,
         "lidars": list(space.numbers),
         "zones": list(settings.zones),
-        "parameters": list(space.distributions(space.makeups[-1]) | space.further),
+        "parameters": list(space.distributions(space.makeups[-1])),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
         "judged_on": [dict(changes) for changes in problem.tests.search] if problem.judged else [],
         "over": settings.over,
@@ -217,7 +212,5 @@ def print_found(console: Console, problem: Problem, found: Found, run: SearchFol
     mounts = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
     rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
     console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
-    for key, value in found.judged["found_1"].values_beside.items():
-        console.print(f"{key}: {value}")
     for caution in cautions(run):
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

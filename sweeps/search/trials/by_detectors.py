@@ -1,18 +1,15 @@
-"""Candidates assessed by detectors: trained, evaluated, and stopped early where hopeless."""
+"""Candidates assessed by detectors: trained and evaluated."""
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
-import optuna
 import pandas as pd
 
 from lidarplace.base.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import make_plan
-from sweeps.plan.trial import DetectorTrial, Plan, with_detector
+from sweeps.plan.trial import DetectorTrial, with_detector
 from sweeps.results.trial_results import headline_value, metric_mean
 from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
 from sweeps.search.trials.study import Candidate
@@ -20,32 +17,15 @@ from sweeps.store.open import AnyStore
 
 
 class TrainingAnswers(TaskAnswers):
-    """Answers by fine-tuning and evaluating detectors.
-
-    Feasible rigs climb the rungs: after each, all that were trained report, and then Optuna's
-    pruner decides, so that its verdict does not depend on which training was faster.
-    """
+    """Answers by fine-tuning and evaluating detectors."""
 
     purpose = "trainings"
 
     def measure(self, asked: Asked) -> Measured:
-        """Train on every rung, and without one what is left."""
-        failures: dict[int, str] = {}
-        for step, rung in enumerate(self.problem.file.search.rungs, start=1):
-            values, failed = self._train(asked, rung)
-            failures |= failed
-            asked = [(trial, c) for trial, c in asked if c.number not in failed]
-            for trial, candidate in asked:
-                _report(trial, values[candidate.number][0], 2 ** (step - 1))
-            asked = [(trial, c) for trial, c in asked if not _is_pruned(trial, step)]
-        values, failed = self._train(asked, {})
-        return values, failures | failed
-
-    def _train(self, asked: Asked, rung: Mapping[str, Any]) -> Measured:
+        """Train and evaluate a detector for each."""
         candidates = [candidate for _, candidate in asked]
-        if not candidates:
-            return {}, {}
-        plan = self._plan(candidates, rung)
+        rigs = {_name(candidate): candidate.rig for candidate in candidates}
+        plan = make_plan(self.problem.sweep_of(rigs, list(rigs), {}))
         trials = with_detector(plan.trials)
         outcome = self.execute(plan.needed_for(trial.evaluate for trial in trials))
         values, failed = {}, {}
@@ -65,24 +45,6 @@ class TrainingAnswers(TaskAnswers):
             else:
                 values[candidate.number] = found
         return values, failed
-
-    def _plan(self, candidates: Sequence[Candidate], rung: Mapping[str, Any]) -> Plan:
-        rigs = {_name(candidate): candidate.rig for candidate in candidates}
-        trials = {_name(c): c.values for c in candidates}
-        return make_plan(self.problem.sweep_of(rigs, trials, rung))
-
-
-def _report(trial: optuna.Trial, value: float, step: int) -> None:
-    with warnings.catch_warnings(action="ignore", category=UserWarning):
-        trial.report(value, step)  # a trial that was stopped has reported already
-
-
-def _is_pruned(trial: optuna.Trial, rung: int) -> bool:
-    """The pruner's verdict after a rung; kept, as it would be another one after a stop."""
-    name = f"pruned after rung {rung}"
-    if name not in trial.user_attrs:
-        trial.set_user_attr(name, trial.should_prune())
-    return bool(trial.user_attrs[name])
 
 
 def _name(candidate: Candidate) -> str:
