@@ -126,10 +126,6 @@ GENERALIST, PRETRAINED = "generalist", "pretrained"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
 
 
-ONE_DEAD = "one_lidar_dead"
-"""What stands before what is left when the LiDAR is dead whose loss costs most."""
-
-
 TOTALS = ("price", "power")
 """What LiDARs add up to: bounds and objectives."""
 OF_RIG = (*TOTALS, "margin")
@@ -163,11 +159,6 @@ class ObjectiveSettings(Settings):
         description="further measured values, such as [recall] or [recall.Pedestrian]: the "
         "objective is the mean of all; generalist.AP_R40_3D_mean.Car and recall is short for it",
     )
-    one_lidar_dead: bool = Field(
-        False,
-        description="the least value that any one dead LiDAR leaves, of expected_recall or by a "
-        "generalist; one_lidar_dead.expected_recall is short for it",
-    )
     direction: Direction | None = Field(
         None, description="maximize, but minimize for residual_entropy, price and power"
     )
@@ -192,20 +183,12 @@ class ObjectiveSettings(Settings):
             raise ValueError("also: is for values that detectors measure, such as recall")
         if len({part.best for part in self.parts}) > 1:
             raise ValueError("also: all values have to be large, or all small")
-        if self.one_lidar_dead and not (self.judged or self.by == "expected_recall"):
-            raise ValueError(
-                "one_lidar_dead: is for expected_recall, and for what a generalist measures, such "
-                f"as {ONE_DEAD}.{GENERALIST}.{DEFAULT_METRIC}"
-            )
-        if self.one_lidar_dead and self.best == "minimize":
-            raise ValueError("one_lidar_dead: is the least value, which is to be large")
         return self
 
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
         by = f"{self.judge}.{self.by}" if self.judged else str(self.by)
-        by = f"{ONE_DEAD}.{by}" if self.one_lidar_dead else by
         if self.weights is not None and len(self.weights) == 1:
             by = f"{by}.{next(iter(self.weights))}"
         return " and ".join((by, *self.also))
@@ -247,9 +230,6 @@ def _objective(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     how: dict[str, Any] = {}
-    if value.partition(".")[0] == ONE_DEAD:
-        how |= {ONE_DEAD: True}
-        value = value.partition(".")[2]
     if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
         how |= {"judge": judge}
         value = value.partition(".")[2] or DEFAULT_METRIC
@@ -454,8 +434,6 @@ class SearchSettings(Settings):
             raise ValueError("near_start: name the rigs in `start`")
         self._check_zones()
         self.further()
-        if any(o.one_lidar_dead for o in self.objective) and self.most_lidars < 2:
-            raise ValueError("objective: one_lidar_dead: needs two or more LiDARs")
         for fixed in self.fixed:
             if fixed.lidar is not None:
                 raise ValueError("fixed: lidar: name it in `models`, and the model here")

@@ -28,7 +28,7 @@ def recall_of(console: Console, problem: Problem, store: AnyStore) -> Recall | N
     if search.cheapest.recall is None:
         return None
     objective = search.objective[0]
-    if not problem.pretrained or objective.one_lidar_dead:
+    if not problem.pretrained:
         raise ValueError(
             f"{problem.path}: search.cheapest.recall: no generalist judges rigs; expected "
             f"objective: pretrained.recall or another of pretrained, found {objective.name}"

@@ -32,13 +32,6 @@ _TO_THE_LETTER = (
 )
 
 
-_NOT_SUBMODULAR = (
-    "objective {name}: is not submodular in the LiDARs. Greedy choice is that of what all of them "
-    "find, without a guarantee; the bound is what one LiDAR less finds at most, or, where LiDARs "
-    "come in mirrored pairs, the objects that all of them find; refinement optimizes the "
-    "objective itself."
-)
-
 _ONE_BY_ONE = (
     "objective {name}: greedy choice, refinement and bound put rigs together of LiDARs that were "
     "looked at one by one, and neglect that LiDARs hide each other by their size; {others}"
@@ -66,16 +59,12 @@ def warnings_of(problem: Problem) -> list[str]:
 
 
 def greedy_warnings(problem: Problem) -> list[str]:
-    """What greedy choice and its bound are where the objective is not submodular, and what they
-    neglect."""
+    """What greedy choice and its bound neglect."""
     first = problem.file.search.objective[0]
-    if why_none(problem) is not None:
+    if why_none(problem) is not None or not _may_hide_each_other(problem):
         return []
-    said = [_NOT_SUBMODULAR.format(name=first.name)] if first.one_lidar_dead else []
-    if _may_hide_each_other(problem):
-        others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
-        said.append(_ONE_BY_ONE.format(name=first.name, others=others))
-    return said
+    others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
+    return [_ONE_BY_ONE.format(name=first.name, others=others)]
 
 
 def _may_hide_each_other(problem: Problem) -> bool:

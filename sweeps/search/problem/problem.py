@@ -35,7 +35,7 @@ from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
 from sweeps.search.problem.slots import Placed, params_of, placed_in
 from sweeps.search.problem.space import Space
-from sweeps.search.problem.training_rigs import rigs_near, some_dead, training_rigs
+from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of, plain
 
@@ -139,11 +139,8 @@ class Problem(SearchConfig):
         seed = self.file.search.seed
         if self.file.search.near_start:
             start = [params_of(own, self.space) for own in self.start.values()]
-            rigs = rigs_near(self.space, start, number, seed)
-        else:
-            rigs = training_rigs(self.space, self.models, number, seed)
-        dead = any(o.judged and o.one_lidar_dead for o in self.file.search.objective)
-        return some_dead(rigs) if dead else rigs
+            return rigs_near(self.space, start, number, seed)
+        return training_rigs(self.space, self.models, number, seed)
 
     @property
     def seen_rigs(self) -> list[Placement]:

@@ -9,7 +9,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from lidarplace import Lidar
 from lidarplace.mounting.random_rigs import CANDIDATES
 from lidarplace.mounting.ring_overlap import spread_by_overlap
-from sweeps.search.problem.choice import Choices, is_possible, placement_of, with_each_dead
+from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.space import Space
 
 _LEVEL = 2
@@ -72,19 +72,6 @@ def rigs_near(
         rig = space.rig(own)
         if is_possible(rig):
             found[f"generalist_{len(found) + 1}"] = rig
-    return found
-
-
-def some_dead(rigs: Mapping[str, Choices]) -> dict[str, Choices]:
-    """Every second rig with a dead LiDAR, in turn the first, the second, and so on.
-
-    For who judges rigs with a dead LiDAR; one of a single LiDAR stays as it is.
-    """
-    found = dict(rigs)
-    for place, name in enumerate(list(rigs)[1::2]):
-        left = with_each_dead(rigs[name])
-        if left:
-            found[name] = left[place % len(left)]
     return found
 
 

@@ -17,7 +17,6 @@ import pandas as pd
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.plan.trial import DetectorTrial
-from sweeps.search.problem.choice import cases_of, value_of
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.trials.aggregate import metrics_over_tests
 from sweeps.search.trials.by_detectors import weighted_value
@@ -57,17 +56,9 @@ class GeneralistAnswers(TaskAnswers):
         trials = {c.number: trial for trial, c in asked}
         measured = [o for o in self.problem.file.search.objective if o.measured]
         candidates = [candidate for _, candidate in asked]
-        cases = {c.number: cases_of(c.rig, measured) for c in candidates}
-        judged = judged_rigs(
-            self.problem,
-            self._generalists,
-            {f"trial_{n}{case}": rig for n, own in cases.items() for case, rig in own.items()},
-            self.problem.tests.search,
-        )
-        by_number = {
-            number: {case: judged[f"trial_{number}{case}"] for case in own}
-            for number, own in cases.items()
-        }
+        rigs = {f"trial_{c.number}": c.rig for c in candidates}
+        judged = judged_rigs(self.problem, self._generalists, rigs, self.problem.tests.search)
+        by_number = {c.number: judged[f"trial_{c.number}"] for c in candidates}
         strange = {number: reason for number, reason in outside.items() if reason is not None}
         if len(measured) > 1:
             values, failed = self._values(by_number, measured, range(PORTIONS))
@@ -98,20 +89,16 @@ class GeneralistAnswers(TaskAnswers):
 
     def _values(
         self,
-        by_number: Mapping[int, Mapping[str, JudgedRig]],
+        by_number: Mapping[int, JudgedRig],
         objectives: Sequence[ObjectiveSettings],
         portions: range,
     ) -> Measured:
-        """Values on portions of the frames, mean over the generalists; and failures.
-
-        Args:
-            by_number: cases of `cases_of` by number of the trial.
-        """
+        """Values on portions of the frames by the trial's number, mean over the generalists; and
+        failures."""
         needed = {
             number: [
                 task
-                for judged in own.values()
-                for tests in judged
+                for tests in own
                 for trial in tests
                 for task in (*_judging(trial, portions), *_truths(trial))
             ]
@@ -130,37 +117,26 @@ class GeneralistAnswers(TaskAnswers):
             if reasons:
                 failed[number] = reasons[0]
                 continue
-            jobs[number] = {
-                case: [
-                    [
-                        self.backend.submit(
-                            judged_metrics,
-                            self.store,
-                            _judging(trial, portions),
-                            _truths(trial),
-                            classes,
-                            self.problem.file.own_ious(),
-                            self.problem.file.metrics,
-                        )
-                        for trial in tests
-                    ]
-                    for tests in judged
+            jobs[number] = [
+                [
+                    self.backend.submit(
+                        judged_metrics,
+                        self.store,
+                        _judging(trial, portions),
+                        _truths(trial),
+                        classes,
+                        self.problem.file.own_ious(),
+                        self.problem.file.metrics,
+                    )
+                    for trial in tests
                 ]
-                for case, judged in own.items()
-            }
+                for tests in own
+            ]
         values = {}
         over = self.problem.file.search.over
-        for number, of_cases in jobs.items():
-            tables = {
-                case: [
-                    metrics_over_tests([job.result() for job in tests], over) for tests in of_seeds
-                ]
-                for case, of_seeds in of_cases.items()
-            }
-            found = [
-                value_of(o, {c: _mean(o, classes, own) for c, own in tables.items()})
-                for o in objectives
-            ]
+        for number, of_seeds in jobs.items():
+            tables = [metrics_over_tests([job.result() for job in own], over) for own in of_seeds]
+            found = [_mean(objective, classes, tables) for objective in objectives]
             if any(map(math.isnan, found)):
                 failed[number] = "no object of the class in the test frames"
             else:
