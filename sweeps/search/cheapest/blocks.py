@@ -110,7 +110,7 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
     """
     carrier = question.carrier
     found: dict[tuple[int, str, str], list[NDArray[Any]]] = {}
-    asked = list(filter(adds_up, carrier.requirements))
+    asked = list(filter(_adds_up, carrier.requirements))
     for number, lidar in enumerate(lidars):
         rig = placement_of((lidar,), carrier.models)
         for key, values in _of_one(rig, asked, carrier.vehicle):
@@ -120,7 +120,7 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
     return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
 
 
-def adds_up(laid: Laid) -> bool:
+def _adds_up(laid: Laid) -> bool:
     """Whether a requirement is of LiDARs one by one; else the judge alone knows it, as of cameras,
     radars, and views in common."""
     wanted = laid.requirement

@@ -28,15 +28,15 @@ and costs what the programme does at least is the cheapest of the grid.
 import itertools
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.requirements.judge import Outcome, judge
 from sweeps.configuration.search import TOTALS
-from sweeps.search.cheapest.blocks import Block, adds_up, blocks_of
+from sweeps.search.cheapest.blocks import Block, blocks_of
 from sweeps.search.cheapest.programme import Position, Programme, Row
 from sweeps.search.greedy.candidates import (
     candidates_of,
@@ -102,9 +102,9 @@ class Chosen:
         cost, bound: what it costs, and what every rig of the grid costs at least; infinite where
             none meets everything.
         closest: where there is no rig: the one that was judged to lack least.
-        candidates, objects, rounds, rows, cuts, judged: how many there were.
-        value: of the detector, percent; None if it was not asked.
         seconds: in all.
+        value: of the detector, percent; None if it was not asked.
+        counts: of candidates, objects, rounds, rows, cuts and rigs judged.
     """
 
     rig: Choices | None
@@ -112,13 +112,8 @@ class Chosen:
     bound: float
     closest: Choices | None
     seconds: float
-    candidates: int = 0
-    objects: int = 0
-    rounds: int = 0
-    rows: int = 0
-    cuts: int = 0
-    judged: int = 0
     value: float | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def gap(self) -> float:
@@ -178,19 +173,22 @@ def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
     work = _Work(problem, candidates, recall)
     work.run()
     best, closest = work.best, work.closest
+    counts = {
+        "candidates": len(candidates),
+        "objects": sum(block.alone.shape[1] for block in work.blocks),
+        "rounds": work.rounds,
+        "rows": len(work.programme.rows),
+        "cuts": len(work.programme.cuts),
+        "judged": len(work.judged),
+    }
     return Chosen(
-        rig=None if best is None else work.rig(best),
-        cost=work.cost,
-        bound=work.bound,
-        closest=None if closest is None else work.rig(closest),
-        seconds=time.monotonic() - start,
-        candidates=len(candidates),
-        objects=sum(block.alone.shape[1] for block in work.blocks),
-        rounds=work.rounds,
-        rows=len(work.programme.rows),
-        cuts=len(work.programme.cuts),
-        judged=len(work.judged),
-        value=None if best is None else work.values.get(best),
+        None if best is None else work.rig(best),
+        work.cost,
+        work.bound,
+        None if closest is None else work.rig(closest),
+        time.monotonic() - start,
+        None if best is None else work.values.get(best),
+        counts,
     )
 
 
@@ -480,30 +478,20 @@ class _Work:
                     held = rest
             self.exclude(held, [])
             return
-        outcome = self.without_draws(chosen, broken)
-        if outcome is None or outcome.met or outcome.requirement.placed is None:
+        outcomes = {requirement_name(o.requirement.name): o for o in self.judged[chosen].outcomes}
+        outcome = outcomes.get(broken.name)
+        blocks = [block for block in self.blocks if block.name == broken.name]
+        # What the judge alone knows, and what depends on the order of LiDARs.
+        wanted = outcome.requirement if outcome and blocks else None
+        if outcome is None or wanted is None or not wanted.placed or wanted.also_when.mounts_off:
             self.exclude(chosen, others)
             return
-        short = outcome.least_of < outcome.requirement.least
-        blocks = [block for block in self.blocks if block.name == broken.name]
+        short = outcome.least_of < wanted.least
         if not blocks[0].may_fail:  # one place is enough
             short = np.arange(len(short)) == outcome.least_of.argmin()
         helps = [(block.alone[:, short[block.position]] > 0).any(axis=1) for block in blocks]
         helping = np.unique(self.owner[np.any(helps, axis=0)])
         self.exclude(chosen, [i for i in helping.tolist() if i not in chosen])
-
-    def without_draws(self, chosen: tuple[int, ...], broken: Constraint) -> Outcome | None:
-        """A requirement that is broken, in all of its cases but mounts that are off; None: it is
-        another constraint, or one that the judge alone knows."""
-        carrier = self.problem.question.carrier
-        for laid in carrier.requirements:
-            wanted = laid.requirement
-            if requirement_name(wanted.name) == broken.name and adds_up(laid):
-                also = replace(wanted.also_when, mounts_off=None)
-                plain = replace(laid, requirement=replace(wanted, also_when=also))
-                rig = placement_of(self.rig(chosen), self.problem.models)
-                return judge([plain], rig, carrier.vehicle)[0]
-        return None
 
 
 def _position(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_array, diags_array, hstack, vstack
+from scipy.sparse import csr_array, diags_array, hstack
 
 _INFEASIBLE = 2
 """HiGHS' status."""
@@ -118,36 +118,39 @@ class Programme:
         width = n + 2 + len(positions)  # candidates, the highest, what there is to spare, positions
         high = np.ones(width)
         high[n], high[n + 1] = math.inf, reach
-        lines = _Lines(width)
         weights = np.array([*self.used, *(cut[0] for cut in self.cuts)])
         least = [*self.least, *(cut[1] for cut in self.cuts)]
-        lines.add(weights, least, [*(self.most + 1e-9), *(cut[2] for cut in self.cuts)])
+        upper = [*(self.most + 1e-9), *(cut[2] for cut in self.cuts)]
+        lines = [_lines(width, weights, least, upper)]
         # More than all that is needed counts as all of it: the relaxation is tighter.
         gains = [np.minimum(row.gains, max(0.0, 1.0 + reach - row.base)) for row in self.rows]
         asked = enumerate(row.position for row in self.rows)
         more = [(i, at[position], -1.0 - reach) for i, position in asked if position]
         more += [(i, n + 1, -1.0) for i in range(len(gains))]
         needed = [(-reach if row.position else 1.0) - row.base for row in self.rows]
-        lines.add(np.reshape(gains, (-1, n)), needed, more=more)
+        if gains:
+            lines.append(_lines(width, np.array(gains), needed, more=more))
         for of in dict.fromkeys(position.of for position in positions):
             alike = [position for position in positions if position.of == of]
             fails, of_each = alike[0].may_fail, alike[0].of_each
             kept = fails * self.sizes if of_each else np.zeros(n)
             marks = [(0, at[position], 1.0) for position in alike]
-            lines.add(kept[None], [len(alike) - (0 if of_each else fails)], more=marks)
+            enough = [len(alike) - (0 if of_each else fails)]
+            lines.append(_lines(width, kept[None], enough, more=marks))
         goal, scale = np.zeros(width), 1.0
         goal[:n], levels = self.costs, np.zeros(1)
         if self.of_highest:
             levels, ranks = np.unique(self.costs, return_inverse=True)
             scale = float(self.most[0] + self.sizes[self.fixed].sum() + 1.0)
             goal[:n], goal[n] = self.sizes, scale
-            lines.add(hstack([-diags_array(ranks.astype(float)), np.ones((n, 1))]), [0.0] * n)
+            above = hstack([-diags_array(ranks.astype(float)), np.ones((n, 1))])
+            lines.append(_lines(width, above, [0.0] * n))
         if most is not None:
             if self.of_highest:
                 high[:n] *= self.costs <= most - self.base + 1e-9
             else:
                 bound = most - self.base + 1e-6 * max(1.0, abs(most))
-                lines.add(goal[None], [-math.inf], [bound])
+                lines.append(_lines(width, goal[None], [-math.inf], bound))
             goal = np.zeros(width)
             goal[n + 1] = -1.0
         low = np.zeros(width)
@@ -158,7 +161,7 @@ class Programme:
             goal,
             integrality=kinds,
             bounds=Bounds(low, high),
-            constraints=lines.constraint(),
+            constraints=lines,
             options={"time_limit": max(seconds, 0.1), "mip_rel_gap": self._gap(most)},
         )
         if found.status == _INFEASIBLE:
@@ -185,31 +188,16 @@ class Programme:
         return 0.4 * self.grain / max(self.last, self.grain)
 
 
-class _Lines:
-    """Rows of a matrix of some width, and their limits."""
-
-    def __init__(self, width: int) -> None:
-        self._width = width
-        self._parts: list[csr_array] = []
-        self._lows: list[float] = []
-        self._highs: list[float] = []
-
-    def add(
-        self,
-        rows: Any,
-        least: Sequence[float],
-        most: Sequence[float] = (),
-        more: Sequence[tuple[int, int, float]] = (),
-    ) -> None:
-        """Rows that go on with 0, but for those numbers with row and column in `more`, and their
-        limits."""
-        i, j, values = zip(*more, strict=True) if more else ((), (), ())
-        shape = (len(least), self._width - rows.shape[1])
-        other = csr_array((values, (i, np.subtract(j, rows.shape[1]).astype(int))), shape=shape)
-        self._parts.append(hstack([csr_array(rows), other], format="csr"))
-        self._lows += least
-        self._highs += most or [math.inf] * len(least)
-
-    def constraint(self) -> LinearConstraint:
-        """All of them."""
-        return LinearConstraint(vstack(self._parts), self._lows, self._highs)
+def _lines(
+    width: int,
+    rows: Any,
+    least: Sequence[float],
+    most: Sequence[float] | float = math.inf,
+    more: Sequence[tuple[int, int, float]] = (),
+) -> LinearConstraint:
+    """Limits of rows that go on with 0 to that width, but for the numbers in `more`, each after its
+    row and column."""
+    i, j, values = zip(*more, strict=True) if more else ((), (), ())
+    rest = csr_array((values, (i, j)), shape=(rows.shape[0], width))
+    rest += hstack([csr_array(rows), csr_array((rows.shape[0], width - rows.shape[1]))])
+    return LinearConstraint(rest, least, most)

@@ -178,6 +178,14 @@ class Space:
                 found[f"{name}_deg"] = FloatDistribution(low, high)
         return {f"{slot.name}.{name}": distribution for name, distribution in found.items()}
 
+    def allowed(self, slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The parameters of a slot, from values by name without its prefix, within their spans."""
+        found = {}
+        for name, span in self.of_slot(slot).items():
+            value = values[name.removeprefix(f"{slot.name}.")]
+            found[name] = within(value, span) if isinstance(span, FloatDistribution) else value
+        return found
+
     def suggest(self, trial: optuna.Trial) -> Choices:
         """Ask a trial for all its parameters, which depend on the number of LiDARs."""
         for name, (low, high) in self.counts.items():
@@ -229,13 +237,17 @@ class Space:
             values: dict[str, Any] = {"model": lidar.model, "zone": lidar.zone}
             place = shares(zone, mount.x, mount.y, mount.z)
             values |= dict(zip("xyz", place, strict=True))
-            for angle, (low, high) in slot.spans.items():
-                degrees = _near(math.degrees(getattr(mount, angle)), (low + high) / 2)
-                values[f"{angle}_deg"] = min(max(degrees, low), high)
-            known = self.of_slot(slot)
-            named = {f"{slot.name}.{name}": value for name, value in values.items()}
-            found |= {name: value for name, value in named.items() if name in known}
+            for angle, span in slot.spans.items():
+                degrees = _near(math.degrees(getattr(mount, angle)), sum(span) / 2)
+                values[f"{angle}_deg"] = degrees
+            found |= self.allowed(slot, values)
         return found
+
+
+def within(value: float, span: BaseDistribution) -> float:
+    """The value, or the end of the span that is nearest to it."""
+    assert isinstance(span, FloatDistribution)
+    return min(max(value, span.low), span.high)
 
 
 def _near(degrees: float, middle: float) -> float:
