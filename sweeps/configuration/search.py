@@ -144,9 +144,9 @@ class ObjectiveSettings(Settings):
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the least that a requirement has of what it needs, as a factor"
     )
-    judge: Literal["specialist", "generalist", "pretrained"] = Field(
-        "specialist",
-        description="of a measured value: specialist: a detector is trained for every trial; "
+    judge: Literal["generalist", "pretrained"] | None = Field(
+        None,
+        description="who measures a measured value: "
         "generalist: one detector, trained on many rigs of the space, judges a trial in seconds; "
         "generalist.recall is short for it, and generalist for that; pretrained: the generalist of "
         "the package, or of training.checkpoint, without a training; pretrained.recall likewise",
@@ -369,7 +369,7 @@ class SearchSettings(Settings):
         8, description="rays of expected_points and expected_ig: every so many azimuth steps"
     )
     seeds: tuple[Seed, ...] = Field(
-        (0,), min_length=1, description="trainings of a measured value; generalists, if they judge"
+        (0,), min_length=1, description="generalists, whose mean counts"
     )
     traffic: TrafficSettings = Field(
         TrafficSettings(), description="traffic on which a generalist evaluates rigs"
@@ -411,11 +411,12 @@ class SearchSettings(Settings):
         if any(measured) and any(o.of_traffic for o in self.objective):
             raise ValueError("objective: measured values and surrogates cannot be combined")
         judged = [objective.judged for objective in self.objective if objective.measured]
-        if any(judged):
-            if not all(judged):
-                raise ValueError(
-                    "objective: expected one judge for all objectives, generalist or specialist"
-                )
+        if not all(judged):
+            name = next(o.name for o in self.objective if o.measured and not o.judged)
+            raise ValueError(
+                f"objective: expected generalist.{name} or pretrained.{name}, found {name}"
+            )
+        if judged:
             tests = max(len(self.traffic.search), len(self.traffic.choice))
             if self.over == "worst" and tests * (self.vehicles or 1) == 1:
                 raise ValueError("over: worst needs several, in traffic or by vehicles")
@@ -426,7 +427,7 @@ class SearchSettings(Settings):
         if self.adapt is not None:
             if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
                 raise ValueError("adapt: is for an objective that begins with pretrained")
-            if not any(judged) or self.adapt >= self.trials:
+            if not judged or self.adapt >= self.trials:
                 raise ValueError(f"adapt: expected fewer than `trials`, found {self.adapt}")
             if len(self.models) > 1 or self.counted:
                 raise ValueError("adapt: is for one LiDAR model, and zones that do not count")

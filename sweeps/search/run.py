@@ -34,7 +34,6 @@ from sweeps.search.output.tables import ABOUT, columns, ended_trials
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
@@ -207,8 +206,6 @@ class SearchWork:
         progress = TrialProgress(self.console, settings.trials, self.store)
         if problem.judged:
             answers = GeneralistAnswers(study, problem, pool, self.store, backend, progress)
-        elif any(objective.measured for objective in settings.objective):
-            answers = TrainingAnswers(study, problem, pool, self.store, backend, progress)
         else:
             answers = SurrogateAnswers(study, problem.space, problem.question, pool)
         log.follow(partial(ended_trials, study, problem))

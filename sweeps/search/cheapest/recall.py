@@ -10,8 +10,7 @@ from sweeps.search.cheapest.choose import Recall
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import judged_rigs
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.aggregate import metrics_over_tests
-from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import with_inputs
 

@@ -17,8 +17,12 @@ from sweeps.search.judgement.verify import verified_table
 from sweeps.search.judgement.winners import Judged, baseline_of, ranked
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.aggregate import Over, left_out_over_tests, metrics_over_tests
-from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.aggregate import (
+    Over,
+    left_out_over_tests,
+    metrics_over_tests,
+    weighted_value,
+)
 from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.task import with_inputs
 

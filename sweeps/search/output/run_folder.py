@@ -32,7 +32,7 @@ from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
-from sweeps.search.trials.by_detectors import class_weights
+from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from tracking.mlflow.uri import absolute_uri
 from tracking.run_folders.arrays import Grounds, UnseenMaps
@@ -234,9 +234,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         best=found.best if several else found.best[:1],
         front=len(found.trials) if several else None,
         parameters=max(len(problem.space.distributions(own)) for own in problem.space.makeups),
-        baseline=(
-            None if any(o.measured and not o.judged for o in search.objective) else found.baseline
-        ),
+        baseline=found.baseline,
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=_stride(problem, found),

@@ -101,11 +101,9 @@ class Problem(SearchConfig):
                 *METRICS.roots(by for by in asked if by in METRICS),
             )
         ]
-        if any(objective.measured for objective in self.file.search.objective):
-            stages: tuple[str, ...] = ("ground_truth", "collect", "finetune", "evaluate")
-            if self.judged:
-                weights = "pretrained" if self.pretrained else "pretrain"
-                stages = ("ground_truth", "collect", weights, "judge", "evaluate")
+        if self.judged:
+            weights = "pretrained" if self.pretrained else "pretrain"
+            stages = ("ground_truth", "collect", weights, "judge", "evaluate")
             found += [code_of(stage, self.file.detector) for stage in stages]
         return found
 
@@ -376,8 +374,6 @@ def _check_what_comes_later(problem: Problem) -> None:
     rigs = {"found_1": problem.paper_rigs()["line"]}
     if problem.judged:
         _check_traffic(problem)
-    elif any(objective.measured for objective in file.search.objective):
-        problem.sweep_of(rigs, ["found_1"], {})
     if file.verify is None:
         return
     config = problem.verify_settings(rigs, ["line"])

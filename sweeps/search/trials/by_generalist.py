@@ -7,22 +7,24 @@ all frames that is expected from the first, by a regression over those that have
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
+import optuna
 import pandas as pd
 
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
+from sweeps.execution.backends import Backend
+from sweeps.execution.execute import Listener, Outcome, execute
 from sweeps.plan.trial import DetectorTrial
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
-from sweeps.search.trials.aggregate import metrics_over_tests
-from sweeps.search.trials.by_detectors import weighted_value
-from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
-from sweeps.search.trials.study import finished_trials
-from sweeps.store.open import AnyStore
+from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
+from sweeps.search.trials.study import Candidate, finished_trials, tell
+from sweeps.search.trials.traffic import Pool
+from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.parameters import CollectParams, JudgeParams
 from sweeps.tasks.results import Evaluated, GroundTruth, Judged
 from sweeps.tasks.task import Task, with_inputs
@@ -37,19 +39,61 @@ _FIRST, _WHOLE = "value on the first frames", "value on all frames"
 """User attributes of a trial."""
 
 
-class GeneralistAnswers(TaskAnswers):
+Asked = Sequence[tuple[optuna.Trial, Candidate]]
+Measured = tuple[dict[int, list[float]], dict[int, str]]
+"""Values of the measured objectives, and reasons why there are none, by number of the trial."""
+
+
+class GeneralistAnswers:
     """Answers by a detector that is trained once, on rigs of the space, or by that of a file.
 
-    With several objectives all rigs see all frames.
+    Rigs that violate a constraint are not measured. With several objectives all rigs see all
+    frames. Results stay in the store, so a stop loses nothing.
+
+    Args:
+        pool: evaluates constraints and prices.
+        listener: receives task events.
     """
 
-    purpose = "judged"
+    def __init__(
+        self,
+        study: optuna.Study,
+        problem: Problem,
+        pool: Pool,
+        store: AnyStore,
+        backend: Backend,
+        listener: Listener,
+    ) -> None:
+        self.study, self.problem, self._pool = study, problem, pool
+        self.store, self.backend, self._listener = store, backend, listener
+        self._generalists = generalists(problem)
+        self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        self._reference = reference(problem.sweep(), "judged")
+        self._referred = set(store.references().get(self._reference, ()))
 
-    @cached_property
-    def _generalists(self) -> dict[int, Task]:
-        return generalists(self.problem)
+    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
+        """Take up a candidate."""
+        self._asked.append((trial, candidate))
 
-    def measure(self, asked: Asked) -> Measured:
+    def finish(self) -> None:
+        """Measure what was taken up, and report it to the study."""
+        asked, self._asked = self._asked, []
+        found = self._pool.in_order([c.rig for _, c in asked], self.problem.question)
+        answers = list(zip(asked, found, strict=True))
+        feasible = [own for own, assessment in answers if assessment.feasible]
+        values, failed = self._measure(feasible) if feasible else ({}, {})
+        for (trial, candidate), assessment in answers:
+            whole = None
+            if candidate.number in values:
+                assert assessment.values is not None
+                left = iter(values[candidate.number])
+                whole = [
+                    next(left) if o.measured else assessment.values[o.name]
+                    for o in self.problem.file.search.objective
+                ]
+            tell(self.study, trial, assessment, whole, failed.get(candidate.number))
+
+    def _measure(self, asked: Asked) -> Measured:
         """Detections in the first frames, then in all frames for the best."""
         outside = {c.number: self.problem.outside(c.rig) for _, c in asked}
         asked = [own for own in asked if outside[own[1].number] is None]
@@ -104,7 +148,7 @@ class GeneralistAnswers(TaskAnswers):
             ]
             for number, own in by_number.items()
         }
-        outcome = self.execute(with_inputs(t for tasks in needed.values() for t in tasks))
+        outcome = self._execute(with_inputs(t for tasks in needed.values() for t in tasks))
         failed: dict[int, str] = {}
         jobs = {}
         classes = self.problem.file.classes
@@ -142,6 +186,13 @@ class GeneralistAnswers(TaskAnswers):
             else:
                 values[number] = found
         return values, failed
+
+    def _execute(self, tasks: Iterable[Task]) -> Outcome:
+        """Run tasks, to whose results the search refers from now on."""
+        tasks = list(tasks)
+        self._referred |= {task.key for task in tasks}
+        self.store.refer(self._reference, self._referred)
+        return execute(tasks, self.store, self.backend, self._listener)
 
 
 def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
