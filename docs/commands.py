@@ -72,7 +72,6 @@ file.
   `x`, `y`, `heading_deg`, `at_worst`.
 - `requirements --dry-run`: `rigs`; `requirements`, each with `requirement`, `measure`, `positions`,
   `objects`.
-- `accuracy`: `files`, path by suffix; `summary`, a list of rows as in the table.
 """
 
 

@@ -130,7 +130,6 @@ CONFIGURED = {
     "pretrain": ("pretrain", "FILE", "--out", "base.pt"),
     "calibrate": ("calibrate", "FILE"),
     "requirements": ("requirements", "FILE", "--dry-run"),
-    "accuracy": ("accuracy", "LOG", "--config", "FILE"),
     "carla": ("carla", "FILE", "out"),
     "studio": ("studio", "FILE", "--log", "LOG"),
 }
@@ -235,7 +234,6 @@ FOLDERS = {
     "describe --json": ("describe", "FOLDER", "--json"),
     "view": ("view", "FOLDER"),
     "export": ("export", "FOLDER", "out", "--placement", "line"),
-    "accuracy": ("accuracy", "FOLDER"),
     "report": ("report", "FOLDER"),
     "search-report": ("search-report", "FOLDER"),
     **{f"convert {name}": ("convert", name, "FOLDER", "out") for name in CONVERT},
@@ -394,15 +392,6 @@ def test_a_log_as_json(log):
     assert rows[-1]["ROI Car"] == 0.5
 
 
-def test_the_accuracy_as_json(in_folder, log):
-    words = ("--placement", "line", "--resolution", 0.5, "--azimuth-steps", 90)
-    done = lidarplace("accuracy", log, *words, "--frames-share", 0.5, "--json")
-    found = json.loads(done.stdout)
-    assert found["files"] == {name: f"accuracy.{name}" for name in ("parquet", "csv", "html")}
-    assert all(Path(path).is_file() for path in found["files"].values())
-    assert {"surrogate", "method", "median_error", "seconds"} <= set(found["summary"][0])
-
-
 # Completion
 
 
@@ -425,7 +414,6 @@ def completed(line):
         ("lidarplace view log --placement pyramid_", ["pyramid_roll", "pyramid_pitch"]),
         ("lidarplace view log --profile re", ["released-code"]),
         ("lidarplace export log out --split te", ["test"]),
-        ("lidarplace accuracy log --class P", ["Pedestrian"]),
         ("lidarplace run grid.yaml --set pl", ["placement", "placements"]),
         ("lidarplace run grid.yaml --set training.ep", ["training.epochs"]),
         ("lidarplace run grid.yaml --set scene.dens", ["scene.density"]),

@@ -51,7 +51,6 @@ NOT_RUN = {
 
 SMALLER = {
     "init": "begin",
-    "accuracy": "--resolution 0.8 --azimuth-steps 90 --frames-share 1",
     "pretrain": "--set training.epochs=1",
     "export": "--roi 0 20 -10 10 0 4",
     "examples/labels/sweep.yaml": "--set ray=debug --set training.epochs=1 --set grid.seed=[1] "
