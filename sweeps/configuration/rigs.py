@@ -22,11 +22,7 @@ class Rigs:
     """
 
     def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
-        """Build own placements as the first point has them, whether one is its rig or not.
-
-        Raises:
-            ValueError: one has the name of the paper's, or as `of` does.
-        """
+        """Build own placements as the first point has them. Raises ValueError, as `of` does."""
         taken = sorted(set(own) & set(PAPER_PLACEMENTS))
         if taken:
             raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")

@@ -246,10 +246,7 @@ def remote_store(url: str) -> Found:
 
 
 def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requirement]:
-    """What a package asks for with an extra, or without any.
-
-    Raises PackageNotFoundError: the package is not installed.
-    """
+    """What a package asks for with an extra, or without any. Raises PackageNotFoundError."""
     from packaging.requirements import Requirement
 
     found = []

@@ -202,8 +202,7 @@ class _Builder:
             pog=pog,
             surrogates=self._task("surrogates", grid_point, _of_pog(point, rig), (pog,)),
             recall=self._recall(grid_point, logs),
-            accuracy=self._accuracy(grid_point, logs),
-            sampling_error=self._sampling_error(grid_point, logs),
+            **self._studies(grid_point, logs),
         )
         return (
             trial
@@ -245,47 +244,37 @@ class _Builder:
         )
         return self._task("recall", grid_point, params, logs)
 
-    def _studied(self, point: Point) -> bool:
-        """Whether accuracy and sampling error are worked out, if they are asked for."""
+    def _studies(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> dict[str, Task | None]:
+        """Accuracy and sampling error of the surrogates, as far as they are asked for."""
+        point, settings = grid_point.point, grid_point.point.surrogate
+        found: dict[str, AccuracyParams | SamplingErrorParams] = {}
+        asked = (name for name in settings.names if name in POG_SURROGATES)
+        common: dict[str, Any] = {
+            "placement": grid_point.rig,
+            "roi": grid_point.roi,
+            "detection_probability": settings.detection_probability,
+            "occlusion": settings.occlusion,
+            "names": tuple(dict.fromkeys((*ASKED_OF_POG.own, *asked))),
+        }
         # A sweep with rungs works them out for what goes on alone.
-        chosen = spread(self._placements, point.surrogate.studied_placements)
-        return point.placement in chosen or bool(self._common.promote)
-
-    def _studied_names(self, point: Point) -> tuple[str, ...]:
-        asked = (name for name in point.surrogate.names if name in POG_SURROGATES)
-        return tuple(dict.fromkeys((*ASKED_OF_POG.own, *asked)))
-
-    def _accuracy(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
-        point, settings = grid_point.point, grid_point.point.surrogate
-        if not settings.accuracy or not self._studied(point):
-            return None
-        params = AccuracyParams(
-            placement=grid_point.rig,
-            roi=grid_point.roi,
-            detection_probability=settings.detection_probability,
-            occlusion=settings.occlusion,
-            object_class=point.classes[0],
-            names=self._studied_names(point),
-            resolutions=_resolutions(grid_point.roi),
-            azimuth_steps=ACCURACY_STEPS,
-            frame_shares=ACCURACY_SHARES,
-        )
-        return self._task("accuracy", grid_point, params, logs)
-
-    def _sampling_error(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
-        point, settings = grid_point.point, grid_point.point.surrogate
-        if not settings.sampling_error or not self._studied(point):
-            return None
-        params = SamplingErrorParams(
-            placement=grid_point.rig,
-            roi=grid_point.roi,
-            detection_probability=settings.detection_probability,
-            occlusion=settings.occlusion,
-            classes=point.classes,
-            method=settings.method,
-            names=self._studied_names(point),
-        )
-        return self._task("sampling_error", grid_point, params, logs)
+        chosen = spread(self._placements, settings.studied_placements)
+        studied = point.placement in chosen or bool(self._common.promote)
+        if studied and settings.accuracy:
+            found["accuracy"] = AccuracyParams(
+                **common,
+                object_class=point.classes[0],
+                resolutions=_resolutions(grid_point.roi),
+                azimuth_steps=ACCURACY_STEPS,
+                frame_shares=ACCURACY_SHARES,
+            )
+        if studied and settings.sampling_error:
+            found["sampling_error"] = SamplingErrorParams(
+                **common, classes=point.classes, method=settings.method
+            )
+        return {
+            stage: self._task(stage, grid_point, found[stage], logs) if stage in found else None
+            for stage in ("accuracy", "sampling_error")
+        }
 
     def laid(self, point: Point) -> tuple[Laid, ...]:
         """What is required of the placement of a point, laid out around the vehicle."""
@@ -474,10 +463,7 @@ class _Builder:
     def _collection(
         self, point: Point, placement: Placement, split: str, crop: Crop, body: Vehicle | None
     ) -> CollectParams | RecordedParams:
-        """What decides clouds besides the scene.
-
-        Quirks and fewer azimuth steps are of the collection, not of the rig.
-        """
+        """What decides clouds besides the scene: also quirks and fewer azimuth steps."""
         scene, lidar = point.scene, point.lidar
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:

@@ -203,11 +203,7 @@ def _once(
     axes: Sequence[str],
     found: Iterable[tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]],
 ) -> pd.DataFrame:
-    """One table of trials; what several trials share is in it once.
-
-    Args:
-        found: trials, the tasks that decide their rows, and what returns these rows, if any.
-    """
+    """One table of trials, from tasks that decide their rows; what trials share is in it once."""
     tables: dict[tuple[object, ...], pd.DataFrame | None] = {}
     by_placement = any(column.name == "placement" for column in own.columns)
     for trial, tasks, rows in found:

@@ -100,7 +100,7 @@ def test_tasks_stand_after_their_inputs(tmp_path):
 
 def trained_and_evaluated(plan, workers):
     """Stages of trainings and evaluations as they end; each task takes as long as any."""
-    schedule, running, ended = Schedule(plan.tasks, set(), {}), deque(), []
+    schedule, running, ended = Schedule(plan.tasks, set()), deque(), []
     while True:
         while len(running) < workers and (task := schedule.next()) is not None:
             running.append(task)

@@ -129,10 +129,7 @@ def _maps(
 
 
 def _sweep(problem: Problem, found: Found) -> str:
-    """A sweep of the winners and the paper's rigs, which `lidarplace run` takes as it is.
-
-    Without those of `_ruled_out`, which a sweep refuses.
-    """
+    """A sweep of the winners and the paper's rigs, without those that a sweep refuses."""
     verify = problem.file.verify
     most = verify.top if verify is not None else 3
     paper, ruled_out = _paper_rigs(found), _ruled_out(problem, found)

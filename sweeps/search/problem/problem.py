@@ -423,10 +423,7 @@ def _check_traffic(problem: Problem) -> None:
 
 
 def _check_pretrained(problem: Problem) -> None:
-    """The generalist of a file has to know rigs of the zones and those of the paper.
-
-    Raises ConfigError.
-    """
+    """The generalist of a file has to know rigs of the zones and those of the paper."""
     path, seeds = problem.path, problem.file.search.seeds
     if len(seeds) > 1:
         raise ConfigError(
