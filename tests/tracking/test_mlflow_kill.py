@@ -20,8 +20,6 @@ from mlflow_runs_of import (
     trial_of,
 )
 
-from tracking.mlflow.content import Model
-
 SEEDS = range(1, 5)
 KILLS = 5
 
@@ -30,7 +28,6 @@ def log_all(uri: str, folder: Path) -> None:
     ended = [trial_of(seed, folder / "placement.png") for seed in SEEDS]
     with logging(uri, folder, ended, params={"epochs": 3}) as log:
         log.artifact(folder / "report.html")
-        log.model(Model("tiny", "t1", folder / "model", {"AP": 61.0}))
 
 
 def killed_driver(uri: str, folder: Path, steps: int) -> None:
