@@ -227,7 +227,7 @@ def test_a_tracking_server_behind_a_password(password):
             allowed = self.headers["Authorization"] == wanted
             self.send_response(200 if allowed else 401)
             self.end_headers()
-            self.wfile.write(b"{}")
+            self.wfile.write(b"{}" if allowed else b"You are not authenticated.")
 
         def log_message(self, *_):
             pass
