@@ -62,9 +62,9 @@ def efficiency(plan: Plan, stage: str, store: Store, backend) -> None:
     start = time.perf_counter()
     outcome = execute(plan.needed_for(own), store, backend, Loud())
     wall = time.perf_counter() - start
-    work = math.fsum(store.seconds(task) for task in own)
+    work = math.fsum(store.record(task).seconds for task in own)
     over = [
-        ended - started - store.seconds(task)
+        ended - started - store.record(task).seconds
         for task in own
         for started, ended in [outcome.times[task.key]]
     ]

@@ -17,7 +17,7 @@ import yaml
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from sweeps.execution.memory import voxel_memory
-from sweeps.execution.worker import Batch, run_task
+from sweeps.execution.worker import run_task
 from sweeps.plan.plan import read_plan
 from sweeps.store.local import Store
 
@@ -53,7 +53,7 @@ def measure(folder: Path, resolution: float, classes: int, occlusion: bool, stud
     store, voxels = Store(folder / "store"), math.prod(plan.trials[0].pog.params.roi.shape)
     before = 0.0
     for task in plan.tasks:
-        run_task(task, store, Batch())
+        run_task(task, store)
         peak = store.record(task)["peak_memory"]
         if task.stage == "scene":
             before = peak

@@ -49,9 +49,7 @@ file.
 - `run --dry-run`: `name`; `stages`, by stage `tasks` and `cached`; `rungs`, each with `by`, `keep`,
   `set`; `scenes`, each with `scene`, `train_frames`, `test_frames`; `requirements`, as
   `requirements --dry-run`; `trials`, each with `key`, `label`, `cached`; `anchors`; `memory`,
-  most bytes that the voxels of a task take; `cautions`;
-  `estimate`, null without `--probe`: `stages`, by stage `seconds` and `bytes`, `seconds`,
-  `at_once`, `task_memory`, `bytes`, `free_bytes`.
+  most bytes that the voxels of a task take; `cautions`.
 - `search --dry-run`: `name`, `lidars` (least, most), `zones`, `parameters`, `objectives` (`name`,
   `best`), `constraints` (`name`, `unit`, `limit`, `at_least`), `no_bound` (why there is none, or
   null), `trials`, `sampler`, `batch_size`, `seed`, `warnings`.
@@ -59,7 +57,7 @@ file.
   number of tasks by status; `trials`, each with `label`, `status`, `detail`, `log`. A status is
   `done`, `running`, `stopped`, `waiting`, `failed` or `pruned`.
 - `status` of a search: `kind` (`search`), `name`, `alive`; `trials`, with the numbers `wanted`,
-  `done`, `feasible`, `failed`; `best`, each with `trial`, `values` by objective and `beside`, empty
+  `done`, `feasible`, `failed`; `best`, each with `trial` and `values` by objective, empty
   while no trial keeps all constraints; `failures`, each with `trial`, `reason`; `verify`, as of a
   sweep without `kind`, null before it begins.
 - `clean`: `dry_run`; `stages`, by stage `all` and `of_no_sweep`; `sweeps`, by name `refers_to`,
@@ -74,7 +72,6 @@ file.
   `x`, `y`, `heading_deg`, `at_worst`.
 - `requirements --dry-run`: `rigs`; `requirements`, each with `requirement`, `measure`, `positions`,
   `objects`.
-- `accuracy`: `files`, path by suffix; `summary`, a list of rows as in the table.
 """
 
 

@@ -92,7 +92,7 @@ print("kitti.html")
 #
 # A caution: KITTI's frames are few places and one camera's view, and none of the surrogates knows
 # what hides behind a car unless `occlusion=True`. Differences of a percent or two say little;
-# `lidarplace accuracy logs/kitti` and the sampling error in a sweep's report tell how little.
+# the error and the sampling error in a sweep's report tell how little.
 
 # %%
 best = table[["covered_entropy", "expected_points", "expected_ig"]].idxmax()

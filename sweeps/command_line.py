@@ -69,9 +69,6 @@ VERBS = {
         "sweeps.commands.failures", "Compare two rigs: which objects each finds and misses."
     ),
     "requirements": Verb("sweeps.commands.requirements", "Check rigs against requirements."),
-    "accuracy": Verb(
-        "sweeps.commands.accuracy", "Compare methods to compute the surrogates: error against time."
-    ),
     "benchmark": Verb(
         "sweeps.commands.benchmark", "Compare a predictor with the results of trained detectors."
     ),

@@ -20,11 +20,10 @@ from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
 from sweeps.execution.runner import Say, drive
-from sweeps.mlflow.best_models import log_best_models
 from sweeps.mlflow.page import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.plan import further_axes
-from sweeps.plan.trial import Plan, Trial, with_detector
+from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
@@ -133,7 +132,6 @@ class SweepWork:
 
             promotion = promote(sweep, plan, store, run_tasks)
             cores = backend.cores if outcome.times else None
-        store.refer(reference(sweep), [*(task.key for task in plan.tasks), *outcome.probes])
         listener.end(outcome.failures)
         log.hold()
         return Run(
@@ -147,7 +145,7 @@ class SweepWork:
         )
 
     def report(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
-        """Tables; and report, artifacts, best models and summary, if a trial finished."""
+        """Tables; and report, artifacts and summary, if a trial finished."""
         write_run(folder, self.sweep, self.plan, self.store, run)
         if len(_failed(self.plan, run)) == len(self.plan.trials):
             return None
@@ -158,7 +156,6 @@ class SweepWork:
             log.artifact(path)
         for path in sorted((folder / "tables").glob("*.csv")):
             log.artifact(path, "tables")
-        log_best_models(with_detector(self.plan.trials), self.store, folder / "models", log)
         _print_summary(self.console, folder)
         return report
 

@@ -131,7 +131,6 @@ CONFIGURED = {
     "pretrain": ("pretrain", "FILE", "--out", "base.pt"),
     "calibrate": ("calibrate", "FILE"),
     "requirements": ("requirements", "FILE", "--dry-run"),
-    "accuracy": ("accuracy", "LOG", "--config", "FILE"),
     "carla": ("carla", "FILE", "out"),
     "studio": ("studio", "FILE", "--log", "LOG"),
 }
@@ -236,7 +235,6 @@ FOLDERS = {
     "describe --json": ("describe", "FOLDER", "--json"),
     "view": ("view", "FOLDER"),
     "export": ("export", "FOLDER", "out", "--placement", "line"),
-    "accuracy": ("accuracy", "FOLDER"),
     "report": ("report", "FOLDER"),
     "search-report": ("search-report", "FOLDER"),
     **{f"convert {name}": ("convert", name, "FOLDER", "out") for name in CONVERT},
@@ -376,7 +374,7 @@ def test_the_plan_as_json(config):
     plan = json.loads(lidarplace("run", config, "--dry-run", "--json").stdout)
     assert list(plan) == [
         *("name", "stages", "rungs", "scenes", "trials", "requirements", "anchors"),
-        *("memory", "cautions", "estimate"),
+        *("memory", "cautions"),
     ]
     assert plan["stages"]["surrogates"] == {"tasks": 2, "cached": 0}
     assert plan["stages"]["finetune"] == {"tasks": 1, "cached": 0}
@@ -393,15 +391,6 @@ def test_a_log_as_json(log):
     assert [row["scene"] for row in rows] == ["a", "a", "all"]
     assert rows[-1]["frames"] == 2
     assert rows[-1]["ROI Car"] == 0.5
-
-
-def test_the_accuracy_as_json(in_folder, log):
-    words = ("--placement", "line", "--resolution", 0.5, "--azimuth-steps", 90)
-    done = lidarplace("accuracy", log, *words, "--frames-share", 0.5, "--json")
-    found = json.loads(done.stdout)
-    assert found["files"] == {name: f"accuracy.{name}" for name in ("parquet", "csv", "html")}
-    assert all(Path(path).is_file() for path in found["files"].values())
-    assert {"surrogate", "method", "median_error", "seconds"} <= set(found["summary"][0])
 
 
 # Completion
@@ -426,7 +415,6 @@ def completed(line):
         ("lidarplace view log --placement pyramid_", ["pyramid_roll", "pyramid_pitch"]),
         ("lidarplace view log --profile re", ["released-code"]),
         ("lidarplace export log out --split te", ["test"]),
-        ("lidarplace accuracy log --class P", ["Pedestrian"]),
         ("lidarplace run grid.yaml --set pl", ["placement", "placements"]),
         ("lidarplace run grid.yaml --set training.ep", ["training.epochs"]),
         ("lidarplace run grid.yaml --set scene.dens", ["scene.density"]),

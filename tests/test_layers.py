@@ -47,7 +47,7 @@ FLOORS = {
         "checkpoints",
         "batch_size detect kitti_ap resume",
         "by_distance finetune found_objects",
-        "pretrained probe",
+        "pretrained",
     ),
     "training.detectors": (
         "detector layers",

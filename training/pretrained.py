@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -122,11 +121,6 @@ def domain_of(placements: Iterable[Placement], crop: Crop, classes: Sequence[str
 def _interval(values: Iterable[float]) -> Interval:
     known = [float(value) for value in values]
     return min(known), max(known)
-
-
-def as_plain(domain: Domain) -> dict[str, Any]:
-    """What a checkpoint keeps of a domain, under "domain"."""
-    return asdict(domain)
 
 
 @dataclass(frozen=True, eq=False)

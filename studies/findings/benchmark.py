@@ -16,6 +16,14 @@ from predicting import GENERALIST, of, own_detectors, read, set_aside
 from sweeps.benchmark import rigs
 from sweeps.benchmark.predictors import BUILT_IN, predict
 
+PEERS = {
+    "perception_entropy": "peers.perception_entropy:perception_entropy",
+    "expected_ap": "peers.expected_ap:expected_ap",
+    "ground_density": "peers.ground_points:density",
+    "ground_uniformity": "peers.ground_points:uniformity",
+}
+"""Predictors of other groups."""
+
 KEPT = ["placement", "seed", "class", "metric", "iou"]
 
 
@@ -26,7 +34,9 @@ def main() -> None:
         write(table, name)
     rigs.read.cache_clear()
     write(
-        pd.concat([generalists(), *map(predicted, (*BUILT_IN, "pretrained"))], ignore_index=True),
+        pd.concat(
+            [generalists(), *map(predicted, (*BUILT_IN, *PEERS, "pretrained"))], ignore_index=True
+        ),
         "predicted",
     )
 
@@ -52,8 +62,8 @@ def generalists() -> pd.DataFrame:
 
 
 def predicted(name: str) -> pd.DataFrame:
-    """What a predictor of the package says."""
-    values, seconds = predict(name)
+    """What a predictor of the package, or one of `PEERS`, says."""
+    values, seconds = predict(PEERS.get(name, name))
     table = values.rename_axis("placement").reset_index()
     return table.assign(predictor=name, seconds=seconds)
 

@@ -19,9 +19,6 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES, Surrogate
 from lidarplace.rigs.placement import Placement
-from sweeps.benchmark.peers.expected_ap import expected_ap
-from sweeps.benchmark.peers.ground_points import density, uniformity
-from sweeps.benchmark.peers.perception_entropy import perception_entropy
 from sweeps.benchmark.rigs import METRICS, log_of, of, trials
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.tasks import stages
@@ -33,23 +30,15 @@ Function = Callable[[Placement, BoxLog], float | Mapping[str, float]]
 "all". The log has the frames to train on."""
 
 FUNCTIONS: Registry[Function] = Registry(
-    "lidarplace.predictors",
-    {
-        "perception_entropy": perception_entropy,
-        "expected_ap": expected_ap,
-        "ground_density": density,
-        "ground_uniformity": uniformity,
-    },
-    fits=lambda found: callable(found) or isinstance(found, Surrogate),
+    "lidarplace.predictors", {}, fits=lambda found: callable(found) or isinstance(found, Surrogate)
 )
-"""Predictors of other groups, and those of plug-ins."""
+"""Those of plug-ins."""
 
 _SAME = ("ig", "residual_entropy")  # as S-MIG, the order of the rigs
-BUILT_IN = (
-    *(name for name, own in SURROGATES.own.items() if not own.fixed and name not in _SAME),
-    *FUNCTIONS.own,
+BUILT_IN = tuple(
+    name for name, own in SURROGATES.own.items() if not own.fixed and name not in _SAME
 )
-"""Those of the tables."""
+"""Surrogates of the tables."""
 
 _Every = Callable[[Iterable[str]], Iterable[str]]
 OfRig = Callable[[Trial], Mapping[str, float]]
@@ -92,9 +81,10 @@ def resolved(predictor: str) -> tuple[OfRig, Mapping[str, Trial]]:
         registry: Registry[Any] = SURROGATES if predictor in SURROGATES.own else FUNCTIONS
         found = registry[predictor]
     except PluginError as error:
-        names = [*SURROGATES.own, *FUNCTIONS.own]
-        hint = f"{error}{did_you_mean(predictor, names)}"
-        expected = f"{', '.join(names)}, {PRETRAINED}, a checkpoint (.pt), or module:function"
+        hint = f"{error}{did_you_mean(predictor, SURROGATES.own)}"
+        expected = (
+            f"{', '.join(SURROGATES.own)}, {PRETRAINED}, a checkpoint (.pt), or module:function"
+        )
         raise InputError(hint, place="predictor", expected=expected) from None
     if isinstance(found, Surrogate):
         return _surrogate(predictor, found)

@@ -140,7 +140,6 @@ def look(asked: Asked) -> list[Finding]:
     postgres = asked.tracking_uri.startswith("postgres")
     s3 = (asked.store or "").startswith("s3")
     wanted: list[tuple[str, str, Callable[[], Found]]] = [
-        ("Python", "everything", checks.python_version),
         ("packages", "everything", partial(checks.packages, None, True)),
         ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
         ("GPU", "fast trainings", checks.gpu),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -53,7 +54,7 @@ def pretrain(
     from sweeps.tasks.parameters import CollectParams
     from sweeps.tasks.task import with_inputs
     from training.checkpoints import write_checkpoint
-    from training.pretrained import as_plain, domain_of
+    from training.pretrained import domain_of
 
     if out.is_dir():  # before hours of training, not after
         wrong(f"--out {out}: is a folder; a file for the weights is expected")
@@ -88,7 +89,7 @@ def pretrain(
         params = task.params
         collected = [own.params for own in task.inputs if isinstance(own.params, CollectParams)]
         rigs = [own.placement for own in collected]
-        domain = as_plain(domain_of(rigs, params.point_range, value.classes)) if rigs else None
+        domain = asdict(domain_of(rigs, params.point_range, value.classes)) if rigs else None
         write_checkpoint(
             out, value.state_dict, params.detector, value.classes, params.typical, domain
         )
@@ -106,7 +107,7 @@ def pretrain(
 
 def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep, Task[Trained]]:
     """What a file trains on, and the sweep that names its store. Raises ConfigError."""
-    from sweeps.configuration.file import ConfigError
+    from sweeps.configuration.file import named
     from sweeps.configuration.grid import read_sweep
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import training_of
@@ -122,7 +123,5 @@ def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep,
     if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
         overrides = [*overrides, "training.checkpoint=null"]
     sweep, plan = read_plan(config, overrides)
-    try:
+    with named(config):
         return sweep, training_of(sweep, plan)
-    except ConfigError as error:
-        raise ConfigError(f"{config}: {error}") from None

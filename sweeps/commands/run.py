@@ -1,7 +1,6 @@
 """The main job: `lidarplace run grid.yaml`."""
 
 import os
-from contextlib import nullcontext
 from dataclasses import asdict
 from typing import Annotated
 
@@ -18,7 +17,6 @@ from lidarplace.command_line.verbs import (
     wrong,
 )
 from sweeps.configuration.sweep import SweepFile
-from sweeps.execution.backends import backend_for
 from sweeps.execution.interrupted import interruptible
 from sweeps.execution.memory import check_memory
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
@@ -33,20 +31,13 @@ app = new_app()
 @verb(
     app,
     "examples/grid.yaml",
-    "examples/grid.yaml --set training.epochs=2 --dry-run --probe",
+    "examples/grid.yaml --set training.epochs=2 --dry-run",
     failed="trials failed, the machine failed, or MLflow is incomplete",
 )
 def run(
     config: ConfigUnlessSchema = None,
     set_: SetOption = None,
     dry_run: DryRunOption = False,
-    probe: Annotated[
-        bool,
-        typer.Option(
-            "--probe",
-            help="with --dry-run: estimate time, memory and disk from tasks on few frames",
-        ),
-    ] = False,
     rerun_failed: Annotated[
         bool, typer.Option("--rerun-failed", help="retry failures by data or settings, too")
     ] = False,
@@ -73,12 +64,9 @@ def run(
         to_do = [task for task in plan.tasks if task.key not in done]
         check_memory(to_do, sweep.common.ray.address)
     console = output()
-    if probe and not dry_run:
-        wrong("--probe: is for --dry-run")
     if dry_run:
         with checked_input():
-            with backend_for(sweep.common.ray) if probe else nullcontext() as backend:
-                shown = planned(sweep, plan, store, backend)
+            shown = planned(sweep, plan, store)
             page = None if as_json else write_rigs_page(sweep, shown.cautions)
         if as_json:
             print_json(asdict(shown))

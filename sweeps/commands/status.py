@@ -113,8 +113,7 @@ def print_search(console: Console, state: SearchState, every: bool) -> None:
     best = state.best if every else state.best[:_MOST_BEST]
     for found in best:
         values = ", ".join(f"{name} {value:.6g}" for name, value in found["values"].items())
-        beside = "".join(f", {key}={value}" for key, value in found["beside"].items())
-        console.print(f"best so far: trial {found['trial']}: {values}{beside}{rays}")
+        console.print(f"best so far: trial {found['trial']}: {values}{rays}")
     if len(best) < len(state.best):
         console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")
     for failure in state.failures:

@@ -1,7 +1,8 @@
 """A configuration file as plain data, checked against its model: one line for a mistake."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeVar
@@ -50,6 +51,20 @@ _SHORT = {
 
 class ConfigError(InputError):
     """A mistake in the configuration: one line with file, key, value and what is allowed."""
+
+
+@contextmanager
+def named(place: object, file: Path | None = None) -> Iterator[None]:
+    """Raise ConfigError that begins with `place` for a ValueError of the block, or for an OSError
+    where it reads a file."""
+    try:
+        yield
+    except OSError as error:
+        if file is None:
+            raise
+        raise ConfigError(f"{place}: {file}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"{place}: {error}") from None
 
 
 def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
@@ -122,15 +137,12 @@ def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel])
         raise ConfigError(f"--set {pair}: the value: {error}") from None
     if key.partition(".")[0] not in model.model_fields:
         raise ConfigError(f"--set {pair}: {unknown_key(key, model)}")
-    for mapping in ("grid", "search.space"):  # their keys are key paths: grid."training.lr"
-        if key.startswith(f"{mapping}."):
-            place = raw
-            for part in mapping.split("."):
-                place = place.setdefault(part, {})
-                if not isinstance(place, dict):
-                    raise ConfigError(f"{path}: {part}: expected a mapping, found {place!r}")
-            place[key.removeprefix(f"{mapping}.")] = value
-            return
+    if key.startswith("grid."):  # its keys are key paths: grid."training.lr"
+        grid = raw.setdefault("grid", {})
+        if not isinstance(grid, dict):
+            raise ConfigError(f"{path}: grid: expected a mapping, found {grid!r}")
+        grid[key.removeprefix("grid.")] = value
+        return
     axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
     for axis in axes:
         if f"{key}.".startswith(f"{axis}."):

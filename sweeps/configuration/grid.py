@@ -18,7 +18,7 @@ from lidarplace.configuration.settings import found, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import ConfigError, check, read_named, unknown_key
+from sweeps.configuration.file import ConfigError, check, named, read_named, unknown_key
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
 from sweeps.configuration.whole_paths import with_whole_paths
@@ -103,10 +103,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     checked_common = check(Common, common, path)
     at_first = {axis: values[0] for axis, values in grid.items()}
     first = check(Point, own, path, {axis: f"grid.{axis}[0]" for axis in grid}, at_first)
-    try:
+    with named(path):
         rigs = Rigs(checked_common.placements, first)
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
     _check_own_values(own, at_first, rigs, first, path)
     rungs = _trained_rungs(checked_common, grid, path)
     # A section in which nothing varies is one object for all points: one log is read once.
@@ -183,10 +181,8 @@ def _check_own_values(
             }
             check(Point, own, path, changes=changes)
     if "placement" in own and "placement" in at_first:
-        try:
+        with named(f"{path}: placement"):
             rigs.of(first, str(own["placement"]))
-        except ValueError as error:
-            raise ConfigError(f"{path}: placement: {error}") from None
 
 
 def _has(data: Any, key_path: str) -> bool:

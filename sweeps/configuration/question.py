@@ -28,8 +28,8 @@ from lidarplace.requirements.requirement import KIND_OF, dead_sets
 from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
-from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
+from sweeps.configuration.file import named, override, read_yaml
 
 
 class RequirementsFile(Settings):
@@ -85,14 +85,12 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
         override(raw, pair, path, RequirementsFile)
     file = check_file(RequirementsFile, raw, path)
     curves = default_curves() if file.curves is None else read_curves(file.curves)
-    try:
+    with named(path):
         body = vehicle_of(file.vehicle)
         rigs, further = zip(*_rigs(file), strict=True)
         for rig, others in zip(rigs, further, strict=True):
             check_asked(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
     vehicle = body.with_boxes(keep_out_boxes(file.keep_out))
     laid = laid_out(file.requirements, vehicle, curves, f"{path}: ")
     return Question(rigs, vehicle, laid, further)
@@ -107,10 +105,8 @@ def laid_out(
     """Each around the vehicle. Raises ConfigError, which begins with `where`."""
     laid = []
     for number, settings in enumerate(requirements):
-        try:
+        with named(f"{where}requirements[{number}] {settings.name!r}"):
             laid.append(lay_out(settings.requirement(vehicle, curves), vehicle))
-        except ValueError as error:
-            raise ConfigError(f"{where}requirements[{number}] {settings.name!r}: {error}") from None
     return tuple(laid)
 
 
@@ -127,19 +123,15 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
     for name in names:
         if name in file.placements:
             own = file.placements[name]
-            try:
+            with named(f"placements.{name}"):
                 rigs.append((own.placement(name, lidar), own.further()))
-            except ValueError as error:
-                raise ValueError(f"placements.{name}: {error}") from None
         elif name in PAPER_PLACEMENTS:
             rigs.append((PAPER_PLACEMENTS[name].with_lidar(lidar), ()))
         elif Path(name).is_dir() or name.endswith((".yaml", ".yml")):
             path = Path(name) / "placement.yaml" if Path(name).is_dir() else Path(name)
             rig = replace(read_placement(path, lidar), name=name)
-            try:
+            with named(path):
                 rigs.append((rig, read_placement_settings(path).further()))
-            except ValueError as error:
-                raise ValueError(f"{path}: {error}") from None
         else:
             known = [*file.placements, *PAPER_PLACEMENTS]
             raise ValueError(
@@ -202,7 +194,5 @@ def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:
     ways."""
     needs = () if own.at_least is None else own.at_least.needs
     count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}
-    try:
+    with named(f"{own.name!r}: also_when.sensors_dead"):
         dead_sets(own.also_when.sensors_dead or 0, sum(kind in count for kind in kinds))
-    except ValueError as error:
-        raise ValueError(f"{own.name!r}: also_when.sensors_dead: {error}") from None

@@ -11,6 +11,7 @@ from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.rigs.weather import Weather
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
+from sweeps.configuration.file import named
 from sweeps.configuration.sweep import LidarSettings, Point
 
 
@@ -21,11 +22,7 @@ class Rigs:
     """
 
     def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
-        """Build own placements as the first point has them, whether one is its rig or not.
-
-        Raises:
-            ValueError: one has the name of the paper's, or as `of` does.
-        """
+        """Build own placements as the first point has them. Raises ValueError, as `of` does."""
         taken = sorted(set(own) & set(PAPER_PLACEMENTS))
         if taken:
             raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")
@@ -33,11 +30,9 @@ class Rigs:
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
         self._subset = cache(_subset)
-        try:
+        with named("placements"):
             for name in own:
                 self.of(first, name)
-        except ValueError as error:
-            raise ValueError(f"placements: {error}") from None
 
     def of(self, point: Point, name: str | None = None) -> Placement:
         """The rig of a point, or the one called `name` with its LiDARs and in its weather.
@@ -49,10 +44,8 @@ class Rigs:
         """
         name, subset = name or point.placement, None
         if names := self.recorded(name):
-            try:
+            with named(f"{name}.recorded"):
                 subset = self._subset(point.scene, point.lidar, names)
-            except ValueError as error:
-                raise ValueError(f"{name}.recorded: {error}") from None
         return self._built(name, point.lidar.lidar(), point.weather.weather(), subset)
 
     def recorded(self, name: str) -> tuple[str, ...]:

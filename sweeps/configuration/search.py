@@ -15,7 +15,6 @@ from lidarplace.configuration.further_sensors import CameraSettings, RadarSettin
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
-    Pair,
     PlaceSettings,
     mountable,
     number_as_interval,
@@ -33,8 +32,6 @@ from lidarplace.configuration.settings import (
     Distance,
     Factor,
     Name,
-    Number,
-    Probability,
     Seconds,
     Seed,
     Settings,
@@ -49,11 +46,7 @@ from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Mount
 from sweeps.configuration.sweep import Common, Point, best_of
 
-Scalar = Text | bool | int | Number | None
-
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
-PRUNERS = ("median", "successive_halving")
-
 
 Turn = Annotated[
     tuple[Degrees, Degrees], BeforeValidator(number_as_interval), AfterValidator(ordered)
@@ -123,24 +116,6 @@ class FixedSettings(MountSettings):
     model: Name | None = Field(None, description="of `models`; the first one by default")
 
 
-class NearFieldSettings(Settings):
-    """A box around the vehicle that has to be seen, past the vehicle's own body."""
-
-    x: Pair = Field((-4.0, 4.0), description="metres")
-    y: Pair = Field((-2.5, 2.5), description="metres")
-    z: Pair = Field((0.0, 1.0), description="metres")
-    resolution: Distance = Field(0.2, gt=0, description="edge of a voxel, metres")
-    coverage: Probability = Field(description="least share of its voxels")
-
-
-class ConstraintSettings(LimitSettings):
-    """What a placement has to keep."""
-
-    near_field: NearFieldSettings | None = Field(
-        None, description="coverage required close to the vehicle"
-    )
-
-
 FAMILIES = 16
 """Trials of few numbers with which a search by a generalist begins."""
 
@@ -149,10 +124,6 @@ DEFAULT_METRIC = headline_metric("all")
 
 GENERALIST, PRETRAINED = "generalist", "pretrained"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
-
-
-ONE_DEAD = "one_lidar_dead"
-"""What stands before what is left when the LiDAR is dead whose loss costs most."""
 
 
 TOTALS = ("price", "power")
@@ -173,9 +144,9 @@ class ObjectiveSettings(Settings):
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the least that a requirement has of what it needs, as a factor"
     )
-    judge: Literal["specialist", "generalist", "pretrained"] = Field(
-        "specialist",
-        description="of a measured value: specialist: a detector is trained for every trial; "
+    judge: Literal["generalist", "pretrained"] | None = Field(
+        None,
+        description="who measures a measured value: "
         "generalist: one detector, trained on many rigs of the space, judges a trial in seconds; "
         "generalist.recall is short for it, and generalist for that; pretrained: the generalist of "
         "the package, or of training.checkpoint, without a training; pretrained.recall likewise",
@@ -185,14 +156,8 @@ class ObjectiveSettings(Settings):
     )
     also: tuple[Text, ...] = Field(
         (),
-        exclude_if=lambda value: not value,  # keys of searches without it stay
         description="further measured values, such as [recall] or [recall.Pedestrian]: the "
         "objective is the mean of all; generalist.AP_R40_3D_mean.Car and recall is short for it",
-    )
-    one_lidar_dead: bool = Field(
-        False,
-        description="the least value that any one dead LiDAR leaves, of expected_recall or by a "
-        "generalist; one_lidar_dead.expected_recall is short for it",
     )
     direction: Direction | None = Field(
         None, description="maximize, but minimize for residual_entropy, price and power"
@@ -218,20 +183,12 @@ class ObjectiveSettings(Settings):
             raise ValueError("also: is for values that detectors measure, such as recall")
         if len({part.best for part in self.parts}) > 1:
             raise ValueError("also: all values have to be large, or all small")
-        if self.one_lidar_dead and not (self.judged or self.by == "expected_recall"):
-            raise ValueError(
-                "one_lidar_dead: is for expected_recall, and for what a generalist measures, such "
-                f"as {ONE_DEAD}.{GENERALIST}.{DEFAULT_METRIC}"
-            )
-        if self.one_lidar_dead and self.best == "minimize":
-            raise ValueError("one_lidar_dead: is the least value, which is to be large")
         return self
 
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
         by = f"{self.judge}.{self.by}" if self.judged else str(self.by)
-        by = f"{ONE_DEAD}.{by}" if self.one_lidar_dead else by
         if self.weights is not None and len(self.weights) == 1:
             by = f"{by}.{next(iter(self.weights))}"
         return " and ".join((by, *self.also))
@@ -273,9 +230,6 @@ def _objective(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     how: dict[str, Any] = {}
-    if value.partition(".")[0] == ONE_DEAD:
-        how |= {ONE_DEAD: True}
-        value = value.partition(".")[2]
     if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
         how |= {"judge": judge}
         value = value.partition(".")[2] or DEFAULT_METRIC
@@ -289,20 +243,6 @@ def _objective(value: Any) -> Any:
 
 def _several(value: Any) -> Any:
     return value if isinstance(value, (list, tuple)) else [value]
-
-
-class RangeSettings(Settings):
-    """Numbers from `low` to `high`; whole ones if both are."""
-
-    low: int | Number = Field(description="smallest value")
-    high: int | Number = Field(description="largest value")
-    log: bool = Field(False, description="on a logarithmic scale")
-
-    @model_validator(mode="after")
-    def _ordered(self) -> RangeSettings:
-        if not self.low <= self.high or (self.log and self.low <= 0):
-            raise ValueError("allowed is low <= high, and low > 0 with log")
-        return self
 
 
 class GreedySettings(Settings):
@@ -368,9 +308,7 @@ class SearchSettings(Settings):
     lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] = Field(
         (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
     )
-    zones: dict[Name, ZoneSettings] = Field(
-        default={}, description="by name; without zones LiDARs are where `placement` has them"
-    )
+    zones: dict[Name, ZoneSettings] = Field(min_length=1, description="by name")
     models: dict[Name, Annotated[ModelSettings, short_for("name")]] = Field(
         default={}, description="LiDAR models by name; by default the one of the key `lidar`"
     )
@@ -390,29 +328,24 @@ class SearchSettings(Settings):
     )
     adapt: CountFromOne | None = Field(
         None,
-        exclude_if=lambda value: value is None,
         description="trials of a first round, NAME_first, by the weights of objective: pretrained; "
         "they are then trained further on rigs near the best, as `generalist` says, and evaluate "
         "the other trials, which start from these rigs",
     )
     near_start: bool = Field(
         False,
-        exclude_if=lambda value: not value,
         description="a generalist is trained on rigs near those of `start`, off by up to a tenth "
         "of a zone and 5 degrees, in place of rigs anywhere in the zones",
     )
     families: Count | None = Field(
         None,
-        exclude_if=lambda value: value is None,  # keys of searches without it stay
         description="trials to begin with that have few numbers: LiDARs around the middle of a "
         "zone, across, in a stack, with pitches that lay rings between each other or a roll "
         "outwards; null: 16 where a generalist evaluates, else none",
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     keep_out: KeepOuts = Field(default={})
-    constraints: ConstraintSettings = Field(
-        ConstraintSettings(), description="limits of a placement"
-    )
+    constraints: LimitSettings = Field(LimitSettings(), description="limits of a placement")
     requirements: Requirements = Field(
         (),
         description="what must be seen around the vehicle, as in a file of requirements; other "
@@ -426,10 +359,6 @@ class SearchSettings(Settings):
         min_length=1,
         description="one or several; expected_ig.Car is short for one class; generalist by default",
     )
-    space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
-        default={},
-        description="key path -> values or {low, high, log}, searched together with the placement",
-    )
     sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
         "tpe", description="Optuna sampler"
     )
@@ -440,7 +369,7 @@ class SearchSettings(Settings):
         8, description="rays of expected_points and expected_ig: every so many azimuth steps"
     )
     seeds: tuple[Seed, ...] = Field(
-        (0,), min_length=1, description="trainings of a measured value; generalists, if they judge"
+        (0,), min_length=1, description="generalists, whose mean counts"
     )
     traffic: TrafficSettings = Field(
         TrafficSettings(), description="traffic on which a generalist evaluates rigs"
@@ -452,15 +381,6 @@ class SearchSettings(Settings):
     )
     over: Literal["mean", "worst"] = Field(
         "mean", description="how values over traffic and vehicles are combined"
-    )
-    rungs: tuple[dict[str, Any], ...] = Field(
-        default=(), description="shorter trainings first, such as {training.epochs: 1}"
-    )
-    pruner: Literal[PRUNERS] = Field(  # type: ignore[valid-type]
-        "median", description="stops trials after a rung"
-    )
-    storage: Text | None = Field(
-        None, description="URL of a database for Optuna; a journal in the run folder if null"
     )
     greedy: GreedySettings | None = Field(
         GreedySettings(), description="greedy choice and upper bound; null: none"
@@ -491,15 +411,12 @@ class SearchSettings(Settings):
         if any(measured) and any(o.of_traffic for o in self.objective):
             raise ValueError("objective: measured values and surrogates cannot be combined")
         judged = [objective.judged for objective in self.objective if objective.measured]
-        if any(judged):
-            if not all(judged):
-                raise ValueError(
-                    "objective: expected one judge for all objectives, generalist or specialist"
-                )
-            if not self.zones or self.space:
-                raise ValueError("objective: a generalist judges rigs in zones, without `space`")
-            if self.rungs:
-                raise ValueError("rungs: are shorter trainings, and a generalist is trained once")
+        if not all(judged):
+            name = next(o.name for o in self.objective if o.measured and not o.judged)
+            raise ValueError(
+                f"objective: expected generalist.{name} or pretrained.{name}, found {name}"
+            )
+        if judged:
             tests = max(len(self.traffic.search), len(self.traffic.choice))
             if self.over == "worst" and tests * (self.vehicles or 1) == 1:
                 raise ValueError("over: worst needs several, in traffic or by vehicles")
@@ -510,7 +427,7 @@ class SearchSettings(Settings):
         if self.adapt is not None:
             if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
                 raise ValueError("adapt: is for an objective that begins with pretrained")
-            if not any(judged) or self.adapt >= self.trials:
+            if not judged or self.adapt >= self.trials:
                 raise ValueError(f"adapt: expected fewer than `trials`, found {self.adapt}")
             if len(self.models) > 1 or self.counted:
                 raise ValueError("adapt: is for one LiDAR model, and zones that do not count")
@@ -518,17 +435,6 @@ class SearchSettings(Settings):
             raise ValueError("near_start: name the rigs in `start`")
         self._check_zones()
         self.further()
-        if any(o.one_lidar_dead for o in self.objective) and self.most_lidars < 2:
-            raise ValueError("objective: one_lidar_dead: needs two or more LiDARs")
-        if self.space and not any(measured):
-            raise ValueError(
-                "space: surrogates depend on the placement alone; choose a measured objective such "
-                "as AP_R40_3D.Car"
-            )
-        if not self.zones and not self.space:
-            raise ValueError("zones: name at least one, or key paths in `space`")
-        if self.rungs and (not any(measured) or len(self.objective) > 1):
-            raise ValueError("rungs: prune the trainings of a single measured objective")
         for fixed in self.fixed:
             if fixed.lidar is not None:
                 raise ValueError("fixed: lidar: name it in `models`, and the model here")
@@ -542,9 +448,7 @@ class SearchSettings(Settings):
 
     @property
     def first_families(self) -> int:
-        """How many trials are of families; none where LiDARs have no zones."""
-        if not self.zones:
-            return 0
+        """How many trials are of families."""
         if self.families is not None:
             return self.families
         return FAMILIES if self.objective[0].judged else 0
@@ -596,9 +500,6 @@ class SearchSettings(Settings):
                     f"{place}: common_view.pairs: LiDARs of a search have no fixed numbers; "
                     f"expected all or chain, found {[list(pair) for pair in view.pairs]}"
                 )
-        for key in ("keep_out", "requirements"):
-            if getattr(self, key) and not self.zones:
-                raise ValueError(f"{key}: no zones to place LiDARs in")
         if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
             unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
             if unknown or not self.models:
@@ -625,7 +526,7 @@ class SearchSettings(Settings):
             if value is not None and not (name == "distance" and value == 0)
         }
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
-        if limits and self.zones and not self.objective[0].judged:
+        if limits and not self.objective[0].judged:
             raise ValueError(
                 f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would look where "
                 "nothing is allowed; take tpe, gp, nsga2 or nsga3, or lift them "
@@ -662,7 +563,7 @@ class SearchFile(Common, Point):
         description="mounting errors in simulated clouds; real rigs perform worse than "
         "on paper alone",
     )
-    placement: Name = Field("line", description="where no zone is given")
+    placement: Name = Field("line", description="not for searches, which have search.start")
     search: SearchSettings = Field(description="zones, constraints, objective and sampler")
     robustness: RobustnessSettings | None = Field(
         RobustnessSettings(), description="sensitivity of the winner; null: skip"
@@ -678,8 +579,3 @@ class SearchFile(Common, Point):
                 if by not in (*METRICS.own, *self.metrics):
                     raise ValueError(f"search.objective: {by} is not among metrics")
         return self
-
-    @property
-    def urls(self) -> tuple[str, ...]:
-        """Addresses that may hold secrets."""
-        return (*super().urls, *filter(None, [self.search.storage]))

@@ -134,7 +134,6 @@ class SurrogateSettings(Settings):
     )
     mount_draws: Count = Field(
         0,
-        exclude_if=lambda value: not value,  # keys of what does without it stay
         description="vehicles whose mounts are off by mounting_errors, over which expected_recall "
         "and other surrogates of objects are the mean; 0: of exact mounts",
     )
@@ -311,10 +310,10 @@ class RaySettings(Settings):
     )
     num_cpus: CountFromOne | None = Field(None, description="CPUs of a local run; all by default")
     num_gpus: Count | None = Field(None, description="GPUs of a local run; all by default")
-    gpus_per_training: Probability | Literal["auto"] = Field(
+    gpus_per_training: Probability = Field(
         1.0,
-        description="share of a GPU per training, if there is a GPU; auto: by the memory that "
-        "one step used",
+        description="share of a GPU, and of its memory, per training, if there is a GPU: 0.25 "
+        "trains four at once",
     )
 
     @field_validator("address")

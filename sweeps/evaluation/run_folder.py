@@ -13,14 +13,13 @@ from lidarplace.base.errors import InputError
 from lidarplace.command_line.invocation import called
 from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import is_there
-from lidarplace.logs.boxes import GEOMETRY
 from sweeps.configuration.file import public_yaml
 from sweeps.evaluation.asked import Asked
+from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.trial_results import Cell, with_columns
 from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.results import Evaluated
-from tracking.findings.failures import Failures
 from tracking.report.recommendation import failures_to_show
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
@@ -113,25 +112,12 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = failures_to_show(folder)
     if compared is not None:
-        _frames(compared, {str(place["trial"]): own for place, own in trials}).write(folder)
+        boxes = {str(place["trial"]): own.detections for place, own in trials}
+        none = np.zeros((0, 4), np.float32)
+        frames_of(compared, boxes, lambda trial, frame: none).write(folder)
 
 
 def _found(objects: pd.DataFrame, own: Evaluated, place: Mapping[str, Cell]) -> pd.DataFrame:
     """Whether each object was found; how many points were on it is not known."""
     hit = found_in(objects, own.detections)
     return pd.DataFrame({"trial": place["trial"], "object": objects["object"], "found": hit})
-
-
-def _frames(compared: Failures, trials: Mapping[str, Evaluated]) -> FailureFrames:
-    """The frames with the largest differences, with detections and without clouds."""
-    shown = compared.objects.iloc[compared.telling()]
-    found = FailureFrames(
-        np.array(compared.rigs, np.str_), shown["object"].to_numpy(np.int64), {}, {}
-    )
-    for rig, key in enumerate(compared.trials):
-        boxes = trials[key].detections
-        for place, frame in enumerate(shown["frame"].tolist()):
-            own = boxes.loc[boxes["frame"] == frame, [*GEOMETRY, "score"]]
-            found.points[f"{place}/{rig}"] = np.zeros((0, 3), np.float32)
-            found.detections[f"{place}/{rig}"] = own.to_numpy(np.float64)
-    return found

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import or_
 from pathlib import Path
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.failures import Failure
@@ -54,24 +54,18 @@ class Backend(Protocol):
     """Where calls run.
 
     Attributes:
-        probes: whether the needs of trainings matter.
         gpus_per_training: share of a GPU that a training gets.
         slots: calls to hand out at once.
         room: what trainings share.
-        device: what trainings run on.
         cores: calls that run at once.
     """
 
     @property
-    def probes(self) -> bool: ...
-    @property
-    def gpus_per_training(self) -> float | Literal["auto"]: ...
+    def gpus_per_training(self) -> float: ...
     @property
     def slots(self) -> int: ...
     @property
     def room(self) -> Room: ...
-    @property
-    def device(self) -> str: ...
     @property
     def cores(self) -> int: ...
 
@@ -112,10 +106,8 @@ class InProcess:
 
     slots: int = 1
     room: Room = Room()
-    device: str = "this process"
     cores: int = 1
-    probes: bool = False
-    gpus_per_training: float | Literal["auto"] = 1.0
+    gpus_per_training: float = 1.0
 
     def share(self, value: T) -> T:
         return value
@@ -151,8 +143,6 @@ class OnRay:
             in the store, nobody does.
     """
 
-    probes = True
-
     def __init__(self, start: Callable[[], Any], settings: RaySettings) -> None:
         self._start = start
         self.gpus_per_training = settings.gpus_per_training
@@ -179,14 +169,6 @@ class OnRay:
     def room(self) -> Room:
         self._look()
         return Room(self._resources.get("GPU", 0) or math.inf, self._resources.get("memory", 0))
-
-    @property
-    def device(self) -> str:
-        self._look()
-        if not self._resources.get("GPU", 0):
-            return "CPU"
-        # Ray names the kinds of accelerators as resources.
-        return ", ".join(sorted(n for n in self._resources if n.startswith("accelerator_type:")))
 
     def share(self, value: T) -> T:
         shared: T = self._ray.put(value)  # Ray puts the value in the place of its reference

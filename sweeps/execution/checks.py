@@ -28,7 +28,6 @@ State: TypeAlias = Literal["good", "weak", "optional", "missing"]
 
 _GB = 1e9
 _RAY_S = 120.0
-_SERVER_S = 10.0
 _GPU_SETUP = "make clean && make setup TORCH_BACKEND=auto"
 _RAY_TASK = """
 import sys
@@ -61,14 +60,6 @@ class Found:
     found: str
     state: State = "good"
     remedy: str = ""
-
-
-def python_version() -> Found:
-    """Python's version."""
-    good = sys.version_info >= (3, 11)
-    remedy = "" if good else "make clean && make setup PYTHON=python3.11"
-    found = f"{platform.python_version()}, {sys.executable}"
-    return Found(found, "good" if good else "missing", remedy)
 
 
 def packages(extra: str | None, needed: bool) -> Found:
@@ -212,49 +203,24 @@ def shared_memory() -> Found:
 
 def mlflow(uri: str) -> Found:
     """MLflow's database can be made, or its server answers. Asks only a server that is named."""
-    from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file
+    from tracking.mlflow.connection import connect, reason
+    from tracking.mlflow.uri import absolute_uri, sqlite_file
 
-    shown = public_url(uri)
+    shown, remedy = public_url(uri), "correct tracking.uri in the file"
     try:
-        absolute = absolute_uri(uri)
-    except ValueError as error:
-        return Found(str(error), "missing", "correct tracking.uri in the file")
-    if is_server(uri):
-        import requests  # as MLflow does: it sends the user and the password of the address
-
-        from tracking.mlflow.connection import reason
-
-        try:
-            answer = requests.get(f"{uri.rstrip('/')}/health", timeout=_SERVER_S)
-        except requests.RequestException as error:
-            found = f"{shown}: {hide_secrets(reason(error), uri)}"
-        else:
-            if answer.ok:
-                return Found(f"{shown} answers")
-            found = f"{shown}: HTTP {answer.status_code}"
-        return Found(found, "missing", "start the server, or correct tracking.uri")
-    file = sqlite_file(absolute)
-    if file is not None:
-        try:
-            check_takes_files(file.parent)
-            if file.exists():
-                file.open("r+b").close()
-        except OSError as error:
-            return _not_writable(error, "correct tracking.uri in the file")
-        return Found(f"{shown}{'' if file.exists() else ', made at need'}")
-    import sqlalchemy
-
+        if (file := sqlite_file(absolute_uri(uri))) is None:
+            connect(absolute_uri(uri)).search_experiments(max_results=1)
+            return Found(f"{shown} answers")
+    except Exception as error:  # each kind of server has its own
+        found = hide_secrets(f"{shown}: {reason(error)}", uri)
+        return Found(found, "missing", f"start the server or the database, or {remedy}")
     try:
-        sqlalchemy.create_engine(
-            absolute, connect_args={"connect_timeout": int(_SERVER_S)}
-        ).connect().close()
-    except ImportError as error:
-        package = "psycopg2-binary" if "psycopg2" in str(error) else error.name or "its driver"
-        return Found(f"{shown}: {error}", "missing", _install([package]))
-    except sqlalchemy.exc.SQLAlchemyError as error:
-        found = f"{shown}: {hide_secrets(str(error).splitlines()[0], uri)}"
-        return Found(found, "missing", "start the database, or correct tracking.uri")
-    return Found(f"{shown} answers")
+        check_takes_files(file.parent)
+        if file.exists():
+            file.open("r+b").close()
+    except OSError as error:
+        return _not_writable(error, remedy)
+    return Found(f"{shown}{'' if file.exists() else ', made at need'}")
 
 
 def remote_store(url: str) -> Found:
@@ -280,10 +246,7 @@ def remote_store(url: str) -> Found:
 
 
 def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requirement]:
-    """What a package asks for with an extra, or without any.
-
-    Raises PackageNotFoundError: the package is not installed.
-    """
+    """What a package asks for with an extra, or without any. Raises PackageNotFoundError."""
     from packaging.requirements import Requirement
 
     found = []

@@ -7,9 +7,9 @@ from typing import Protocol
 
 from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
-from sweeps.execution.needs import Need, is_training, largest_share, need_of, probes_of
+from sweeps.execution.needs import Need, need_of
 from sweeps.execution.schedule import Schedule
-from sweeps.execution.worker import Batch, Ended, try_task
+from sweeps.execution.worker import Ended, try_task
 from sweeps.store.open import AnyStore
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task
@@ -32,12 +32,10 @@ class Outcome:
         failures: by key, of the tasks that failed or could not run.
         times: by key, when a task began and ended on its worker, seconds of the driver's clock that
             never jumps.
-        probes: tasks, by key, that were looked at in addition to those of the plan.
     """
 
     failures: dict[str, Failure] = field(default_factory=dict)
     times: dict[str, tuple[float, float]] = field(default_factory=dict)
-    probes: dict[str, Task] = field(default_factory=dict)
 
 
 def execute(
@@ -71,18 +69,9 @@ def execute(
     for item in tasks:
         if item.key in done and item.resumable:  # it was stopped after its last step
             store.discard(item)
-    share = largest_share(backend.gpus_per_training)
     known = dict(known or {}) | {k: f for k, f in outcome.failures.items() if f.lasting}
-    left = [task for task in tasks if task.key not in done and task.key not in known]
-    probes: dict[str, Task] = {}
-    if backend.probes and any(map(is_training, left)):
-        every = probes_of(tasks, backend.device, share)
-        probes = {task.key: every[task.key] for task in left if is_training(task)}
-    outcome.probes |= {probe.key: probe for probe in probes.values()}
-    done |= store.finished(probes.values())
-    # A probe comes right after its inputs, so that no training waits long for it.
-    schedule = Schedule(_with_probes(tasks, probes), done, probes)
-    run = _Execution(store, backend, listener, outcome, schedule, probes)
+    schedule = Schedule(tasks, done)
+    run = _Execution(store, backend, listener, outcome, schedule)
     for item in tasks:
         if item.key in known and item.key not in done | schedule.failed.keys():
             run.fail(item, known[item.key])
@@ -101,9 +90,8 @@ class _Execution:
     """Tasks between their schedule and the backend.
 
     Attributes:
-        probes: probe of a training, by the training's key.
-        running: what was handed out, how it is tried and what it asked for.
-        attempts: how a training is tried again, by its key.
+        running: what was handed out, and what it asked for.
+        halvings: how often the batch of a training is halved, by its key.
     """
 
     store: AnyStore
@@ -111,9 +99,8 @@ class _Execution:
     listener: Listener
     outcome: Outcome
     schedule: Schedule
-    probes: Mapping[str, Task]
-    running: dict[Job[Ended], tuple[Task, Batch, Need]] = field(default_factory=dict)
-    attempts: dict[str, Batch] = field(default_factory=dict)
+    running: dict[Job[Ended], tuple[Task, Need]] = field(default_factory=dict)
+    halvings: dict[str, int] = field(default_factory=dict)
 
     def hand_out(self) -> None:
         """Start tasks while the backend takes some; it is not asked while there are none."""
@@ -123,15 +110,14 @@ class _Execution:
             if self.store.has(task):  # another driver was here in the meantime
                 self._finish(task)
                 continue
-            need = need_of(
-                task, self.probes.get(task.key), self.store, self.backend.gpus_per_training
-            )
-            how = self.attempts.get(task.key, Batch(need.batch_size))
-            if how.halvings:
+            need = need_of(task, self.backend.gpus_per_training)
+            if halvings := self.halvings.get(task.key, 0):
                 need = replace(need, gpu_share=max(1.0, need.gpu_share))
             name = f"{task.stage}: {task.label}"
-            job = self.backend.submit(try_task, task, self.store, how, name=name, need=need)
-            self.running[job] = (task, how, need)
+            job = self.backend.submit(
+                try_task, task, self.store, halvings, need.gpu_share, name=name, need=need
+            )
+            self.running[job] = (task, need)
             self.listener.started(task)
 
     def take_back(self, job: Job[Ended]) -> None:
@@ -140,7 +126,7 @@ class _Execution:
         Raises DamagedResult: a result that it needs was damaged, and is gone.
         """
         ended = _ended(job)
-        task, how, _ = self.running.pop(job)
+        task, _ = self.running.pop(job)
         now, failure = time.monotonic(), ended.failure
         self.outcome.times[task.key] = (now - ended.seconds, now)
         if failure is None:
@@ -148,8 +134,8 @@ class _Execution:
             self._finish(task)
         elif failure.damaged or not all(map(self.store.has, task.inputs)):
             raise DamagedResult(failure.reason)
-        elif failure.out_of_gpu_memory and _can_be_halved(task, how):
-            self.attempts[task.key] = Batch(how.batch_size, how.halvings + 1)
+        elif failure.out_of_gpu_memory and _can_be_halved(task, self.halvings.get(task.key, 0)):
+            self.halvings[task.key] = 1 + self.halvings.get(task.key, 0)
             self.schedule.again(task)
         else:
             self.fail(task, failure)
@@ -167,7 +153,7 @@ class _Execution:
         """What would wait for a GPU or for memory must not keep others from the CPUs."""
         if not self.running:
             return True
-        needs, room = [need for *_, need in self.running.values()], self.backend.room
+        needs, room = [need for _, need in self.running.values()], self.backend.room
         return (
             sum(need.gpu_share for need in needs) < room.gpus
             and sum(need.memory for need in needs) < room.memory
@@ -184,19 +170,9 @@ def _ended(job: Job[Ended]) -> Ended:
         return Ended(Failure.of(error), 0.0)
 
 
-def _with_probes(tasks: Sequence[Task], probes: Mapping[str, Task]) -> list[Task]:
-    """`tasks`, each probe before the first training that waits for it."""
-    ordered: dict[str, Task] = {}
-    for task in tasks:
-        if task.key in probes:
-            ordered.setdefault(probes[task.key].key, probes[task.key])
-        ordered[task.key] = task
-    return list(ordered.values())
-
-
-def _can_be_halved(task: Task, how: Batch) -> bool:
+def _can_be_halved(task: Task, halvings: int) -> bool:
     """Whether a training that was too large for a GPU had more than one frame in a step."""
     if not task.resumable:
         return False
-    size = how.batch_size or task.params.training.batch_size
-    return (LARGEST_BATCH if size == "auto" else size) >> how.halvings > 1
+    size = task.params.training.batch_size
+    return (LARGEST_BATCH if size == "auto" else size) >> halvings > 1

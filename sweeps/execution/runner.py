@@ -88,11 +88,7 @@ def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> t
 
 
 def _remove_leftovers(common: Common, store: AnyStore) -> None:
-    """Remove what killed runs were writing to the run folder, next to MLflow's database, to the
-    store.
-
-    The store may be shared: what a running process or another host writes stays.
-    """
+    """Remove what killed runs were writing; in a shared store what others write stays."""
     remove_leftovers(common.output / common.name, "**/.*.part*")
     if (database := sqlite_file(common.tracking_uri)) is not None:
         remove_leftovers(database.parent)

@@ -2,7 +2,7 @@
 
 import heapq
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sweeps.execution.failures import Failure
@@ -16,7 +16,6 @@ PRIORITY = {
     "command": 11,
     "finetune": 11,
     "pretrain": 10,
-    "probe": 9,
     "collect": 8,
     "ground_truth": 7,
     "scene": 6,
@@ -44,17 +43,13 @@ class Schedule:
     Args:
         tasks: all tasks, each after its inputs, those of the first trial first.
         done: keys of those whose results are in the store already.
-        probes: probe that a task waits for, by the task's key; it goes on if the probe fails.
 
     Raises:
         ValueError: a task needs one that is neither done nor before it.
     """
 
-    def __init__(
-        self, tasks: Sequence[Task], done: Collection[str], probes: Mapping[str, Task]
-    ) -> None:
+    def __init__(self, tasks: Sequence[Task], done: Collection[str]) -> None:
         self.failed: dict[str, Failure] = {}
-        self._let_go: set[str] = set()
         self._waiting: dict[str, int] = {}
         self._dependents: dict[str, list[Task]] = defaultdict(list)
         self._ready: dict[bool, list[tuple[_Rank, Task]]] = {False: [], True: []}
@@ -66,8 +61,7 @@ class Schedule:
         for task in tasks:
             if task.key in done:
                 continue
-            needed = [*task.inputs, *([probes[task.key]] if task.key in probes else [])]
-            missing = [t for t in needed if t.key not in done]
+            missing = [t for t in task.inputs if t.key not in done]
             self._waiting[task.key] = len(missing)
             for item in missing:
                 if item.key not in self._waiting:
@@ -112,11 +106,6 @@ class Schedule:
         falling = [task]
         for current in falling:
             if current.key in self.failed:
-                continue
-            if current.stage == "probe":
-                if current.key not in self._let_go:
-                    self._let_go.add(current.key)
-                    self.finish(current)  # trainings go on without its measurement
                 continue
             self.failed[current.key] = failure if current is task else because
             fallen.append(current)

@@ -17,22 +17,10 @@ from sweeps.execution.progress import NOTED_S, about
 from sweeps.store.local import Note
 from sweeps.store.open import AnyStore
 from sweeps.store.result_folder import R, Ran
+from sweeps.tasks.parameters import NetworkParams
 from sweeps.tasks.results import Trained
 from sweeps.tasks.stages import FUNCTIONS
 from sweeps.tasks.task import Task
-
-
-@dataclass(frozen=True)
-class Batch:
-    """How a training is tried.
-
-    Attributes:
-        batch_size: frames of a step where the settings leave it open; None: the task finds out.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
-    """
-
-    batch_size: int | None = None
-    halvings: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,12 +36,12 @@ class Ended:
     seconds: float
 
 
-def try_task(task: Task, store: AnyStore, how: Batch) -> Ended:
+def try_task(task: Task, store: AnyStore, halvings: int, gpu_share: float) -> Ended:
     """`run_task`; a mistake comes back as a note."""
     start = time.perf_counter()
     failure = None
     try:
-        run_task(task, store, how)
+        run_task(task, store, halvings, gpu_share)
     except Exception as error:
         # If the result is there another driver finished it, and tidied up under this one.
         if not store.has(task):
@@ -61,12 +49,18 @@ def try_task(task: Task, store: AnyStore, how: Batch) -> Ended:
     return Ended(failure, time.perf_counter() - start)
 
 
-def run_task(task: Task, store: AnyStore, how: Batch) -> None:
+def run_task(task: Task, store: AnyStore, halvings: int = 0, gpu_share: float = 1.0) -> None:
     """Compute one result from those in the store, and store it.
 
     Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
     clouds larger than the memory can be trained on.
+
+    Args:
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
+        gpu_share: of a GPU's memory that a network may take.
     """
+    if isinstance(task.params, NetworkParams) and gpu_share:
+        _leave_the_rest(gpu_share)
     node, pid = socket.gethostname(), os.getpid()
     since = datetime.now().isoformat(" ", timespec="seconds")
     with store.running(task, Note(node, pid, since)) as note:
@@ -77,7 +71,14 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
         if task.resumable:
             with store.working_folder(task) as folder:
                 on_step = _Progress(task, note).on_step
-                value = function(task.params, *inputs, folder=folder, on_step=on_step, **vars(how))
+                value = function(
+                    task.params,
+                    *inputs,
+                    folder=folder,
+                    on_step=on_step,
+                    batch_size=None,  # it finds out
+                    halvings=halvings,
+                )
         else:
             value = function(task.params, *inputs)
         seconds = time.perf_counter() - start
@@ -92,6 +93,14 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
         store.save(task, value, seconds, ran)
         if task.resumable:
             store.discard(task)
+
+
+def _leave_the_rest(gpu_share: float) -> None:
+    """Limit this process to a share of a GPU's memory; batches that need more do not fit."""
+    import torch
+
+    if torch.cuda.is_available():
+        torch.cuda.set_per_process_memory_fraction(min(1.0, gpu_share))
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))

@@ -28,7 +28,7 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
 - Tags to filter by: `tags.placement = 'line'`, `tags.detector`, `tags.seed`, `tags.density`,
   `tags.scene`, and the axes of the grid, in backquotes: ``tags.`scene.density` = '80'``.
 - The parent run has the command, the configuration, the report and the tables; a child run has the
-  picture of its placement and precision over recall. The tab *Models* has the best detectors.
+  picture of its placement and precision over recall.
 - Placements with more than one run have seeds: compare their means, not the first row.
 """
 """The text of the experiment's page, Markdown."""

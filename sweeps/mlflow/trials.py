@@ -133,11 +133,7 @@ class TrialLog:
 
 
 def _pictures(trial: DetectorTrial, store: AnyStore, folder: Path) -> list[Path]:
-    """PNGs of the placement, which trials share, and of precision over recall, if there is any.
-
-    Args:
-        folder: where they are; one that is there is not drawn again.
-    """
+    """PNGs of the placement, which trials share, and of precision over recall, each drawn once."""
     from tracking.mlflow.pictures import draw_pr_curves, draw_rig
 
     # Clouds differ where the rig or its vehicle does.

@@ -13,7 +13,7 @@ from lidarplace.clouds.collect import crop_for
 from lidarplace.files.regular import regular
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.rigs.placement import Placement
-from sweeps.configuration.file import ConfigError
+from sweeps.configuration.file import ConfigError, named
 from sweeps.configuration.sweep import Point
 from training import NETWORKS, build_detector, network_of
 from training.settings import PRETRAINED
@@ -33,7 +33,7 @@ def curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
 
 def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> DetectionCurves:
     """Detection curves, with one for each of `classes`: its own, or that of another."""
-    try:
+    with named("surrogate.curves", path):
         curves = default_curves() if path is None else read_curves(path)
         for name, other in classes:
             if other is not None and not curves.has(name, IOU):
@@ -46,10 +46,6 @@ def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> D
                     f"takes with class_settings.{name}.curve, or make its own with lidarplace "
                     "calibrate"
                 )
-    except OSError as error:
-        raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"surrogate.curves: {error}") from None
     return curves
 
 
@@ -70,7 +66,7 @@ def checkpoint_of(
     # torch, which a sweep from scratch need not wait for
     from training.checkpoints import load_checkpoint, read_checkpoint
 
-    try:
+    with named("training.checkpoint", path):
         known = {item.name: item for item in typical}
         if not new_heads:
             kept = from_plain(read_checkpoint(path)[0])
@@ -78,10 +74,6 @@ def checkpoint_of(
         typical = tuple(known[name] for name in classes if name in known)
         model = build_detector(detector, classes, point_range=point_range, typical=typical)
         return load_checkpoint(model, path, new_heads).digest, typical
-    except OSError as error:
-        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"training.checkpoint: {error}") from None
 
 
 def generalist_of(point: Point) -> Generalist:
@@ -90,12 +82,8 @@ def generalist_of(point: Point) -> Generalist:
     Raises ConfigError: the file cannot be read, or belongs to another network.
     """
     path = point.training.checkpoint or PRETRAINED
-    try:
+    with named("training.checkpoint", path):
         found = _read_generalist(path)
-    except OSError as error:
-        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"training.checkpoint: {error}") from None
     if point.detector != found.detector:
         raise ConfigError(
             f"detector: {path} has weights of another network; expected {found.detector}, "
@@ -134,10 +122,8 @@ def check_network(
 ) -> None:
     """Build a network of a plug-in: errors are reported before hours of scenes."""
     if NETWORKS.roots([network_of(detector)]):
-        try:
+        with named("detector"):
             build_detector(detector, classes, point_range=point_range, typical=typical)
-        except ValueError as error:
-            raise ConfigError(f"detector: {error}") from None
 
 
 def digests_of(paths: Sequence[Path]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.command import CommandJudge
-from sweeps.configuration.file import ConfigError
+from sweeps.configuration.file import ConfigError, named
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
@@ -65,6 +65,7 @@ from sweeps.tasks.parameters import (
     TrainingParams,
     keys_of,
 )
+from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from training.settings import PRETRAINED, TrainingSettings
 from training.typical_objects import TypicalObject
@@ -88,10 +89,8 @@ ACCURACY_VOXELS = 60_000_000
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
     """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
     sweep = read_sweep(path, overrides)
-    try:
+    with named(path):
         return sweep, make_plan(sweep)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
 
 
 def make_plan(sweep: Sweep) -> Plan:
@@ -177,10 +176,8 @@ class _Builder:
     def trial(self, grid_point: GridPoint) -> Trial:
         """The trial of a point, with all its tasks."""
         point, rig = grid_point.point, grid_point.rig
-        try:
+        with named("scene"):
             parts = self._parts_of(point.scene)
-        except ValueError as error:
-            raise ConfigError(f"scene: {error}") from None
         typical = self._typical(point)
         if point.detector is not None and point.training.mixed_precision == "everywhere":
             self.cautions |= dict.fromkeys(_without_bfloat16())
@@ -205,8 +202,7 @@ class _Builder:
             pog=pog,
             surrogates=self._task("surrogates", grid_point, _of_pog(point, rig), (pog,)),
             recall=self._recall(grid_point, logs),
-            accuracy=self._accuracy(grid_point, logs),
-            sampling_error=self._sampling_error(grid_point, logs),
+            **self._studies(grid_point, logs),
         )
         return (
             trial
@@ -248,47 +244,37 @@ class _Builder:
         )
         return self._task("recall", grid_point, params, logs)
 
-    def _studied(self, point: Point) -> bool:
-        """Whether accuracy and sampling error are worked out, if they are asked for."""
+    def _studies(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> dict[str, Task | None]:
+        """Accuracy and sampling error of the surrogates, as far as they are asked for."""
+        point, settings = grid_point.point, grid_point.point.surrogate
+        found: dict[str, AccuracyParams | SamplingErrorParams] = {}
+        asked = (name for name in settings.names if name in POG_SURROGATES)
+        common: dict[str, Any] = {
+            "placement": grid_point.rig,
+            "roi": grid_point.roi,
+            "detection_probability": settings.detection_probability,
+            "occlusion": settings.occlusion,
+            "names": tuple(dict.fromkeys((*ASKED_OF_POG.own, *asked))),
+        }
         # A sweep with rungs works them out for what goes on alone.
-        chosen = spread(self._placements, point.surrogate.studied_placements)
-        return point.placement in chosen or bool(self._common.promote)
-
-    def _studied_names(self, point: Point) -> tuple[str, ...]:
-        asked = (name for name in point.surrogate.names if name in POG_SURROGATES)
-        return tuple(dict.fromkeys((*ASKED_OF_POG.own, *asked)))
-
-    def _accuracy(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
-        point, settings = grid_point.point, grid_point.point.surrogate
-        if not settings.accuracy or not self._studied(point):
-            return None
-        params = AccuracyParams(
-            placement=grid_point.rig,
-            roi=grid_point.roi,
-            detection_probability=settings.detection_probability,
-            occlusion=settings.occlusion,
-            object_class=point.classes[0],
-            names=self._studied_names(point),
-            resolutions=_resolutions(grid_point.roi),
-            azimuth_steps=ACCURACY_STEPS,
-            frame_shares=ACCURACY_SHARES,
-        )
-        return self._task("accuracy", grid_point, params, logs)
-
-    def _sampling_error(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
-        point, settings = grid_point.point, grid_point.point.surrogate
-        if not settings.sampling_error or not self._studied(point):
-            return None
-        params = SamplingErrorParams(
-            placement=grid_point.rig,
-            roi=grid_point.roi,
-            detection_probability=settings.detection_probability,
-            occlusion=settings.occlusion,
-            classes=point.classes,
-            method=settings.method,
-            names=self._studied_names(point),
-        )
-        return self._task("sampling_error", grid_point, params, logs)
+        chosen = spread(self._placements, settings.studied_placements)
+        studied = point.placement in chosen or bool(self._common.promote)
+        if studied and settings.accuracy:
+            found["accuracy"] = AccuracyParams(
+                **common,
+                object_class=point.classes[0],
+                resolutions=_resolutions(grid_point.roi),
+                azimuth_steps=ACCURACY_STEPS,
+                frame_shares=ACCURACY_SHARES,
+            )
+        if studied and settings.sampling_error:
+            found["sampling_error"] = SamplingErrorParams(
+                **common, classes=point.classes, method=settings.method
+            )
+        return {
+            stage: self._task(stage, grid_point, found[stage], logs) if stage in found else None
+            for stage in ("accuracy", "sampling_error")
+        }
 
     def laid(self, point: Point) -> tuple[Laid, ...]:
         """What is required of the placement of a point, laid out around the vehicle."""
@@ -305,12 +291,10 @@ class _Builder:
         if not laid:
             return None
         vehicle = vehicle_of(grid_point.point.vehicle)
-        try:
+        with named("requirements"):
             own = self._common.placements.get(grid_point.point.placement)
             further = () if own is None else own.further()
             check_asked(grid_point.rig, vehicle, self._common.requirements, further)
-        except ValueError as error:
-            raise ConfigError(f"requirements: {error}") from None
         asked = tuple(own.requirement for own in laid)
         params = RequirementsParams(grid_point.rig, vehicle, asked, further)
         return self._task("requirements", grid_point, params, ())
@@ -349,6 +333,12 @@ class _Builder:
             ]
 
         test = collected("test", rig)
+        detected = partial(
+            DetectorTrial,
+            **vars(trial),
+            ground_truths=tuple(dict.fromkeys(truths["train"] + truths["test"])),
+            collect_test=tuple(test),
+        )
         ious = tuple(point.own_ious().items())
         judge = point.judge
         if isinstance(judge, CommandJudge):
@@ -364,16 +354,13 @@ class _Builder:
             inputs = (*scenes, *collected("train", rig), *test, *truths["train"])
             found = self._once(Task("command", trial.label, params, inputs, gpu=judge.gpus > 0))
             how = MeasureParams(point.classes, ious, point.metrics)
-            return DetectorTrial(
-                **vars(trial),
-                ground_truths=tuple(dict.fromkeys(truths["train"] + truths["test"])),
-                collect_test=tuple(test),
-                finetune=None,
-                evaluate=self._once(Task("measure", trial.label, how, (found, *truths["test"]))),
-                evaluate_interleaved=None,
-            )
+            inputs = (found, *truths["test"])
+            measured = self._once(Task("measure", trial.label, how, inputs))
+            return detected(finetune=None, evaluate=measured)
         if judge == "pretrained":
-            return self._pretrained(trial, test, truths["test"], crop)
+            detected = partial(detected, ground_truths=tuple(dict.fromkeys(truths["test"])))
+            evaluate = self._pretrained(trial, (*test, *truths["test"]), crop)
+            return detected(finetune=None, evaluate=evaluate)
         checkpoint = None
         if settings.checkpoint is not None:
             checkpoint, typical = self._checkpoint(
@@ -399,26 +386,12 @@ class _Builder:
                 Task("finetune", trial.label, training, inputs, gpu=True, resumable=True)
             )
         judged = replace(network, ious=ious, metrics=point.metrics)
-        pitched = None
-        better = trial.interleaving if point.judge == "generalist" else None
-        if better is not None:
-            inputs = (finetune, *collected("test", better.placement, "pitched"), *truths["test"])
-            name = f"{trial.label} · pitched"
-            pitched = self._once(Task("evaluate", name, judged, inputs, gpu=True))
         inputs = (finetune, *test, *truths["test"])
-        return DetectorTrial(
-            **vars(trial),
-            ground_truths=tuple(dict.fromkeys(truths["train"] + truths["test"])),
-            collect_test=tuple(test),
-            finetune=finetune,
-            evaluate=self._once(Task("evaluate", trial.label, judged, inputs, gpu=True)),
-            evaluate_interleaved=pitched,
-        )
+        evaluate = self._once(Task("evaluate", trial.label, judged, inputs, gpu=True))
+        return detected(finetune=finetune, evaluate=evaluate)
 
-    def _pretrained(
-        self, trial: Trial, test: list[Task], truths: list[Task], crop: Crop
-    ) -> DetectorTrial:
-        """The same trial, evaluated with the weights of a file as they are."""
+    def _pretrained(self, trial: Trial, inputs: tuple[Task, ...], crop: Crop) -> Task[Evaluated]:
+        """What the weights of a file find as they are."""
         point = trial.grid_point.point
         outside = outside_of(point, self._as_collected(point, trial.grid_point.rig))
         if outside is not None:
@@ -439,15 +412,7 @@ class _Builder:
             ious=tuple(point.own_ious().items()),
             metrics=point.metrics,
         )
-        inputs = (weights, *test, *truths)
-        return DetectorTrial(
-            **vars(trial),
-            ground_truths=tuple(dict.fromkeys(truths)),
-            collect_test=tuple(test),
-            finetune=None,
-            evaluate=self._once(Task("evaluate", trial.label, params, inputs, gpu=True)),
-            evaluate_interleaved=None,
-        )
+        return self._once(Task("evaluate", trial.label, params, (weights, *inputs), gpu=True))
 
     def _generalist(
         self,
@@ -479,7 +444,7 @@ class _Builder:
     def _training_rigs(self, point: Point) -> list[Placement]:
         """The rigs of a generalist: drawn with the seed of the training, or named."""
         rigs = point.generalist.rigs
-        try:
+        with named("generalist.rigs"):
             if isinstance(rigs, int):
                 judged = sorted(self._placements)
                 around = [self._rigs.of(point, name) for name in judged]
@@ -487,23 +452,18 @@ class _Builder:
             judged = sorted(set(rigs) & set(self._placements))
             if judged:
                 raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
-            named = [self._rigs.of(point, name) for name in rigs]
-            if has_other_lidar(self._rigs.of(point), named):
+            own = [self._rigs.of(point, name) for name in rigs]
+            if has_other_lidar(self._rigs.of(point), own):
                 raise ValueError(
                     f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
                     "models that are judged"
                 )
-            return named
-        except ValueError as error:
-            raise ConfigError(f"generalist.rigs: {error}") from None
+            return own
 
     def _collection(
         self, point: Point, placement: Placement, split: str, crop: Crop, body: Vehicle | None
     ) -> CollectParams | RecordedParams:
-        """What decides clouds besides the scene.
-
-        Quirks and fewer azimuth steps are of the collection, not of the rig.
-        """
+        """What decides clouds besides the scene: also quirks and fewer azimuth steps."""
         scene, lidar = point.scene, point.lidar
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:
@@ -543,10 +503,8 @@ class _Builder:
     def _as_collected(self, point: Point, placement: Placement) -> Placement:
         """A rig as clouds are simulated: with the quirk of its angles and fewer azimuth steps."""
         share = point.lidar.cloud_share
-        try:
+        with named(f"lidar.cloud_share: {share:g}"):
             return self._simulated(placement, point.lidar.tilt_in_degrees, share)
-        except ValueError as error:
-            raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
 
     def _simulate(self, placement: Placement, tilted: bool, share: float) -> Placement:
         if tilted:

@@ -95,14 +95,12 @@ class DetectorTrial(Trial):
         finetune: the training whose weights evaluate the placement, which is shared where a
             generalist does; None where a command does.
         evaluate: what the detector finds in the test frames.
-        evaluate_interleaved: of the rig of `interleaving`, where a generalist judges.
     """
 
     ground_truths: tuple[Task[GroundTruth], ...]
     collect_test: tuple[Task[Collected], ...]
     finetune: Task[Trained] | None
     evaluate: Task[Evaluated]
-    evaluate_interleaved: Task[Evaluated] | None
 
     @property
     def learns(self) -> Task:
@@ -116,8 +114,7 @@ class DetectorTrial(Trial):
     @cached_property
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
-        further = filter(None, [self.evaluate_interleaved])
-        return (*super().results, self.learns, self.evaluate, *further)
+        return (*super().results, self.learns, self.evaluate)
 
 
 def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:

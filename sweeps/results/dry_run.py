@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import mean
 
 from rich.console import Console
 from rich.filesize import decimal
@@ -12,10 +11,7 @@ from rich.table import Table as RichTable
 from lidarplace.command_line.terminal import table
 from lidarplace.requirements.tables import extents
 from sweeps.configuration.grid import Sweep
-from sweeps.execution.backends import Backend
-from sweeps.execution.estimate import FRAMES, Estimate, StageEstimate, estimate
 from sweeps.execution.memory import machine_memory, voxel_memory
-from sweeps.execution.progress import about
 from sweeps.plan.trial import Plan
 from sweeps.results.promotion import at_most
 from sweeps.results.rig_cautions import rig_cautions
@@ -62,7 +58,6 @@ class Planned:
         anchors: sizes that detectors start from, of classes that have not the preset's.
         memory: most bytes that the voxels of a task take.
         cautions: what is to be known of the classes and of the rigs.
-        estimate: what it would take; None if nothing was tried.
     """
 
     name: str
@@ -74,21 +69,11 @@ class Planned:
     anchors: list[dict[str, object]]
     memory: int
     cautions: list[str]
-    estimate: Estimate | None = None
 
 
-def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None = None) -> Planned:
-    """Look at what is there, and count what is not.
-
-    Args:
-        backend: where a task of every kind is tried, to estimate the sweep; None: none
-            is.
-
-    Raises:
-        ValueError, OSError: what a task that was tried raised.
-    """
+def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
+    """Look at what is there, and count what is not."""
     cached = store.finished(plan.tasks)
-    ran = [store.seconds(own) for own in plan.tasks if own.stage == "command" and own.key in cached]
     tasks = at_most(sweep, plan)
     total = Counter(task.stage for task in tasks)
     there = Counter(task.stage for task in tasks if task.key in cached)
@@ -108,12 +93,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
         requirements=extents(plan.laid),
         anchors=as_plain(plan.typical),
         memory=max(map(voxel_memory, tasks)),
-        cautions=[*plan.cautions, *rig_cautions(plan, store)],
-        estimate=None
-        if backend is None
-        else estimate(
-            plan.trials, tasks, cached, backend, store.local.folder, mean(ran) if ran else None
-        ),
+        cautions=[*plan.cautions, *rig_cautions(plan)],
     )
 
 
@@ -128,18 +108,11 @@ def print_planned(console: Console, shown: Planned) -> None:
     title = f"{shown.name}: {len(shown.trials)} trials"
     if shown.rungs:
         title += "; of these at most the tasks that promotion leaves"
-    head: tuple[str, ...] = ("stage", "tasks", "cached", "to do")
-    rows: list[tuple[object, ...]] = [
+    rows = (
         (stage, own["tasks"], own["cached"], own["tasks"] - own["cached"])
         for stage, own in shown.stages.items()
-    ]
-    if shown.estimate is not None:
-        head += ("takes", "on disk")
-        own = shown.estimate.stages
-        rows = [row + _taken(own.get(str(row[0]))) for row in rows]
-    console.print(table(title, head, rows))
-    if shown.estimate is not None:
-        console.print(_in_all(shown.estimate), soft_wrap=True)
+    )
+    console.print(table(title, ("stage", "tasks", "cached", "to do"), rows))
     for number, rung in enumerate(shown.rungs):
         changed = ", ".join(f"{key}={value}" for key, value in rung.set.items())
         console.print(
@@ -151,9 +124,9 @@ def print_planned(console: Console, shown: Planned) -> None:
             f"scene {scene.scene}: {scene.train_frames} frames to train, "
             f"{scene.test_frames} to test"
         )
-    total, free = map(_amount, machine_memory())
+    total, free = map(decimal, machine_memory())
     console.print(
-        f"memory: the voxels of a task take up to {_amount(shown.memory)}; this machine has "
+        f"memory: the voxels of a task take up to {decimal(shown.memory)}; this machine has "
         f"{total}, {free} of it free",
         soft_wrap=True,
     )
@@ -166,26 +139,3 @@ def print_planned(console: Console, shown: Planned) -> None:
         console.print(f"trial {trial.key}  {trial.label}{cached}")
     for caution in shown.cautions:
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)
-
-
-def _taken(own: StageEstimate | None) -> tuple[str, str]:
-    """Two cells: time and disk of a stage."""
-    if own is None:
-        return "", ""
-    return "unknown" if own.seconds is None else about(own.seconds), _amount(own.bytes)
-
-
-def _amount(size: float) -> str:
-    return decimal(round(size))
-
-
-def _in_all(found: Estimate) -> str:
-    """What a sweep takes, and what of it the machine may not have."""
-    short = "" if found.bytes < found.free_bytes else ": too little"
-    unknown = any(own.seconds is None for own in found.stages.values())
-    more = " and the commands, whose time is unknown until one has run" if unknown else ""
-    return (
-        f"about {about(found.seconds)}{more}, {found.at_once} tasks at once, by a task of "
-        f"every kind tried on {FRAMES} frames; a task held up to {_amount(found.task_memory)} of "
-        f"memory; {_amount(found.bytes)} on disk, {_amount(found.free_bytes)} are free{short}"
-    )

@@ -1,9 +1,11 @@
 """The clouds and detections of the frames that show what one rig finds and another one misses."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.clouds.clouds import JoinedClouds
@@ -26,21 +28,31 @@ def failure_frames(
     Args:
         trials: by key.
     """
+    clouds, index, boxes = {}, {}, {}
+    for key in failures.trials:
+        clouds[key] = JoinedClouds([store.load(task) for task in trials[key].collect_test])
+        index[key] = {frame: i for i, frame in enumerate(clouds[key].frames.tolist())}
+        boxes[key] = store.read(trials[key].evaluate, lambda found: found.detections)
+    return frames_of(failures, boxes, lambda key, frame: clouds[key][index[key][frame]])
+
+
+def frames_of(
+    failures: Failures,
+    detections: Mapping[str, pd.DataFrame],
+    cloud: Callable[[str, int], NDArray[np.float32]],
+) -> FailureFrames:
+    """The same from detections by trial, and what gives the cloud of a trial in a frame."""
     shown = failures.objects.iloc[failures.telling()]
     found = FailureFrames(
         np.array(failures.rigs, np.str_), shown["object"].to_numpy(np.int64), {}, {}
     )
-    for rig, key in enumerate(failures.trials):
-        trial = trials[key]
-        clouds = JoinedClouds([store.load(task) for task in trial.collect_test])
-        index = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
-        detections = store.read(trial.evaluate, lambda found: found.detections)
-        for place, frame in enumerate(shown["frame"].tolist()):
-            objects = failures.objects[failures.objects["frame"] == frame]
-            boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
-            found.points[f"{place}/{rig}"] = _thinned(clouds[index[frame]], boxes)
-            own: Any = detections[detections["frame"] == frame]
-            found.detections[f"{place}/{rig}"] = own[[*GEOMETRY, "score"]].to_numpy(np.float64)
+    frames = enumerate(shown["frame"].tolist())
+    for (place, frame), (rig, key) in product(frames, enumerate(failures.trials)):
+        objects = failures.objects[failures.objects["frame"] == frame]
+        boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
+        found.points[f"{place}/{rig}"] = _thinned(cloud(key, frame), boxes)
+        own: Any = detections[key][detections[key]["frame"] == frame]
+        found.detections[f"{place}/{rig}"] = own[[*GEOMETRY, "score"]].to_numpy(np.float64)
     return found
 
 

@@ -219,6 +219,6 @@ def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
     """What the rung took for a placement, over all its seeds."""
     if rung.by not in RANKING:
         task = trials[0].score_by(rung.by)
-        return store.seconds(task) if store.has(task) else math.nan
+        return store.record(task).seconds if store.has(task) else math.nan
     whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
     return math.fsum(trial_seconds(trial, store) for trial in whole)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 from lidarplace import Placement
-from lidarplace.base.metrics import headline_metric
 from lidarplace.clouds.own_body import body_parts, sedan
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.shade import ends_of
@@ -17,8 +16,6 @@ from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.plan.trial import Plan, Trial, with_detector
-from sweeps.results.trial_results import headline_value
-from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
 from tracking.labels import digits
 
@@ -36,9 +33,9 @@ MOST_STOPPED = 0.25
 """Share of a LiDAR's rays; of the paper's at most 3 % meet the vehicle, as clouds have it."""
 
 
-def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
-    """Rings that coincide, with what a generalist says of others; LiDARs that look into each other
-    or see little; rigs that the generalist cannot know."""
+def rig_cautions(plan: Plan) -> list[str]:
+    """Rings that coincide; LiDARs that look into each other or see little; rigs that the generalist
+    cannot know."""
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
@@ -49,7 +46,7 @@ def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
             coincide[name] = found
     worst = sorted(coincide, key=lambda name: -coincide[name].before)
     named = [name for name in coincide if name in worst[:MOST_NAMED]]
-    said = [coinciding(name, coincide[name]) + _gain(by_rig[name], store) for name in named]
+    said = [coinciding(name, coincide[name]) for name in named]
     more = len(coincide) - len(named)
     if more:
         least = 100 * coincide[worst[MOST_NAMED]].before
@@ -108,26 +105,6 @@ def coinciding(name: str, found: Interleaving) -> str:
         f"{name}: {100 * found.before:.0f} % of its rings coincide with those of another of its "
         f"LiDARs; with pitches of {pitches} degrees more, {100 * found.after:.0f} % do."
     )
-
-
-def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
-    """What the generalist measures of the pitched rig, in comparison; "" if none judges."""
-    values: dict[str, list[float]] = {}
-    for trial in with_detector(trials):
-        both = [task for task in (trial.evaluate, trial.evaluate_interleaved) if task is not None]
-        if len(both) < 2 or not all(map(store.has, both)):
-            continue
-        tables = [store.read(task, lambda own: own.metrics) for task in both]
-        for object_class in (trial.grid_point.point.classes[0], "all"):
-            metric = headline_metric(object_class)
-            own, pitched = (headline_value(table, metric, object_class) for table in tables)
-            values.setdefault(f"{metric} of {object_class}", []).append(pitched - own)
-    told = [
-        f"{digits(math.fsum(gains) / len(gains), '+.1f')} in {what}"
-        for what, gains in values.items()
-        if not any(map(math.isnan, gains))
-    ]
-    return f" The generalist gives that rig {' and '.join(told)}." if told else ""
 
 
 def _outside(name: str, trials: Sequence[Trial]) -> str | None:

@@ -145,7 +145,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.POG_RESAMPLES, resamples),
         (contract.REQUIREMENTS, required),
         (contract.PROMOTIONS, run.promotion.table()),
-        (contract.TASKS, _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
+        (contract.TASKS, _tasks_table(plan.tasks, store, run)),
     ):
         table.write(frame, folder)
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
@@ -165,7 +165,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
             one_frame(with_detector(shown), store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
         body = shown[0].grid_point.vehicle
-    _about(sweep, Frames(**frames), run, pictured, body, plan, store).write(folder)
+    _about(sweep, Frames(**frames), run, pictured, body, plan).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = failures_to_show(folder)
     if compared is not None:
@@ -203,11 +203,7 @@ def _once(
     axes: Sequence[str],
     found: Iterable[tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]],
 ) -> pd.DataFrame:
-    """One table of trials; what several trials share is in it once.
-
-    Args:
-        found: trials, the tasks that decide their rows, and what returns these rows, if any.
-    """
+    """One table of trials, from tasks that decide their rows; what trials share is in it once."""
     tables: dict[tuple[object, ...], pd.DataFrame | None] = {}
     by_placement = any(column.name == "placement" for column in own.columns)
     for trial, tasks, rows in found:
@@ -282,7 +278,6 @@ def _about(
     pictured: Mapping[str, Cell],
     body: Vehicle | None,
     plan: Plan,
-    store: AnyStore,
 ) -> SweepResult:
     first = sweep.points[0].point
     rigs = {own.point.placement: own.rig for own in sweep.points}
@@ -298,7 +293,7 @@ def _about(
         colours={n: own.colour for n, own in first.class_settings.items() if own.colour},
         roi=first.voxel_roi(),
         frames=frames,
-        cautions=[*plan.cautions, *rig_cautions(plan, store)],
+        cautions=[*plan.cautions, *rig_cautions(plan)],
         promote=[Rung.model_validate(rung) for rung in rungs],
         judge=first.judged_by,
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),

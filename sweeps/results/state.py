@@ -89,14 +89,7 @@ def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
 
 @dataclass(frozen=True)
 class _Look:
-    """What was there at one moment.
-
-    Attributes:
-        alive: whether a driver runs.
-        there: keys of results.
-        failures: by key of tasks that have none.
-        notes: what runs, or ran when a driver was killed, by key.
-    """
+    """What was there at one moment: keys of results, and by key failures and what ran."""
 
     alive: bool
     there: set[str]

@@ -63,7 +63,7 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
     if isinstance(trial, DetectorTrial):
         alone = trial.grid_point.point.judge not in ONE_FOR_ALL
         tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
-    return sum(store.seconds(task) for task in tasks)
+    return sum(store.record(task).seconds for task in tasks)
 
 
 def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:

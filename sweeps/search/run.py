@@ -34,7 +34,6 @@ from sweeps.search.output.tables import ABOUT, columns, ended_trials
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
@@ -45,7 +44,7 @@ from sweeps.search.trials.study import (
     open_study,
     quiet,
     run_study,
-    storage_for,
+    storage_in,
 )
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
 from sweeps.store.open import AnyStore, reference
@@ -98,8 +97,8 @@ class SearchWork:
     def open(self, folder: Path, say: Say) -> ParentRun:
         """Open Optuna's storage."""
         file, search = self.problem.file, self.problem.file.search
-        self._storage = storage_for(search.storage, folder)
-        if search.storage is None and is_emptied(folder):
+        self._storage = storage_in(folder)
+        if is_emptied(folder):
             say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
         params = {
             "objective": ", ".join(objective.name for objective in search.objective),
@@ -207,8 +206,6 @@ class SearchWork:
         progress = TrialProgress(self.console, settings.trials, self.store)
         if problem.judged:
             answers = GeneralistAnswers(study, problem, pool, self.store, backend, progress)
-        elif any(objective.measured for objective in settings.objective):
-            answers = TrainingAnswers(study, problem, pool, self.store, backend, progress)
         else:
             answers = SurrogateAnswers(study, problem.space, problem.question, pool)
         log.follow(partial(ended_trials, study, problem))

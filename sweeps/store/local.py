@@ -118,10 +118,6 @@ class Store:
         with _removed_if_damaged(folder):
             return read_content(folder).record
 
-    def seconds(self, task: Task) -> float:
-        """Seconds that the result took when it was computed."""
-        return self.record(task).seconds
-
     def incoming(self, task: Task) -> AbstractContextManager[Path]:
         """An empty folder that becomes the task's result, unless that is there by then."""
         return whole_folder(self.path(task))

@@ -121,10 +121,6 @@ class RemoteStore:
             self._remove_result(place)
             raise
 
-    def seconds(self, task: Task) -> float:
-        """Seconds that the result took when it was computed."""
-        return self.record(task).seconds
-
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
         """A new folder here for a task's checkpoints, see `Store.working_folder`.

@@ -235,16 +235,6 @@ class PretrainParams(TrainingParams):
 
 
 @dataclass(frozen=True)
-class ProbeParams(NetworkParams):
-    """Further the device, since another needs otherwise, and the share of it that is tried."""
-
-    checkpoint: str | None
-    device: str
-    gpu_share: float
-    scenes: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
 class CommandParams:
     """A command that detects.
 

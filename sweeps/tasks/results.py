@@ -116,19 +116,6 @@ class Collected(PointClouds):
 
 
 @dataclass(frozen=True, eq=False)
-class Probed:
-    """What a step of a training needs.
-
-    Attributes:
-        batch_size: frames in it.
-        gpu_share: of a GPU's memory, in [0, 1]; None without a GPU, or if it did not fit.
-    """
-
-    batch_size: int
-    gpu_share: float | None
-
-
-@dataclass(frozen=True, eq=False)
 class Trained:
     """A detector; see `training.finetune.FinetuneResult`.
 

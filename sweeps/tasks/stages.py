@@ -11,7 +11,6 @@ scene -> collect -> pretrain (-> finetune) -> evaluate
 scene -> collect -> evaluate, by pretrained weights
 scene -> collect -> command -> measure: a program of the user's own in place of a training
 scene -> judge, by a trained detector: collect and evaluate without anything kept between them
-scene -> collect -> probe: how much memory a training needs
 
 A scene may be recorded in parts; `*logs` are all of them. Where inputs are of several stages they
 are distinguished by their types.
@@ -49,7 +48,6 @@ from sweeps.tasks.parameters import (
     PogParams,
     PretrainedParams,
     PretrainParams,
-    ProbeParams,
     RecallParams,
     RecordedParams,
     RequirementsParams,
@@ -66,7 +64,6 @@ from sweeps.tasks.results import (
     Judged,
     Pog,
     PogScores,
-    Probed,
     Required,
     Scores,
     Trained,
@@ -280,27 +277,6 @@ def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
     return Collected(**clouds.arrays(), points_per_object=counts)
 
 
-def probe(params: ProbeParams, *inputs: Trained | Collected | GroundTruth) -> Probed:
-    """What a step of a training needs: frames in it, and the share of a GPU's memory.
-
-    Parameters and inputs as of the training.
-    """
-    from training.probe import probe as probe_training
-
-    clouds, objects = _clouds_and_objects(inputs, params.scenes)
-    found = probe_training(
-        params.detector,
-        params.classes,
-        clouds,
-        objects,
-        params.training,
-        point_range=params.point_range,
-        gpu_share=params.gpu_share or 1.0,
-        typical=params.typical,
-    )
-    return Probed(found.batch_size, found.gpu_share)
-
-
 def finetune(
     params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
 ) -> Trained:
@@ -440,7 +416,6 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "accuracy": accuracy,
     "sampling_error": sampling_error,
     "collect": collect,
-    "probe": probe,
     "pretrain": pretrain,
     "pretrained": pretrained,
     "finetune": finetune,

@@ -14,7 +14,7 @@ from unittest.mock import patch
 from tests.fuzz.cases import Result, copied
 from tests.fuzz.judge import Outcome, judge_verb
 from tests.fuzz.mutate_options import wrong_line
-from tests.fuzz.targets import MAPPED, QUICK, Target, app_of, parts_of
+from tests.fuzz.targets import MAPPED, Target, app_of, parts_of
 
 ACCEPTED = SystemExit(0)
 """A command line was taken; what would follow takes long, or starts servers."""
@@ -80,8 +80,6 @@ LINES = {
     ),
     "export": right("export log out --placement line"),
     "requirements": right("requirements needs.yaml", codes=(0, 1)),
-    "accuracy": right(f"accuracy log {QUICK}"),
-    "accuracy of a table": right(f"accuracy csv/boxes.csv --frames 9 {QUICK}"),
 }
 """By verb."""
 

@@ -186,7 +186,6 @@ KITTI = "kitti/training/label_2/*.txt kitti/training/calib/*.txt kitti/ImageSets
 RUN, FOUND = "run/*.parquet run/*.npz", "found/*.parquet found/*.npz"
 MAPPED = "out --mapping labels/map.yaml"
 SOUND, WHOLE = partial(_nonsense, "log"), partial(_nonsense, "out")
-QUICK = "--config sweep.yaml --placement mine --resolution 2 --azimuth-steps 9"
 """A LiDAR of few rays, and large voxels."""
 
 DATA: tuple[Target, ...] = (
@@ -201,8 +200,6 @@ DATA: tuple[Target, ...] = (
     Target("describe", LOG, "describe log", check=SOUND),
     Target("view", LOG, "view log --placement line", check=SOUND),
     Target("export", LOG, "export log out --placement line", check=SOUND),
-    Target("accuracy", LOG, f"accuracy log {QUICK}", check=SOUND),
-    Target("accuracy of a table", "csv/boxes.csv", f"accuracy csv/boxes.csv --frames 9 {QUICK}"),
     Target("run", LOG, "run sweep.yaml --dry-run"),
     Target("convert table", "csv/*.csv", "convert table csv out", check=WHOLE),
     Target(
@@ -313,7 +310,6 @@ SETTINGS: tuple[Target, ...] = (
     Target("doctor", "sweep.yaml", "doctor sweep.yaml", codes=(0, 1)),
     Target("clean", "sweep.yaml search.yaml", "clean {} --dry-run", needs="runs"),
     Target("requirements", "needs.yaml", "requirements needs.yaml", codes=(0, 1)),
-    Target("accuracy --config", "sweep.yaml", f"accuracy log {QUICK}"),
     Target("view --placement", "rig.yaml", "view log --placement rig.yaml"),
     Target("export --placement", "rig.yaml", "export log out --placement rig.yaml"),
     Target("rig", "rig.yaml", "rig rig.yaml out.urdf --origin 0 0 0"),

@@ -35,7 +35,6 @@ OWN = {
     "sweeps.store.lock": "of the store",
     "sweeps.store.remote": "of the store",
     "sweeps.store.result_folder": "of the store",
-    "sweeps.mlflow.detector_model": "of MLflow",
 }
 """Modules that read what no user names."""
 

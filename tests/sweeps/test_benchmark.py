@@ -98,11 +98,11 @@ def test_surrogates_of_boxes_are_those_of_the_study_to_the_digit(two_rigs):
         assert found.loc[rig, "recall of all"] == pytest.approx(old["s_mig", rig].sum(), rel=1e-15)
 
 
-def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs):
+def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs, study):
     known, _ = built_in()
-    assert set(known) == {*BUILT_IN, "generalist", "pretrained"}
+    assert set(known) == {*BUILT_IN, *study.PEERS, "generalist", "pretrained"}
     for name in ("expected_recall", "perception_entropy", "expected_ap", "ground_uniformity"):
-        found = predict(name)[0]
+        found = predict(study.PEERS.get(name, name))[0]
         pd.testing.assert_frame_equal(
             found, known[name].loc[found.index], check_names=False, rtol=1e-9
         )

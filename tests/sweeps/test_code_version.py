@@ -10,7 +10,7 @@ from sweeps.tasks.code_version import Code
 from sweeps.tasks.stages import FUNCTIONS
 
 ROOT = Path(__file__).parents[2]
-TRAINED = ("probe", "pretrain", "finetune", "evaluate", "judge")
+TRAINED = ("pretrain", "finetune", "evaluate", "judge")
 OWN = {"scene": "lidarplace.scenes.sumo.parts.TownRecording"} | dict.fromkeys(
     TRAINED, "training.detectors.pointpillars"
 )

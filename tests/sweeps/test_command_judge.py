@@ -120,15 +120,12 @@ def test_ap_is_that_of_the_same_boxes(here):
     assert "toy" in Path("runs/tiny/report.md").read_text()
 
 
-def test_dry_run_status_and_estimate(here):
+def test_dry_run_and_status(here):
     path = write_sweep(here, {})
     write_truth(here)
-    before = run("run", str(path), "--dry-run", "--probe")
-    assert "time is unknown until one has run" in before
+    assert "command" in run("run", str(path), "--dry-run")
     assert "command" in run("status", str(path))
     run("run", str(path))
-    after = run("run", str(path), "--dry-run", "--probe", "--set", "judge.name=other")
-    assert "unknown" not in after
     assert json.loads(run("status", str(path), "--json"))["stages"]["command"] == {"done": 1}
 
 

@@ -7,12 +7,11 @@ from sweeps.execution import worker
 from sweeps.execution.backends import InProcess, Room
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.execution.needs import Need, need_of, probes_of, rounded_share
+from sweeps.execution.needs import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.parameters import TrainingParams
-from sweeps.tasks.results import Probed
 from sweeps.tasks.task import Task
 from tests.sweeps.toy import Loud, Toy
 from training.settings import TrainingSettings
@@ -105,7 +104,7 @@ def test_a_clock_that_jumps_changes_nothing(tmp_path, stages, monkeypatch):
     outcome = execute(tasks, store, InProcess(), Recorder())
     assert store.load(tasks[-1]).n == 1112
     assert all(0 <= end - start < 3600 for start, end in outcome.times.values())
-    assert all(0 <= store.seconds(task) < 3600 for task in tasks)
+    assert all(0 <= store.record(task).seconds < 3600 for task in tasks)
 
 
 def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
@@ -262,10 +261,10 @@ def test_what_another_driver_did_since_the_start_is_not_done_again(tmp_path, mon
     assert ("finished", "b") in recorder.log
 
 
-class Probing(InProcess):
-    """A backend that looks at needs and remembers them."""
+class Remembering(InProcess):
+    """A backend on which four trainings share a GPU, and that remembers what is needed."""
 
-    probes = True
+    gpus_per_training = 0.25
     needs: dict
 
     def __init__(self):
@@ -298,13 +297,10 @@ def test_a_gpu_that_is_too_small_for_one_frame_is_not_tried_for_ever(tmp_path, m
         tried.append(how)
         raise OutOfMemoryError("CUDA out of memory")
 
-    for stage in ("probe", "finetune"):
-        monkeypatch.setitem(worker.FUNCTIONS, stage, fail)
-    for backend in (InProcess, Probing):
-        tried.clear()
-        failures, _, _ = run([training(1, batch_size="auto")], tmp_path, backend=backend)
-        assert len(failures) == 1
-        assert [how["halvings"] for how in tried if how] == [0, 1, 2, 3, 4]
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", fail)
+    failures, _, _ = run([training(1, batch_size="auto")], tmp_path)
+    assert len(failures) == 1
+    assert [how["halvings"] for how in tried] == [0, 1, 2, 3, 4]
 
 
 def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
@@ -344,136 +340,41 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
         return Toy(size)
 
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
-
-    def probe(params, *inputs) -> Probed:
-        return Probed(8, 0.2)
-
-    monkeypatch.setitem(worker.FUNCTIONS, "probe", probe)
     fits, fits_not = training(2), training(0)
     store, recorder = Store(tmp_path), Recorder()
-    backend = Probing()
+    backend = Remembering()
     outcome = execute([fits, fits_not], store, backend, recorder)
     assert store.load(fits) == Toy(2)
     assert [size for n, size in tried if n == 2] == [8, 4, 2]
     assert [size for n, size in tried if n == 0] == [8, 4, 2, 1], "not less than one frame"
     assert "CUDA out of memory" in outcome.failures[fits_not.key].reason
     assert not outcome.failures[fits_not.key].lasting
-    assert [need.gpu_share for need in backend.needs[fits.key]] == [1.0, 1.0, 1.0]
+    assert [need.gpu_share for need in backend.needs[fits.key]] == [0.25, 1.0, 1.0]
 
 
-def test_the_memory_of_a_training_is_that_of_its_probe(tmp_path, monkeypatch):
-    held = []
-
-    def probe(params, *inputs) -> Probed:
-        held.append(b"x" * 200_000_000)
-        held.clear()
-        return Probed(4, None)
-
-    monkeypatch.setitem(worker.FUNCTIONS, "probe", probe)
-
-    def train(params, **how) -> Toy:
-        return Toy(how["batch_size"])
-
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
-    tasks = [training(1, batch_size="auto"), training(2, batch_size="auto")]
-    store, recorder = Store(tmp_path), Recorder()
-    backend = Probing()
-    assert not execute(tasks, store, backend, recorder).failures
-    assert [label for kind, label in recorder.log if kind == "started"].count("second") == 1
-    for task in tasks:
-        (need,) = backend.needs[task.key]
-        assert need.memory > 200e6
-        assert store.load(task) == Toy(4)
-    (probed,) = set(probes_of(tasks, "this process", 1.0).values())
-    assert need.memory == int(store.record(probed).peak_memory * 1.25)
-    more = [*tasks, training(3, batch_size="auto")]
-    assert not execute(more, store, backend, recorder).failures
-    assert [label for kind, label in recorder.log if kind == "started"].count("second") == 1, (
-        "a resumed sweep has the same probe"
-    )
-
-
-def test_trainings_go_on_if_their_probe_fails(tmp_path, stages, monkeypatch):
-    def fail(params, *inputs):
-        raise RuntimeError("no memory to look at")
-
-    monkeypatch.setitem(worker.FUNCTIONS, "probe", fail)
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_a_network_keeps_to_its_share_of_a_gpu(tmp_path, monkeypatch, share):
+    """Four trainings fit a GPU, and one that comes after them has all of it."""
+    taken = []
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr("torch.cuda.set_per_process_memory_fraction", taken.append)
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
-    clouds = Task("collect", "clouds", Toy(1))
-    task = training(1, inputs=(clouds,))
-    failures, recorder, store = run([clouds, task], tmp_path, backend=Probing)
-    assert not failures
-    assert store.has(task)
-    assert ("failed", "second", "RuntimeError: no memory to look at") in recorder.log
+    monkeypatch.setattr(Remembering, "gpus_per_training", share)
+    backend = Remembering()
+    assert not execute([training(1)], Store(tmp_path), backend, Recorder()).failures
+    assert [need.gpu_share for own in backend.needs.values() for need in own] == taken == [share]
 
 
-def test_a_probe_that_fell_with_two_inputs_lets_go_once():
-    """A scene takes down clouds and ground truth of one training; the other waits for its own."""
-    towns, parts, trainings = {}, {}, {}
-    for n in (1, 2):
-        towns[n] = Task("scene", f"town {n}", Toy(n))
-        stages = ("collect", "ground_truth")
-        parts[n] = tuple(Task(stage, f"{n}", Toy(n), (towns[n],)) for stage in stages)
-        trainings[n] = training(n, inputs=parts[n])
-    probe = Task("probe", "second", Toy(), parts[1])
-    tasks = [towns[1], *parts[1], probe, trainings[1], towns[2], *parts[2], trainings[2]]
-    schedule = Schedule(tasks, set(), {item.key: probe for item in trainings.values()})
-    assert schedule.next() is towns[1]
-    schedule.fail(towns[1], Failure("no such town"))
-    started = []
-    while (task := schedule.next()) is not None:
-        started.append(task)
-        assert all(item in started for item in task.inputs), task.label
-        schedule.finish(task)
-    assert started == [towns[2], *parts[2], trainings[2]]
-
-
-def test_trainings_of_other_placements_go_on_if_the_clouds_of_the_probe_fail(
-    tmp_path, stages, monkeypatch
-):
-    def collect(params) -> Toy:
-        if params.n == 1:
-            raise ValueError("no clouds")
-        return Toy(0)
-
-    monkeypatch.setitem(worker.FUNCTIONS, "collect", collect)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
-    clouds = [Task("collect", f"clouds {n}", Toy(n)) for n in (1, 2)]
-    tasks = [training(n, inputs=(c,)) for n, c in zip((1, 2), clouds, strict=True)]
-    failures, _, store = run([*clouds, *tasks], tmp_path, backend=Probing)
-    assert set(failures) == {clouds[0].key, tasks[0].key}
-    assert store.has(tasks[1])
-
-
-@pytest.mark.parametrize(
-    ("share", "rounded"),
-    [
-        (0.0, 0.01),
-        (0.1, 0.1),
-        (0.3, 1 / 3),
-        (0.34, 0.5),
-        (0.5, 0.5),
-        (0.6, 1.0),
-        (1.0, 1.0),
-        (1.3, 1.0),
-    ],
-)
-def test_trainings_fill_a_gpu(share, rounded):
-    assert rounded_share(share) == pytest.approx(rounded)
-
-
-def test_needs_without_a_probe(tmp_path):
-    store = Store(tmp_path)
-    assert need_of(training(1), None, store, 0.5) == Need(gpu_share=0.5)
-    assert need_of(training(1), None, store, "auto") == Need(gpu_share=1.0)
-    assert need_of(Task("scene", "a", Toy()), None, store, 0.5) == Need()
+def test_what_tasks_need():
+    assert need_of(training(1), 0.5) == Need(gpu_share=0.5)
+    assert need_of(Task("scene", "a", Toy()), 0.5) == Need()
 
 
 def test_late_stages_come_first():
     scene = Task("scene", "s", Toy(0))
     other = Task("scene", "s2", Toy(1))
     late = Task("collect", "late", Toy(2), (scene,))
-    schedule = Schedule([scene, other, late], {scene.key}, {})
+    schedule = Schedule([scene, other, late], {scene.key})
     assert schedule.next() is late
 
 
@@ -482,7 +383,7 @@ def test_a_task_without_its_input_is_refused():
     late = Task("collect", "late", Toy(2), (scene,))
     for tasks in ([late], [late, scene]):
         with pytest.raises(ValueError, match="collect 'late' comes before its input"):
-            Schedule(tasks, set(), {})
+            Schedule(tasks, set())
 
 
 def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stages, monkeypatch):
@@ -499,12 +400,12 @@ def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stage
 
 
 def test_no_machine_is_asked_for_where_nothing_is_left_to_run(tmp_path, stages):
-    class NoMachine(Probing):
+    class NoMachine(InProcess):
         @property
         def slots(self):
             raise AssertionError("Ray would start")
 
-        cores = room = device = slots
+        cores = room = slots
 
     tasks = [*diamond(), training(1)]
     failures, _, _ = run(tasks, tmp_path)
@@ -517,7 +418,7 @@ def test_no_machine_is_asked_for_where_nothing_is_left_to_run(tmp_path, stages):
 def test_work_for_a_gpu_does_not_block_the_rest():
     on_gpu = training(1)
     scene = Task("scene", "s", Toy(0))
-    schedule = Schedule([on_gpu, scene], set(), {})
+    schedule = Schedule([on_gpu, scene], set())
     assert schedule.next(gpu=False) is scene
     assert schedule.next(gpu=False) is None
     assert schedule.next(gpu=True) is on_gpu

@@ -236,11 +236,17 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
         "at_least": {"points": 3},
         "step": 0.5,
     }
+    ground = {
+        "name": "ground",
+        "where": {"distance": [0.2, 2], "z": [0, 1]},
+        "at_least": {"coverage": 0.1},
+        "step": 0.5,
+    }
     search = {
         "lidars": 1,
         "zones": zones,
-        "constraints": {"body_share": 0.6, "near_field": {"coverage": 0.1}},
-        "requirements": [requirement],
+        "constraints": {"body_share": 0.6},
+        "requirements": [requirement, ground],
         "greedy": None,
     }
     from sweeps.search.problem.choice import Choice
@@ -252,7 +258,7 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
         problem = read_problem(write_search(folder, search=search | {"vehicle": vehicle}))
         question = problem.question
         names = {own.name for own in question.constraints}
-        assert {"body", "body_share", "near_field", "requirement.people"} <= names
+        assert {"body", "body_share", "requirement.ground", "requirement.people"} <= names
         found.append(measures_of(rig, question.constraints, question.carrier))
     assert found[0] == pytest.approx(found[1], abs=1e-9)
 
@@ -261,7 +267,7 @@ def test_a_caution_says_how_much_a_mesh_stops(folder):
     rigs = {"low": {"mounts": [{"z": 2.0}, {"z": 1.52}]}}
     changes = {"placements": rigs, "placement": "low", "detector": None}
     own, other = (
-        rig_cautions(make_plan(read_sweep(sweep_file(folder, vehicle=vehicle, **changes))), None)
+        rig_cautions(make_plan(read_sweep(sweep_file(folder, vehicle=vehicle, **changes))))
         for vehicle in ("body.stl", [[LOW, HIGH]])
     )
     assert own == other

@@ -85,7 +85,7 @@ def test_an_axis_of_vehicles_names_the_one_in_which_it_is(tmp_path):
 
 def test_recorded_clouds_and_the_paper_s_rigs_of_a_search_are_not_asked(tmp_path):
     problem = read_problem(write_search(tmp_path, search={"vehicle": TRUCK, "zones": high()}))
-    settings = problem.verify_settings({}, ["line"], {})
+    settings = problem.verify_settings({}, ["line"])
     assert settings["vehicle"] == {"boxes": TRUCK}
     low = {"mounts": [{"x": 2.0, "z": 0.5}]}
     scene = {"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}

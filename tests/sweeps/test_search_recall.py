@@ -1,17 +1,24 @@
 """A search by expected recall: values, what it asks for, and mistakes."""
 
+from functools import reduce
+
 import pandas as pd
 import pytest
 from search_files import write_search
 from typer.testing import CliRunner
 
-from lidarplace import ExpectedRecall, Roi
+from lidarplace import ExpectedRecall, Mount, Placement, Roi
+from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.configuration.placement import read_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
+from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.commands.search import app
 from sweeps.search.greedy.certificate import why_none
+from sweeps.search.judgement.robustness import _cases
 from sweeps.search.output.terminal import greedy_warnings
+from sweeps.search.problem.assess import Traffic, assess
+from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
 from tests.mlflow_database import write_database
 from tracking.run_folders.search_json import SearchResult
@@ -125,3 +132,39 @@ def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, obje
     search["greedy"] = {"position_step": 0.5}
     (line,) = greedy_warnings(read_problem(write_search(tmp_path, search=search)))
     assert said in line
+
+
+SIZED = {"name": "vlp16", "azimuth_steps": 900, "size_mm": [400, 400, 400]}
+"""So large that whoever is behind it misses much."""
+BEHIND = tuple(Choice("sized", "", Mount(x, 0.0, 2.0)) for x in (-0.5, 0.0, 0.5))
+
+
+def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
+    objectives = ["expected_recall.Car", "price"]
+    search = {"objective": objectives, "models": {"sized": SIZED | {"price": 1}}, "greedy": None}
+    problem = read_problem(write_search(tmp_path, search=search, lidar="vlp16"))
+    objects = objects_of(tmp_path)
+    lidar = problem.models["sized"]
+    mounts = [own.mount for own in BEHIND]
+    by_hand, gone = [], []
+    for number in range(3):
+        left = [*mounts[:number], *mounts[number + 1 :]]
+        whole = Placement("whole", mounts, lidar)
+        # Each LiDAR as it is cast in the whole rig, and then without the dead one's part.
+        own = [lidar for n, lidar in enumerate(objects.objects.in_rig(whole)) if n != number]
+        seen = reduce(SurfaceCells.and_, objects.objects.cells_of(own))
+        by_hand.append(float(objects.recall(seen).loc["Car", "expected_recall"]))
+        found = objects.of(Placement("left", left, lidar))
+        gone.append(float(found.loc["Car", "expected_recall"]))
+    assert min(by_hand) < min(gone)
+    failing = list(_cases(BEHIND, problem.file.robustness, 0))[-3:]
+    assert [case for case, _ in failing] == [f"LiDAR {n} fails" for n in (1, 2, 3)]
+    traffic = Traffic({"Car": None}, objects)
+    found = [assess(rig, problem.question, traffic).values for _, (rig,) in failing]
+    assert [own["expected_recall.Car"] for own in found] == pytest.approx(by_hand, rel=1e-12)
+    # A generalist gets clouds of the same: the dead LiDAR is part of the placement.
+    settings = problem.placement_settings(failing[1][1][0])
+    rig = settings.placement("dead", problem.models["lidar"])
+    assert rig.mounts == (mounts[0], mounts[2])
+    assert rig.dead == ((mounts[1], lidar),)
+    assert [(own > 0).any() for own in ends_in_rig(rig)] == [True, True]

@@ -215,18 +215,6 @@ def test_classes_that_do_not_occur(tmp_path, tracking):
     assert result.exit_code == 0, result.output
 
 
-def test_no_password_in_the_files(tmp_path, tracking, monkeypatch):
-    monkeypatch.setattr(
-        "sweeps.search.trials.study.RDBStorage", lambda url: optuna.storages.InMemoryStorage()
-    )
-    url = "postgresql://me:secret@host/db"
-    result = search(tmp_path, tracking, search={"storage": url, "trials": 4})
-    assert result.exit_code == 0, result.output
-    for path in (tmp_path / "runs/small").rglob("*"):
-        if path.is_file():
-            assert b"secret" not in path.read_bytes(), path
-
-
 def test_a_space_without_any_freedom_is_evaluated_once(tmp_path, tracking):
     point = {"point": {"x": 0.2, "y": 0.1, "z": 2}}
     result = search(
@@ -368,15 +356,3 @@ def test_an_emptied_journal_is_told(tmp_path, tracking):
     assert result.exit_code == 0, result.output
     assert f"{journal} holds no trial" in result.output
     pd.testing.assert_frame_equal(trials(tmp_path).drop(columns="seconds"), before)
-
-
-def test_a_database_keeps_the_trials(tmp_path, tracking):
-    storage = f"sqlite:///{tmp_path / 'optuna.db'}"
-    for trials_wanted in (4, 8):
-        options = {"storage": storage, "trials": trials_wanted}
-        assert search(tmp_path, tracking, search=options).exit_code == 0
-        assert len(trials(tmp_path)) == trials_wanted
-    assert not journal_path(tmp_path / "runs/small").exists()
-    broken = search(tmp_path, tracking, search={"storage": "nonsense://"})
-    assert broken.exit_code == 2
-    assert "search.storage: cannot be opened" in broken.stderr

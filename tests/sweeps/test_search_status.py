@@ -20,7 +20,7 @@ from sweeps.search.trials.study import (
     open_study,
     quiet,
     run_study,
-    storage_for,
+    storage_in,
     tell,
 )
 from sweeps.store.local import Store
@@ -60,7 +60,7 @@ def begun(path):
     with quiet():
         name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
         settings = problem.file.search
-        study = open_study(storage_for(None, problem.folder), name, settings, [])
+        study = open_study(storage_in(problem.folder), name, settings, [])
         run_study(study, problem.space, settings, Answers(study), lambda number: None, Timing())
     return problem
 
@@ -92,7 +92,7 @@ def test_halfway(path, begun):
         "name": "small",
         "alive": True,
         "trials": {"wanted": 8, "done": 4, "feasible": 3, "failed": 1},
-        "best": [{"trial": 1, "values": {"expected_ig": 1.0}, "beside": {}}],
+        "best": [{"trial": 1, "values": {"expected_ig": 1.0}}],
         "azimuth_stride": 1,
         "failures": [{"trial": 3, "reason": "out of memory"}],
         "verify": None,
@@ -146,14 +146,6 @@ def test_a_damaged_journal_is_one_line(path, begun, line):
         done = CliRunner().invoke(app, [str(path)])
         assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
         assert "optuna.journal: cannot be read" in done.stderr
-
-
-def test_a_database_that_is_not_there_is_one_line(path):
-    storage = "search.storage=postgresql://me:sesame@127.0.0.1:1/x"
-    done = CliRunner().invoke(status.app, [str(path), "--set", storage])
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "search.storage: cannot be read" in done.stderr
-    assert "sesame" not in done.stderr
 
 
 def test_a_file_of_a_sweep_is_none_of_a_search(path, tmp_path):

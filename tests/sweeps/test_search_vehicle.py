@@ -144,7 +144,7 @@ def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
 def trial_of(problem, rig):
     """As a generalist judges it, or a training does."""
     exact = {"detector": "pointpillars_tiny", "mounting_errors": {}}
-    sweep = problem.sweep_of({"found": rig}, {"found": {}}, exact)
+    sweep = problem.sweep_of({"found": rig}, ["found"], exact)
     (trial,) = make_plan(sweep).trials
     return trial
 

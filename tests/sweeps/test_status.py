@@ -92,7 +92,7 @@ def test_the_reason_is_that_of_the_first_task_that_failed(sweep):
     _, found, plan, store = sweep
     scene = plan.trials[0].scenes[0]
     failures = FailureFolder(found.common.output / "grid/failed")
-    schedule = Schedule(plan.tasks, set(), {})
+    schedule = Schedule(plan.tasks, set())
     for task in schedule.fail(scene, Failure("no such town", "Traceback …", lasting=True)):
         failures.write(task, schedule.failed[task.key])
     state = sweep_state(found, plan, store)

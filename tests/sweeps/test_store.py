@@ -81,7 +81,7 @@ def test_what_was_saved_is_loaded(store):
         "Big Van": [1, 1, 1],
     }
     assert (found.n, found.roi, found.large) == (3, ROI, None)
-    assert store.seconds(TASK) == 1.5
+    assert store.record(TASK).seconds == 1.5
     assert store.record(TASK) == Record(label="a", seconds=1.5, node="n1", peak_memory=12)
     store.save(TASK, value(4), seconds=9.0)
     assert store.load(TASK).n == 3, "what is there stays"
@@ -250,7 +250,7 @@ def test_a_damaged_record_is_told_by_who_reads_it(store):
     assert '"seconds": 1.0' in text
     path.write_text(text.replace('"seconds": 1.0', '"seconds": 3.0'))
     with pytest.raises(DamagedResult, match=r"result\.json is not what was written"):
-        store.seconds(TASK)
+        store.record(TASK)
     assert not store.has(TASK)
 
 
@@ -305,7 +305,7 @@ def test_two_processes_save_the_same_tasks_while_a_third_loads_them(store):
             writer = found.n
             assert found.array.tolist() == [writer] * 4
             assert found.table["a"].tolist() == [1, writer]
-            assert store.seconds(task) == writer
+            assert store.record(task).seconds == writer
         alive = any(process.is_alive() for process in writers)
         assert alive or store.finished(open_tasks.values()) == set(open_tasks)
     for process in writers:

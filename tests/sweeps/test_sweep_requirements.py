@@ -142,8 +142,7 @@ def test_a_dry_run_says_what_is_asked_and_what_is_there():
     assert planned["requirements"][0]["objects"] > planned["requirements"][0]["positions"] > 0
     assert "people / near" in sweep(SWEEP, "--dry-run").stdout
     changed = SWEEP | {"requirements": NEEDS[:1]}
-    planned = json.loads(sweep(changed, "--dry-run", "--probe", "--json").stdout)
-    assert planned["estimate"]["stages"]["requirements"]["seconds"] > 0
+    planned = json.loads(sweep(changed, "--dry-run", "--json").stdout)
     assert planned["stages"]["requirements"] == {"tasks": 2, "cached": 0}
     assert planned["stages"]["surrogates"] == {"tasks": 2, "cached": 2}
 

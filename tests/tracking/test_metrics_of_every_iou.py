@@ -11,7 +11,7 @@ from lidarplace.base.metrics import EVERY_IOU, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.configuration.sweep import Rung
 from sweeps.results.trial_results import headline_value
-from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.aggregate import weighted_value
 from tracking.findings.summary import seed_means, summary_table
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.mlflow.content import trial_metrics

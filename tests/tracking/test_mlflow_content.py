@@ -1,4 +1,4 @@
-"""What a team finds in MLflow beside metrics: tags, data, pictures, samples, models, the page."""
+"""What a team finds in MLflow beside metrics: tags, data, pictures, samples, the page."""
 
 import json
 import subprocess
@@ -9,8 +9,7 @@ import pytest
 from mlflow_runs_of import logging, new_store, runs_of, trial, until
 
 import tracking
-from tracking.mlflow import log as mlflow_log
-from tracking.mlflow.content import Dataset, Model
+from tracking.mlflow.content import Dataset
 from tracking.mlflow.page import VIEW_TAG, source_tags
 
 DATA = [
@@ -111,78 +110,6 @@ def test_the_view_of_the_page_is_the_experiments(uri, tmp_path):
     assert state["runsExpanded"] == {parent: True}
     assert state["orderByAsc"] is True
     assert experiment.tags["mlflow.note.content"] == "What it is"
-
-
-def models(uri):
-    experiment = client(uri).get_experiment_by_name("demo").experiment_id
-    return {m.tags["lidarplace.trial"]: m for m in client(uri).search_logged_models([experiment])}
-
-
-@pytest.fixture
-def model(tmp_path) -> Path:
-    folder = tmp_path / "model"
-    folder.mkdir()
-    (folder / "MLmodel").write_text("flavors: {}")
-    return folder
-
-
-def test_the_best_model_is_logged_once_and_the_mark_moves(uri, tmp_path, picture, model):
-    for key in ("t1", "t1", "t2"):
-        with logging(uri, tmp_path, [drawn(picture, key)]) as log:
-            log.model(Model("second", key, model, {"AP": 61.5}))
-        assert not log.refused
-    found = models(uri)
-    assert set(found) == {"t1", "t2"}
-    assert [found[key].tags["lidarplace.best"] for key in ("t1", "t2")] == ["false", "true"]
-    run = runs_of(uri)["t2"]
-    assert found["t2"].source_run_id == run.info.run_id
-    assert [output.model_id for output in run.outputs.model_outputs] == [found["t2"].model_id]
-    assert {model.status.value for model in found.values()} == {"READY"}
-    assert found["t2"].params == {"AP": "61.5"}
-
-
-@pytest.mark.parametrize("fails_in", ["log_model_artifacts", "log_outputs"])
-def test_a_model_cut_half_way_is_continued(uri, tmp_path, picture, model, monkeypatch, fails_in):
-    from mlflow import MlflowClient
-
-    whole, broken = getattr(MlflowClient, fails_in), []
-
-    def breaks(self, *arguments):
-        whole(self, *arguments)
-        if not broken:
-            broken.append(fails_in)
-            raise ConnectionError("reset by peer")
-
-    monkeypatch.setattr(MlflowClient, fails_in, breaks)
-    with logging(uri, tmp_path, [drawn(picture)], say=str) as log:
-        log.model(Model("second", "t1", model, {}))
-    assert broken
-    assert not log.refused
-    experiment = client(uri).get_experiment_by_name("demo").experiment_id
-    (found,) = client(uri).search_logged_models([experiment])
-    assert found.status.value == "READY"
-    assert len(runs_of(uri)["t1"].outputs.model_outputs) == 1
-
-
-def test_a_model_waits_for_the_run_of_its_trial(uri, tmp_path, picture, model, monkeypatch):
-    """A trial that ended just before nobody is asked any more has its run at the end."""
-    monkeypatch.setattr(mlflow_log, "LOOK_S", 0.02)
-    with logging(uri, tmp_path) as log:
-        log.hold()
-        log.follow(lambda: [drawn(picture, "t1")])
-        log.model(Model("second", "t1", model, {}))
-        log.artifact(tmp_path / "missing.html")
-        until(lambda: log.refused == 1)  # the thread has looked while the log was held
-    assert log.refused == 1
-    assert set(models(uri)) == {"t1"}
-
-
-def test_a_model_without_a_run_is_refused(uri, tmp_path):
-    said = []
-    with logging(uri, tmp_path, say=said.append) as log:
-        log.model(Model("second", "t9", tmp_path, {}))
-    assert log.refused == 1
-    assert "trial t9 has no run" in said[0]
 
 
 def git(folder, *words):

@@ -20,8 +20,6 @@ from mlflow_runs_of import (
     trial_of,
 )
 
-from tracking.mlflow.content import Model
-
 SEEDS = range(1, 5)
 KILLS = 5
 
@@ -30,7 +28,6 @@ def log_all(uri: str, folder: Path) -> None:
     ended = [trial_of(seed, folder / "placement.png") for seed in SEEDS]
     with logging(uri, folder, ended, params={"epochs": 3}) as log:
         log.artifact(folder / "report.html")
-        log.model(Model("tiny", "t1", folder / "model", {"AP": 61.0}))
 
 
 def killed_driver(uri: str, folder: Path, steps: int) -> None:
@@ -85,7 +82,6 @@ def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path, through, f
 
 
 def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> None:
-    from mlflow import MlflowClient
 
     processes = multiprocessing.get_context("forkserver")
     # What takes seconds to import, once for all drivers.
@@ -95,8 +91,6 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     run.mkdir()
     (run / "report.html").write_text("<p>report</p>")
     (run / "placement.png").write_bytes(b"a picture")
-    (run / "model").mkdir()
-    (run / "model" / "MLmodel").write_text("flavors: {}")
     chance = random.Random(3)  # the first driver dies in the middle of a trial
     for limit in limits:
         step = chance.randrange(1, limit)
@@ -108,10 +102,7 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     assert_logged_once(store, SEEDS)
     parent = runs_of(store)["demo"]
     assert parent.data.params == {"epochs": "3"}
-    mlflow = MlflowClient(tracking_uri=store)
     files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
     assert files == len(SEEDS) * ["placement.png"] + ["report.html"]
-    (model,) = mlflow.search_logged_models([parent.info.experiment_id])
-    assert (model.status.value, model.tags["lidarplace.best"]) == ("READY", "true")
     with sqlite3.connect(store.removeprefix("sqlite:///")) as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)

@@ -378,9 +378,7 @@ def test_a_server_in_trouble_is_away(tmp_path, status):
         log.artifact(tmp_path / "report.html")
     assert log.undelivered == 3
     assert " is unreachable, the sweep continues: " in said[0]
-    assert said[1:] == [
-        "MLflow has not got 3 runs, files or models; the same command delivers them"
-    ]
+    assert said[1:] == ["MLflow has not got 3 runs or files; the same command delivers them"]
     assert "s3cret" not in "".join(said)
     assert list(tmp_path.iterdir()) == []
 

@@ -44,7 +44,7 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
     assert len(said) == 4
     assert said[0].startswith(f"MLflow at http://me:***@127.0.0.1:{port} is unreachable, the sweep")
     assert "s3cret" not in "".join(said)
-    assert said[1].startswith("MLflow has not got 4 runs, files or models; the same command")
+    assert said[1].startswith("MLflow has not got 4 runs or files; the same command")
     said.clear()
 
     # There, killed in the middle, started again.

@@ -111,22 +111,6 @@ class EndedTrial:
     error: str | None = None
 
 
-@dataclass(frozen=True)
-class Model:
-    """The best weights of a detector.
-
-    Attributes:
-        trial: key of the trial that they are from.
-        folder: in MLflow's format of models.
-        params: shown next to it.
-    """
-
-    name: str
-    trial: str
-    folder: Path
-    params: Mapping[str, object]
-
-
 def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, float]:
     """Metrics of one trial by their names in MLflow.
 

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import Away
-from tracking.mlflow.content import EndedTrial, Model, ParentRun
+from tracking.mlflow.content import EndedTrial, ParentRun
 from tracking.mlflow.runs import SweepRuns
 from tracking.mlflow.uri import absolute_uri, sqlite_file
 
@@ -71,7 +71,6 @@ class SweepLog:
         self._patience_s = patience_s
         self._trials: Callable[[], Iterable[EndedTrial]] = tuple
         self._files: dict[tuple[object, ...], Callable[[], None]] = {}
-        self._models: dict[tuple[object, ...], Callable[[], None]] = {}
         self._refused: set[object] = set()
         self._reading = Lock()
         self._held = False
@@ -87,15 +86,14 @@ class SweepLog:
 
     @property
     def refused(self) -> int:
-        """Runs, files and models that MLflow does not take."""
+        """Runs and files that MLflow does not take."""
         return len(self._refused)
 
     @property
     def undelivered(self) -> int:
-        """Runs, files and models that MLflow neither has nor refuses."""
+        """Runs and files that MLflow neither has nor refuses."""
         trials = sum(map(self._lacks, self._ended()))
-        waiting = len(self._files) + len(self._models)
-        return trials + waiting + (self._status is not None and not self._delivered)
+        return trials + len(self._files) + (self._status is not None and not self._delivered)
 
     def __enter__(self) -> SweepLog:
         if self._database is not None:
@@ -126,9 +124,7 @@ class SweepLog:
             self._stopped = True
             self._changed.notify_all()
         if left := self.undelivered:
-            self._say(
-                f"MLflow has not got {left} runs, files or models; the same command delivers them"
-            )
+            self._say(f"MLflow has not got {left} runs or files; the same command delivers them")
         if kind is None and self._broken is not None:
             raise self._broken
 
@@ -157,13 +153,6 @@ class SweepLog:
         Returns at once: the file must stay as it is until the end of the `with` block.
         """
         self._files[path, folder] = partial(self._runs.write_file, path, folder)
-
-    def model(self, model: Model) -> None:
-        """Log the best model of a name, with the run that it is from; an earlier one is not now.
-
-        Returns at once: the model must stay until the end of the `with` block.
-        """
-        self._models[model.name, model.trial] = partial(self._runs.write_model, model)
 
     def page(self) -> str:
         """The experiment's page below a server's address; empty while the server was never there.
@@ -211,17 +200,12 @@ class SweepLog:
                 self._runs.open()
             except ValueError as error:  # a person may mend it, until then everything waits
                 raise Away(str(error)) from error
-        # Read first: each belongs to a trial that has ended by now, and gets its run below,
-        # unless these trials are unknown.
-        models = list(self._models.items())
-        models = [] if self._held else models
         for trial in filter(self._lacks, self._ended()):
             if (run := self._told(trial.describe, None)) is not None:
                 self._write(trial.key, run.name, partial(self._runs.write_trial, trial, run))
-        for waiting, items in ((self._files, list(self._files.items())), (self._models, models)):
-            for key, write in items:
-                self._write(key, str(key[0]), write)
-                del waiting[key]
+        for key, write in list(self._files.items()):
+            self._write(key, str(key[0]), write)
+            del self._files[key]
 
     def _write(self, key: object, what: str, write: Callable[[], None]) -> None:
         if self._stopped:

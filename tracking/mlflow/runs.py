@@ -18,7 +18,7 @@ from tracking.mlflow.connection import (
     is_server_error,
     reason,
 )
-from tracking.mlflow.content import Dataset, EndedTrial, Model, ParentRun, TrialRun
+from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow.uri import is_server
 
@@ -126,14 +126,6 @@ class SweepRuns:
             if not path.is_file():
                 raise ValueError(f"{path} is gone")
             self._client.log_artifact(self._parent.info.run_id, str(path), folder)
-
-    def write_model(self, model: Model) -> None:
-        """Log a model and mark it as the best of its name."""
-        if model.trial not in self._trials:
-            raise ValueError(f"trial {model.trial} has no run")
-        run = self._trials[model.trial]
-        with self._connected(files=True):
-            write_model(self._client, self._experiment, self._wanted.key, run, model)
 
     def end(self, status: str) -> None:
         """End the parent run with one of MLflow's statuses."""
@@ -348,42 +340,3 @@ def _input(dataset: Dataset) -> Any:
         profile=json.dumps(dataset.profile),
     )
     return DatasetInput(described, [InputTag(MLFLOW_DATASET_CONTEXT, dataset.context)])
-
-
-BEST_TAG = "lidarplace.best"
-
-
-def write_model(client: Any, experiment: str, sweep: str, run: Any, model: Model) -> None:
-    """Log a model unless it is there, and mark it, and no other of its name, as the best.
-
-    One that a killed driver left half way is continued. So any model may be written again.
-
-    Args:
-        sweep: key of the sweep.
-        run: of the trial that it is from.
-    """
-    from mlflow.entities import LoggedModelOutput, LoggedModelStatus
-
-    wanted = f"name = '{model.name}' AND tags.`{SWEEP_TAG}` = '{sweep}'"
-    known = every(client.search_logged_models, [experiment], filter_string=wanted)
-    own = next((one for one in known if one.tags[TRIAL_TAG] == model.trial), None)
-    if own is None:
-        own = client.create_logged_model(
-            experiment,
-            model.name,
-            source_run_id=run.info.run_id,
-            tags={SWEEP_TAG: sweep, TRIAL_TAG: model.trial},
-            params={name: str(value) for name, value in model.params.items()},
-            model_type="detector",
-        )
-    if own.status != LoggedModelStatus.READY:
-        client.log_model_artifacts(own.model_id, str(model.folder))
-        outputs = client.get_run(run.info.run_id).outputs
-        linked = [output.model_id for output in outputs.model_outputs] if outputs else []
-        if own.model_id not in linked:  # MLflow refuses a second link
-            client.log_outputs(run.info.run_id, [LoggedModelOutput(own.model_id, step=0)])
-        client.finalize_logged_model(own.model_id, LoggedModelStatus.READY)
-    for other in known:
-        if other.model_id != own.model_id and other.tags.get(BEST_TAG) == "true":
-            client.set_logged_model_tags(other.model_id, {BEST_TAG: "false"})
-    client.set_logged_model_tags(own.model_id, {BEST_TAG: "true"})

@@ -12,18 +12,15 @@ from numpy.typing import NDArray
 from lidarplace import Placement
 from lidarplace.mounting.near_field import seen_voxels
 from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
-from lidarplace.recall.detection_curve import DetectionCurve
-from lidarplace.requirements.area import Area, Positions
 from lidarplace.requirements.layout import Laid
 from lidarplace.requirements.rays_on_objects import (
-    MOST_CELLS,
     Sight,
     at_class,
     count_points,
     missed_cells,
     sights_of,
 )
-from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, Requirement, may_fail
+from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, may_fail
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import Carrier, requirement_name
@@ -89,13 +86,14 @@ class Block:
         return self.shares(self.plus(self.nothing(), lidars))
 
     def gains(self, row: int, lidars: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
-        """What LiDARs have of an object, and what each one adds to it, shape (L,)."""
+        """A row that every rig keeps: what LiDARs have of an object, and what each one adds to it
+        at most, shape (L,); where numbers add up, without any of the LiDARs."""
         if self.missed is None:
-            own = self.alone[:, row].astype(np.float64)
-            return float(own[list(lidars)].sum()), own
+            return 0.0, self.alone[:, row].astype(np.float64)
         left = np.prod(self.missed[list(lidars), row] / _WHOLE, axis=0)
-        seen = [left @ (_WHOLE - own) for own in self.missed[:, row]]
-        return float((1.0 - left).sum() / self.needed), np.array(seen) / (_WHOLE * self.needed)
+        gains = (_WHOLE - self.missed[:, row]) @ left / (_WHOLE * self.needed)
+        gains[list(lidars)] = 0.0
+        return float((1.0 - left).sum() / self.needed), gains
 
     def short(self, shares: NDArray[np.float64], level: float) -> NDArray[np.intp]:
         """Objects with less than `level` of what is needed; none if so many positions may."""
@@ -112,7 +110,7 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
     """
     carrier = question.carrier
     found: dict[tuple[int, str, str], list[NDArray[Any]]] = {}
-    asked = [*filter(adds_up, carrier.requirements), *_near_field(question)]
+    asked = list(filter(_adds_up, carrier.requirements))
     for number, lidar in enumerate(lidars):
         rig = placement_of((lidar,), carrier.models)
         for key, values in _of_one(rig, asked, carrier.vehicle):
@@ -122,22 +120,11 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
     return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
 
 
-def adds_up(laid: Laid) -> bool:
+def _adds_up(laid: Laid) -> bool:
     """Whether a requirement is of LiDARs one by one; else the judge alone knows it, as of cameras,
     radars, and views in common."""
     wanted = laid.requirement
     return wanted.common_view is None and not wanted.needs and wanted.measure not in KIND_OF
-
-
-def _near_field(question: Question) -> list[Laid]:
-    """The near field as a requirement of a coverage."""
-    roi = question.carrier.near_field
-    limits = [c for c in question.constraints if c.name == "near_field"]
-    if roi is None or not limits:
-        return []
-    whole = Positions(roi.centres(0), roi.centres(1), np.ones(roi.shape[:2], np.bool_))
-    wanted = Requirement("", Area(), "coverage", limits[0].limit)
-    return [Laid(wanted, whole, np.empty((0, 0, 7)), roi)]
 
 
 def _of_one(
@@ -180,38 +167,19 @@ def _block(key: tuple[int, str, str], own: Laid, values: NDArray[Any], carrier: 
         inside = voxels_in_body(poses_of(carrier.vehicle)[key[1]], own.roi)[own.positions.held]
         objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
     elif wanted.curve is not None:
-        needed = _cells_for(wanted.curve, wanted.least)
+        left = 1.0 - wanted.least / wanted.curve.most  # as many cells as leave so much
+        needed = math.inf if left < 0 else -math.log(max(left, 2.0**-53)) / wanted.curve.rate
     missed = values if values.ndim == 3 else None
     alone = values if missed is None else 1.0 - missed.mean(axis=2) / _WHOLE
     alone = alone * np.float32((1 if missed is None else missed.shape[2]) / needed)
-    if wanted.sensors is not None and own.roi is None:  # each by itself
-        alone, missed = (alone >= 1.0 - 1e-6) / np.float32(wanted.sensors), None
+    sensors = wanted.sensors or 0 if own.roi is None else 0
+    if sensors:  # each by itself
+        alone, missed = (alone >= 1.0 - 1e-6) / np.float32(sensors), None
     also = wanted.also_when
-    return Block(
-        key,
-        requirement_name(wanted.name) if wanted.name else "near_field",
-        np.asarray(alone, np.float32),
-        missed,
-        needed,
-        objects,
-        may_fail(wanted.share, positions),
-        max(int(also.one_lidar_dead), also.sensors_dead) if key[2] == AS_BUILT else 0,
-        wanted.sensors or 0 if own.roi is None else 0,
-    )
-
-
-def _cells_for(curve: DetectionCurve, probability: float) -> float:
-    """The least number of cells with that probability; endless if the curve never reaches it."""
-    low, high = 0.0, 1.0
-    while curve.probability(np.array([high]))[0] < probability:
-        low, high = high, 2 * high
-        if high > MOST_CELLS:
-            return math.inf
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        enough = curve.probability(np.array([middle]))[0] >= probability
-        low, high = (low, middle) if enough else (middle, high)
-    return high
+    dead = max(int(also.one_lidar_dead), also.sensors_dead) if key[2] == AS_BUILT else 0
+    fails = may_fail(wanted.share, positions)
+    name, alone = requirement_name(wanted.name), np.asarray(alone, np.float32)
+    return Block(key, name, alone, missed, needed, objects, fails, dead, sensors)
 
 
 def _check_size(found: Iterable[Sequence[NDArray[Any]]], lidars: int) -> None:

@@ -19,8 +19,8 @@ rig that meets the requirements, so what the programme costs at least, every suc
 
 So far LiDARs hide nothing from each other, which can only flatter a rig. A choice that keeps all
 rows is judged exactly. If it fails, a cut excludes it and its like: without one of its LiDARs, or
-with one that sees the place in question. Coverage, near fields, mounts that are off, and what a
-detector finds exclude that very rig; LiDARs that others blind or cover exclude all that hold them.
+with one that sees the place in question. Coverage, mounts that are off, and what a detector finds
+exclude that very rig; LiDARs that others blind or cover exclude all that hold them.
 Other choices of the same cost with the most to spare are tried first. The first rig that is judged
 and costs what the programme does at least is the cheapest of the grid.
 """
@@ -28,16 +28,16 @@ and costs what the programme does at least is the cheapest of the grid.
 import itertools
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.requirements.judge import Outcome, judge
 from sweeps.configuration.search import TOTALS
-from sweeps.search.cheapest.blocks import Block, adds_up, blocks_of
-from sweeps.search.cheapest.programme import Position, Programme, Row, Solution
+from sweeps.search.cheapest.blocks import Block, blocks_of
+from sweeps.search.cheapest.programme import Position, Programme, Row
 from sweeps.search.greedy.candidates import (
     candidates_of,
     check_grid,
@@ -73,9 +73,9 @@ class Verdict:
     margin: float
 
     @property
-    def good(self) -> bool:
-        """Whether it keeps everything."""
-        return not self.broken
+    def closeness(self) -> tuple[int, float]:
+        """Larger for rigs that lack less."""
+        return -len(self.broken), self.margin
 
 
 def verdict_of(rig: Choices, problem: Problem) -> Verdict:
@@ -102,9 +102,9 @@ class Chosen:
         cost, bound: what it costs, and what every rig of the grid costs at least; infinite where
             none meets everything.
         closest: where there is no rig: the one that was judged to lack least.
-        candidates, objects, rounds, rows, cuts, judged: how many there were.
-        value: of the detector, percent; None if it was not asked.
         seconds: in all.
+        value: of the detector, percent; None if it was not asked.
+        counts: of candidates, objects, rounds, rows, cuts and rigs judged.
     """
 
     rig: Choices | None
@@ -112,13 +112,8 @@ class Chosen:
     bound: float
     closest: Choices | None
     seconds: float
-    candidates: int = 0
-    objects: int = 0
-    rounds: int = 0
-    rows: int = 0
-    cuts: int = 0
-    judged: int = 0
     value: float | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def gap(self) -> float:
@@ -139,13 +134,12 @@ def check(problem: Problem) -> str:
     cost is not known.
     """
     search, carrier, file = problem.file.search, problem.question.carrier, problem.path
-    if search.greedy is None or not search.zones:
-        key = "zones" if search.greedy else "greedy"
+    if search.greedy is None:
         raise ValueError(
-            f"{file}: search.{key}: no candidates to choose from; expected a grid in zones, such "
+            f"{file}: search.greedy: no candidates to choose from; expected a grid in zones, such "
             "as greedy: {position_step: 0.5}, found none"
         )
-    if not (carrier.requirements or carrier.near_field or search.cheapest.recall):
+    if not (carrier.requirements or search.cheapest.recall):
         raise ValueError(
             f"{file}: search.requirements: nothing to meet; expected one or more, found none"
         )
@@ -178,20 +172,23 @@ def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
         return Chosen(None, math.inf, math.inf, None, time.monotonic() - start)
     work = _Work(problem, candidates, recall)
     work.run()
-    best = work.best
+    best, closest = work.best, work.closest
+    counts = {
+        "candidates": len(candidates),
+        "objects": sum(block.alone.shape[1] for block in work.blocks),
+        "rounds": work.rounds,
+        "rows": len(work.programme.rows),
+        "cuts": len(work.programme.cuts),
+        "judged": len(work.judged),
+    }
     return Chosen(
         None if best is None else work.rig(best),
-        math.inf if best is None else work.programme.cost(best),
+        work.cost,
         work.bound,
-        None if work.closest is None else work.rig(work.closest),
+        None if closest is None else work.rig(closest),
         time.monotonic() - start,
-        len(candidates),
-        sum(block.alone.shape[1] for block in work.blocks),
-        work.rounds,
-        len(work.programme.rows),
-        len(work.programme.cuts),
-        len(work.judged),
         None if best is None else work.values.get(best),
+        counts,
     )
 
 
@@ -238,6 +235,11 @@ class _Work:
         self.most_lidars = int(problem.space.numbers[-1]) + len(fixed)
 
     @property
+    def cost(self) -> float:
+        """Of the best rig; infinite without one."""
+        return math.inf if self.best is None else self.programme.cost(self.best)
+
+    @property
     def left(self) -> float:
         """Seconds."""
         return self.deadline - time.monotonic()
@@ -252,7 +254,7 @@ class _Work:
 
     def run(self) -> None:
         """Solve, look, add, until a rig is as cheap as the programme, or time is up."""
-        self.add_rows(Solution((), 0.0))
+        self.add_rows(())
         if not self.greedy(by_cost=True):
             self.greedy(by_cost=False)
         while self.left > 0 and not self.is_proven():
@@ -261,19 +263,17 @@ class _Work:
             self.bound = max(self.bound, found.bound)
             if self.is_proven() or found.chosen is None:
                 break
-            if self.add_rows(found):
+            if self.add_rows(found.chosen, found.failing):
                 continue
             if self.accept(found.chosen):
                 self.programme.exactly = True
             else:
                 self.try_others(self.programme.cost(found.chosen))
-        if self.best is not None:
-            self.bound = min(self.bound, self.programme.cost(self.best))
+        self.bound = min(self.bound, self.cost)
 
     def is_proven(self) -> bool:
         """Whether no rig is cheaper than the best one."""
-        cost = math.inf if self.best is None else self.programme.cost(self.best)
-        return self.bound >= cost - _TOLERANCE * max(1.0, abs(cost))
+        return self.bound >= self.cost - _TOLERANCE * max(1.0, abs(self.cost))
 
     def greedy(self, by_cost: bool) -> bool:
         """A rig to begin with: one candidate after the other, the one that adds most, for its cost
@@ -299,19 +299,18 @@ class _Work:
             chosen.append(int(worth.argmax()))
             may &= self.compatible[chosen[-1]]
             may[chosen[-1]] = False
-            choice = tuple(sorted(chosen))
-            if not self.add_rows(Solution(choice, 0.0)) and self.accept(choice):
-                return self.drop(chosen)
-        return bool(chosen) and self.accept(tuple(sorted(chosen)))
+            if not self.add_rows(chosen) and self.accept(chosen):
+                self.drop(chosen)
+                return True
+        return bool(chosen) and self.accept(chosen)
 
-    def drop(self, chosen: list[int]) -> bool:
+    def drop(self, chosen: list[int]) -> None:
         """Leave out what is not needed, the dearest first."""
         for i in sorted(chosen, key=lambda i: -self.programme.costs[i]):
-            rest = tuple(sorted(j for j in chosen if j != i))
-            needed = self.programme.fixed[i] or not rest or self.add_rows(Solution(rest, 0.0))
+            rest = [j for j in chosen if j != i]
+            needed = self.programme.fixed[i] or not rest or self.add_rows(rest)
             if not needed and self.accept(rest):
-                chosen = list(rest)
-        return True
+                chosen = rest
 
     def try_others(self, cost: float) -> None:
         """Rigs that cost no more, with the most to spare."""
@@ -319,17 +318,17 @@ class _Work:
             found = self.programme.solve(min(_SPARE_SECONDS, self.left), cost, reach=1.0)
             if found.chosen is None or self.left <= 0:
                 return
-            if not self.add_rows(found):
+            if not self.add_rows(found.chosen, found.failing):
                 self.accept(found.chosen)
                 return
 
     # Rows that a choice breaks.
 
-    def add_rows(self, found: Solution) -> bool:
-        """Whether the choice breaks something that is known of its LiDARs one by one."""
-        assert found.chosen is not None
-        broken = self.add_cliques(found.chosen)
-        lidars = self.lidars(found.chosen)
+    def add_rows(self, chosen: Sequence[int], failing: Collection[Position] = frozenset()) -> bool:
+        """Whether the choice breaks something that is known of its LiDARs one by one; `failing`:
+        positions that it gives up."""
+        broken = self.add_cliques(chosen)
+        lidars = self.lidars(chosen)
         for block in self.blocks:
             dead = itertools.combinations(lidars, min(block.dead, len(lidars)))
             for lost in [(), *(own for own in dead if own)]:
@@ -340,7 +339,7 @@ class _Work:
                     continue
                 broken = True
                 rows = self.worst(block, short, shares[short])
-                if not self.add_short(block, rows, kept, lost, found.failing):
+                if not self.add_short(block, rows, kept, lost, failing):
                     self.add_cover(block, kept, lost)
                 if not lost:
                     break  # without any of them it has less still
@@ -374,19 +373,14 @@ class _Work:
         added, gone = False, np.isin(self.place, self.place[list(lost)])
         whole = (block.key, *np.unique(self.place[list(lost)]).tolist())
         for row in rows:
-            position = self.position(block, row, whole, block.may_fail)
+            position = _position(block, row, whole)
             key = (whole, row, *([] if block.missed is None else kept))
             if position in failing or key in self.known:
                 continue
             self.known.add(key)
             base, gains = block.gains(row, kept)
-            if block.missed is None:
-                base = 0.0
-            else:
-                gains[list(kept)] = 0.0
-            self.programme.rows.append(
-                Row(self.by_candidate(np.where(gone, 0.0, gains)), base, position)
-            )
+            gains = self.by_candidate(np.where(gone, 0.0, gains))
+            self.programme.rows.append(Row(gains, base, position))
             added = True
             if block.dead and (block.key, row) not in self.known:
                 self.known.add((block.key, row))
@@ -402,17 +396,8 @@ class _Work:
         parts = block.sensors or self.most_lidars - block.dead
         enough = block.alone[:, row] * parts >= 1.0 - _TOLERANCE
         gains = self.by_candidate(enough / (block.dead + max(block.sensors, 1.0)))
-        position = self.position(block, row, (block.key, "lifted"), block.may_fail)
+        position = _position(block, row, (block.key, "lifted"), of_each=block.dead == 1)
         self.programme.rows.append(Row(gains, 0.0, position))
-
-    def position(
-        self, block: Block, row: int, of: tuple[object, ...], may_fail: int
-    ) -> Position | None:
-        """The position of an object in a case of a requirement; None if none may fail."""
-        if not may_fail:
-            return None
-        of_each = of[-1] == "lifted"
-        return Position(of, int(block.position[row]), may_fail, of_each and block.dead == 1)
 
     def worst(self, block: Block, rows: NDArray[np.intp], shares: NDArray[np.float64]) -> list[int]:
         """Some objects with the least, of equal ones those that candidates see least of; one a
@@ -451,28 +436,21 @@ class _Work:
 
     # The judge.
 
-    def accept(self, chosen: tuple[int, ...]) -> bool:
+    def accept(self, choice: Sequence[int]) -> bool:
         """Whether the judge accepts a choice; else add what excludes it."""
+        chosen, own = tuple(sorted(choice)), self.programme
         if chosen not in self.judged:
-            verdict = self.judged[chosen] = verdict_of(self.rig(chosen), self.problem)
-            kept = None if self.closest is None else self.judged[self.closest]
-            if kept is None or (-len(verdict.broken), verdict.margin) > (
-                -len(kept.broken),
-                kept.margin,
-            ):
-                self.closest = chosen
+            self.judged[chosen] = verdict_of(self.rig(chosen), self.problem)
+            self.closest = max(self.judged, key=lambda known: self.judged[known].closeness)
         verdict = self.judged[chosen]
-        own = self.programme
         if (own.used[:, list(chosen)].sum(axis=1) < own.least - 1e-9).any():
             return False  # greedy choice alone tries rigs of too few LiDARs
-        if verdict.good and self.finds_enough(chosen):
-            if self.best is None or self.programme.cost(chosen) < self.programme.cost(self.best):
-                self.best = chosen
+        if not verdict.broken and self.finds_enough(chosen):
+            self.best = chosen if own.cost(chosen) < self.cost else self.best
             return True
-        if verdict.good or not chosen:
+        if not verdict.broken or not chosen:
             self.exclude(chosen, [i for i in range(len(self.candidates)) if i not in chosen])
-            return False
-        for constraint in verdict.broken:
+        for constraint in verdict.broken if chosen else ():
             self.exclude_broken(chosen, constraint)
         return False
 
@@ -500,33 +478,28 @@ class _Work:
                     held = rest
             self.exclude(held, [])
             return
-        outcome = self.without_draws(chosen, broken)
-        if outcome is None or outcome.met or outcome.requirement.placed is None:
+        outcomes = {requirement_name(o.requirement.name): o for o in self.judged[chosen].outcomes}
+        outcome = outcomes.get(broken.name)
+        blocks = [block for block in self.blocks if block.name == broken.name]
+        # What the judge alone knows, and what depends on the order of LiDARs.
+        wanted = outcome.requirement if outcome and blocks else None
+        if outcome is None or wanted is None or not wanted.placed or wanted.also_when.mounts_off:
             self.exclude(chosen, others)
             return
-        short = outcome.least_of < outcome.requirement.least
-        blocks = [block for block in self.blocks if block.name == broken.name]
+        short = outcome.least_of < wanted.least
         if not blocks[0].may_fail:  # one place is enough
-            worst = int(outcome.least_of.argmin())
-            short = np.arange(len(short)) == worst
-        helps = np.zeros(len(self.owner), np.bool_)
-        for block in blocks:
-            helps |= (block.alone[:, short[block.position]] > 0).any(axis=1)
-        helping = np.flatnonzero(self.by_candidate(helps.astype(float)) > 0)
+            short = np.arange(len(short)) == outcome.least_of.argmin()
+        helps = [(block.alone[:, short[block.position]] > 0).any(axis=1) for block in blocks]
+        helping = np.unique(self.owner[np.any(helps, axis=0)])
         self.exclude(chosen, [i for i in helping.tolist() if i not in chosen])
 
-    def without_draws(self, chosen: tuple[int, ...], broken: Constraint) -> Outcome | None:
-        """A requirement that is broken, in all of its cases but mounts that are off; None: it is
-        another constraint, or one that the judge alone knows."""
-        carrier = self.problem.question.carrier
-        for laid in carrier.requirements:
-            wanted = laid.requirement
-            if requirement_name(wanted.name) == broken.name and adds_up(laid):
-                also = replace(wanted.also_when, mounts_off=None)
-                plain = replace(laid, requirement=replace(wanted, also_when=also))
-                rig = placement_of(self.rig(chosen), self.problem.models)
-                return judge([plain], rig, carrier.vehicle)[0]
-        return None
+
+def _position(
+    block: Block, row: int, of: tuple[object, ...], of_each: bool = False
+) -> Position | None:
+    """The position of an object in a case of a requirement; None if none may fail."""
+    number = int(block.position[row])
+    return Position(of, number, block.may_fail, of_each) if block.may_fail else None
 
 
 def cost_of(rig: Choices, problem: Problem) -> float:

@@ -3,11 +3,12 @@
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 from sweeps.search.cheapest.choose import Recall, Verdict, cost_of, verdict_of
 from sweeps.search.greedy.certificate import slots_of
-from sweeps.search.problem.choice import Choices, rounded
+from sweeps.search.greedy.refine import neighbours
+from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.constraints import requirement_name
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, rig_of
@@ -49,7 +50,7 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
         moved = rig_of(placed, problem.space)
         least = search.cheapest.recall
         found = recall is None or least is None or recall(moved) >= least
-        if found and verdict_of(moved, problem).good:
+        if found and not verdict_of(moved, problem).broken:
             best = moved
     return best
 
@@ -76,21 +77,11 @@ def _moved(
     while better and time.monotonic() < until:
         better = False
         for i in range(len(placed)):
-            for place in _neighbours(placed[i], length, angle):
+            for place in neighbours(placed[i], length, angle, most=1):
                 new = [*placed[:i], place, *placed[i + 1 :]]
                 if time.monotonic() < until and (own := _value(problem, new)) > value:
                     placed, value, better = new, own, True
     return placed
-
-
-def _neighbours(place: Placed, length: float, angle: float) -> Iterator[Placed]:
-    steps = [length] * 3 + [angle if low < high else 0.0 for low, high in place.slot.spans.values()]
-    centre = astuple(place.lidar.mount)
-    for axis, step in enumerate(steps):
-        for way in (-step, step) if step else ():
-            mount = rounded(*(c + way * (k == axis) for k, c in enumerate(centre)))
-            if place.allows(mount):
-                yield replace(place, lidar=replace(place.lidar, mount=mount))
 
 
 def _value(problem: Problem, placed: Sequence[Placed]) -> _Value:
@@ -104,12 +95,9 @@ def _value(problem: Problem, placed: Sequence[Placed]) -> _Value:
 
 def needed_for(problem: Problem, rig: Choices) -> list[str]:
     """What fails without each LiDAR: the first requirement or constraint; "" for nothing."""
-    found = []
-    for number in range(len(rig)):
-        left = (*rig[:number], *rig[number + 1 :])
-        verdict = verdict_of(left, problem)
-        found.append(_worst(verdict) if verdict.broken else "")
-    return found
+    left = ((*rig[:number], *rig[number + 1 :]) for number in range(len(rig)))
+    verdicts = [verdict_of(own, problem) for own in left]
+    return [_worst(verdict) if verdict.broken else "" for verdict in verdicts]
 
 
 def _worst(verdict: Verdict) -> str:

@@ -1,14 +1,14 @@
 """The mixed-integer programme: one 0/1 unknown a candidate, and the rows that are known so far."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_array, diags_array, hstack, vstack
+from scipy.sparse import csr_array, diags_array, hstack
 
 _INFEASIBLE = 2
 """HiGHS' status."""
@@ -118,40 +118,39 @@ class Programme:
         width = n + 2 + len(positions)  # candidates, the highest, what there is to spare, positions
         high = np.ones(width)
         high[n], high[n + 1] = math.inf, reach
-        matrix, lows, highs = self._limits(width)
-        matrix += self._needs(width, at, reach)
-        lows += [
-            (0.0 if row.position else 1.0) - (reach if row.position else 0.0) - row.base
-            for row in self.rows
-        ]
-        highs += [math.inf] * len(self.rows)
+        weights = np.array([*self.used, *(cut[0] for cut in self.cuts)])
+        least = [*self.least, *(cut[1] for cut in self.cuts)]
+        upper = [*(self.most + 1e-9), *(cut[2] for cut in self.cuts)]
+        lines = [_lines(width, weights, least, upper)]
+        # More than all that is needed counts as all of it: the relaxation is tighter.
+        gains = [np.minimum(row.gains, max(0.0, 1.0 + reach - row.base)) for row in self.rows]
+        asked = enumerate(row.position for row in self.rows)
+        more = [(i, at[position], -1.0 - reach) for i, position in asked if position]
+        more += [(i, n + 1, -1.0) for i in range(len(gains))]
+        needed = [(-reach if row.position else 1.0) - row.base for row in self.rows]
+        if gains:
+            lines.append(_lines(width, np.array(gains), needed, more=more))
         for of in dict.fromkeys(position.of for position in positions):
-            own = [position for position in positions if position.of == of]
-            kept = np.zeros(width)
-            kept[[at[position] for position in own]] = 1.0
-            may_fail = own[0].may_fail
-            if own[0].of_each:
-                kept[:n] = may_fail * self.sizes
-            matrix.append(csr_array(kept[None]))
-            lows.append(float(len(own) - (0 if own[0].of_each else may_fail)))
-            highs.append(math.inf)
+            alike = [position for position in positions if position.of == of]
+            fails, of_each = alike[0].may_fail, alike[0].of_each
+            kept = fails * self.sizes if of_each else np.zeros(n)
+            marks = [(0, at[position], 1.0) for position in alike]
+            enough = [len(alike) - (0 if of_each else fails)]
+            lines.append(_lines(width, kept[None], enough, more=marks))
         goal, scale = np.zeros(width), 1.0
         goal[:n], levels = self.costs, np.zeros(1)
         if self.of_highest:
             levels, ranks = np.unique(self.costs, return_inverse=True)
             scale = float(self.most[0] + self.sizes[self.fixed].sum() + 1.0)
             goal[:n], goal[n] = self.sizes, scale
-            pairs = hstack([-diags_array(ranks.astype(float)), np.ones((n, 1))])
-            matrix.append(_widened(pairs, width))
-            lows += [0.0] * n
-            highs += [math.inf] * n
+            above = hstack([-diags_array(ranks.astype(float)), np.ones((n, 1))])
+            lines.append(_lines(width, above, [0.0] * n))
         if most is not None:
             if self.of_highest:
                 high[:n] *= self.costs <= most - self.base + 1e-9
             else:
-                matrix.append(csr_array(goal[None]))
-                lows.append(-math.inf)
-                highs.append(most - self.base + 1e-6 * max(1.0, abs(most)))
+                bound = most - self.base + 1e-6 * max(1.0, abs(most))
+                lines.append(_lines(width, goal[None], [-math.inf], bound))
             goal = np.zeros(width)
             goal[n + 1] = -1.0
         low = np.zeros(width)
@@ -162,7 +161,7 @@ class Programme:
             goal,
             integrality=kinds,
             bounds=Bounds(low, high),
-            constraints=LinearConstraint(vstack(matrix), lows, highs),
+            constraints=lines,
             options={"time_limit": max(seconds, 0.1), "mip_rel_gap": self._gap(most)},
         )
         if found.status == _INFEASIBLE:
@@ -188,29 +187,17 @@ class Programme:
             return 0.0
         return 0.4 * self.grain / max(self.last, self.grain)
 
-    def _limits(self, width: int) -> tuple[list[csr_array], list[float], list[float]]:
-        """Budgets and cuts."""
-        weights = np.array([*self.used, *(cut[0] for cut in self.cuts)])
-        lows = [*self.least.tolist(), *(cut[1] for cut in self.cuts)]
-        highs = [*(self.most + 1e-9).tolist(), *(cut[2] for cut in self.cuts)]
-        return [_widened(csr_array(weights), width)], lows, highs
 
-    def _needs(self, width: int, at: Mapping[Position, int], reach: float) -> list[csr_array]:
-        """The rows: what there is to spare is taken off, and what a position has to have."""
-        if not self.rows:
-            return []
-        n = len(self.costs)
-        # More than all that is needed counts as all of it: the relaxation is tighter.
-        gains = [np.minimum(row.gains, max(0.0, 1.0 + reach - row.base)) for row in self.rows]
-        spare = -np.ones(len(self.rows))
-        asked = [(i, at[row.position]) for i, row in enumerate(self.rows) if row.position]
-        columns = [n + 1] * len(self.rows) + [j for _, j in asked]
-        lines = [*range(len(self.rows)), *(i for i, _ in asked)]
-        values = [*spare, *[-(1.0 + reach)] * len(asked)]
-        other = csr_array((values, (lines, columns)), shape=(len(self.rows), width))
-        return [_widened(csr_array(np.array(gains)), width) + other]
-
-
-def _widened(matrix: csr_array, width: int) -> csr_array:
-    """With columns of zeros up to a width."""
-    return hstack([matrix, csr_array((matrix.shape[0], width - matrix.shape[1]))], format="csr")
+def _lines(
+    width: int,
+    rows: Any,
+    least: Sequence[float],
+    most: Sequence[float] | float = math.inf,
+    more: Sequence[tuple[int, int, float]] = (),
+) -> LinearConstraint:
+    """Limits of rows that go on with 0 to that width, but for the numbers in `more`, each after its
+    row and column."""
+    i, j, values = zip(*more, strict=True) if more else ((), (), ())
+    rest = csr_array((values, (i, j)), shape=(rows.shape[0], width))
+    rest += hstack([csr_array(rows), csr_array((rows.shape[0], width - rows.shape[1]))])
+    return LinearConstraint(rest, least, most)

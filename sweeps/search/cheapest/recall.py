@@ -10,8 +10,7 @@ from sweeps.search.cheapest.choose import Recall
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import judged_rigs
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.aggregate import metrics_over_tests
-from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import with_inputs
 
@@ -28,7 +27,7 @@ def recall_of(console: Console, problem: Problem, store: AnyStore) -> Recall | N
     if search.cheapest.recall is None:
         return None
     objective = search.objective[0]
-    if not problem.pretrained or objective.one_lidar_dead:
+    if not problem.pretrained:
         raise ValueError(
             f"{problem.path}: search.cheapest.recall: no generalist judges rigs; expected "
             f"objective: pretrained.recall or another of pretrained, found {objective.name}"

@@ -24,10 +24,10 @@ _UNITS = {"lidars": "LiDARs", "price": "", "power": "W", "height": "m"}
 def proof(problem: Problem, chosen: Chosen) -> str:
     """What is known of all rigs of the grid, a sentence."""
     settings = problem.file.search.cheapest
-    work = (
-        f"rigs judged: {chosen.judged:,}, rows: {chosen.rows:,}, cuts: {chosen.cuts:,}; "
-        f"{chosen.seconds:.0f} s"
-    )
+    counts = chosen.counts
+    done = {"rigs judged": "judged", "rows": "rows", "cuts": "cuts"}
+    told = ", ".join(f"{name}: {counts.get(key, 0):,}" for name, key in done.items())
+    work = f"{told}; {chosen.seconds:.0f} s"
     if chosen.rig is None:
         if chosen.bound == math.inf:
             return f"No rig of the grid meets everything, which is proven ({work})."
@@ -120,7 +120,8 @@ def as_json(
     shown = rig or chosen.closest
     verdict = None if shown is None else verdict_of(shown, problem)
     cases = None if verdict is None or not verdict.outcomes else case_table(verdict.outcomes)
-    known = {key: value for key, value in asdict(chosen).items() if key not in ("rig", "closest")}
+    known = {key: getattr(chosen, key) for key in ("cost", "bound", "seconds", "value")}
+    known |= chosen.counts
     known |= {"gap": chosen.gap, "refined_cost": math.inf if rig is None else cost_of(rig, problem)}
     return {
         "command": command,

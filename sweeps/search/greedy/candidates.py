@@ -147,10 +147,7 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
 
 def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
     """Number of LiDARs, in all, in each zone and of single ones next to pairs, totals,
-    distances.
-
-    The near field is no limit here: the bound holds for rigs that neglect it as well.
-    """
+    distances."""
     space, search = problem.space, problem.file.search
     fixed = ordered(space.fixed)
     sizes = np.array([0 if rig == fixed else len(rig) for rig in candidates], float)

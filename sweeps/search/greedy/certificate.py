@@ -76,8 +76,6 @@ def why_none(problem: Problem) -> str | None:
     search = problem.file.search
     if search.greedy is None:
         return "search.greedy is null"
-    if not search.zones:
-        return "no LiDAR is placed"
     if len(search.objective) > 1:
         return "several objectives have no single best value"
     objective = search.objective[0]
@@ -140,7 +138,7 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     by_greedy = slots_of(rig_of_parts(chosen), problem)
     if by_greedy is not None and settings.refine:
         starts["greedy"] = by_greedy
-    # Greedy does not look at the near field, and a rig that one has may break any constraint.
+    # Greedy does not look at requirements, and a rig that one has may break any constraint.
     starts = {n: own for n, own in starts.items() if keeps(problem, rig_of(own, problem.space))}
     refined, value, origin = None, None, None
     for name, placed in starts.items():

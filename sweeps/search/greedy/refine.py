@@ -58,7 +58,7 @@ def _moved(
     near = [placed[i]]
     near += [
         place
-        for place in _neighbours(placed[i], length, angle)
+        for place in neighbours(placed[i], length, angle)
         if keeps(problem, ordered([*others, *place.rig]))
     ]
     rigs = [place.rig for place in near] + ([others] if others else [])
@@ -77,15 +77,13 @@ def keeps(problem: Problem, rig: Choices) -> bool:
     return all(c.violation(found[c.name]) <= 0 for c in question.constraints)
 
 
-def _neighbours(place: Placed, length: float, angle: float) -> Iterator[Placed]:
-    """Those a step away in any combination of coordinates, without itself."""
+def neighbours(place: Placed, length: float, angle: float, most: int = 6) -> Iterator[Placed]:
+    """Those a step away in any combination of at most so many coordinates, without itself."""
     centre = astuple(place.lidar.mount)
     spans = place.slot.spans.values()
     steps = [length] * 3 + [angle if low < high else 0.0 for low, high in spans]
     ways = [(-step, 0.0, step) if step else (0.0,) for step in steps]
     for offset in itertools.product(*ways):
-        if not any(offset):
-            continue
         mount = rounded(*(c + o for c, o in zip(centre, offset, strict=True)))
-        if place.allows(mount):
+        if 0 < np.count_nonzero(offset) <= most and place.allows(mount):
             yield Placed(place.slot, replace(place.lidar, mount=mount))

@@ -15,11 +15,14 @@ from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import identity, with_columns
 from sweeps.search.judgement.verify import verified_table
 from sweeps.search.judgement.winners import Judged, baseline_of, ranked
-from sweeps.search.problem.choice import cases_of, value_of, worst_case
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.aggregate import Over, left_out_over_tests, metrics_over_tests
-from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.aggregate import (
+    Over,
+    left_out_over_tests,
+    metrics_over_tests,
+    weighted_value,
+)
 from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.task import with_inputs
 
@@ -38,8 +41,7 @@ def choose(
 
     Returns:
         The rigs with what they are worth there, those that were found in their new order and
-        names, then the others; and the table of `verified_table`, of each rig in the case that
-        decides the first of the measured objectives.
+        names, then the others; and the table of `verified_table`.
 
     Raises:
         BackendLost: a rig could not be judged.
@@ -50,13 +52,8 @@ def choose(
     # Names of the paper's placements are taken.
     aliases = {f"judged_{number}": name for number, name in enumerate(names, start=1)}
     measured = [o for o in problem.file.search.objective if o.measured]
-    cases = {alias: cases_of(judged[name].rig, measured) for alias, name in aliases.items()}
-    rigs = judged_rigs(
-        problem,
-        generalists(problem),
-        {f"{alias}{case}": rig for alias, own in cases.items() for case, rig in own.items()},
-        problem.tests.choice,
-    )
+    own_rigs = {alias: judged[name].rig for alias, name in aliases.items()}
+    rigs = judged_rigs(problem, generalists(problem), own_rigs, problem.tests.choice)
     every = (trial for own in rigs.values() for tests in own for trial in tests)
     tasks = with_inputs(trial.evaluate for trial in every)
     store.refer(reference(problem.sweep(), "choice"), [task.key for task in tasks])
@@ -64,25 +61,16 @@ def choose(
         outcome = execute(tasks, store, backend, progress)
     for failure in outcome.failures.values():
         raise BackendLost(f"the best rigs could not be judged: {failure.reason}")
-    values, deciding = {}, []
-    for alias, name in aliases.items():
-        results = {
-            case: _over_generalists(name, rigs[f"{alias}{case}"], store, problem.file.search.over)
-            for case in cases[alias]
-        }
-        by_case = {
-            o.name: {
-                case: _value(o, problem.file.classes, metrics)
-                for case, (metrics, _) in results.items()
-            }
-            for o in measured
-        }
-        values[name] = {o.name: value_of(o, by_case[o.name]) for o in measured}
-        decides = worst_case(measured[0], by_case[measured[0].name])
-        if decides is not None:
-            deciding.append(results[decides])
+    over, classes = problem.file.search.over, problem.file.classes
+    results = {
+        name: _over_generalists(name, rigs[alias], store, over) for alias, name in aliases.items()
+    }
+    values = {
+        name: {o.name: _value(o, classes, metrics) for o in measured}
+        for name, (metrics, _) in results.items()
+    }
     metrics, left_out = (
-        pd.concat(tables, ignore_index=True) for tables in zip(*deciding, strict=True)
+        pd.concat(tables, ignore_index=True) for tables in zip(*results.values(), strict=True)
     )
     own = {name: replace(judged[name], chosen=values[name]) for name in names}
     best = ranked({name: own[name] for name in found}, first)

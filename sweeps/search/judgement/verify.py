@@ -47,10 +47,7 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     if run.results.empty:
         return False
     objective = problem.file.search.objective[0]
-    known = not objective.measured or objective.judged
-    surrogate = {
-        name: own.value(objective) if known else math.nan for name, own in found.judged.items()
-    }
+    surrogate = {name: own.value(objective) for name, own in found.judged.items()}
     table = verified_table(run.results, run.left_out, found.judged, surrogate, found.baseline)
     VERIFIED.write(table, problem.folder)
     return complete

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import optuna
@@ -33,7 +32,6 @@ class Judged:
         role: found, greedy or paper.
         searched: objectives as the search computes them, with its azimuth stride; and what was
             measured of a trial.
-        values_beside: by key path of the configuration, of a trial that varied some.
         chosen: objectives on the traffic of the choice, where a generalist judges.
     """
 
@@ -41,7 +39,6 @@ class Judged:
     assessment: Assessment
     role: str
     searched: Mapping[str, float]
-    values_beside: Mapping[str, Any] = field(default_factory=dict)
     chosen: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -65,10 +62,10 @@ def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
         front = {trial.number for trial in study.best_trials}
         feasible = [trial for trial in feasible if trial.number in front]
     sign = -1 if study.directions[0] == optuna.study.StudyDirection.MAXIMIZE else 1
-    by_key: dict[object, FrozenTrial] = {}
+    by_rig: dict[Choices, FrozenTrial] = {}
     for trial in sorted(feasible, key=lambda t: (sign * t.values[0], t.number)):
-        by_key.setdefault(candidate_of(trial, space).key, trial)
-    return list(by_key.values())
+        by_rig.setdefault(candidate_of(trial, space).rig, trial)
+    return list(by_rig.values())
 
 
 def judge(
@@ -87,7 +84,7 @@ def judge(
     for trial, candidate, assessment in zip(chosen, candidates, found, strict=True):
         searched = zip(question.objectives, trial.values, strict=True)
         own = {objective.name: value for objective, value in searched}
-        judged.append(Judged(candidate.rig, assessment, "found", own, candidate.values))
+        judged.append(Judged(candidate.rig, assessment, "found", own))
     if several:
         judged = [own for own in judged if not _is_dominated(own, judged, question)]
     return sorted(judged, key=_rank(question.objectives[0]))

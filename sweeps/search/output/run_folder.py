@@ -32,7 +32,7 @@ from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
-from sweeps.search.trials.by_detectors import class_weights
+from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from tracking.mlflow.uri import absolute_uri
 from tracking.run_folders.arrays import Grounds, UnseenMaps
@@ -129,22 +129,15 @@ def _maps(
 
 
 def _sweep(problem: Problem, found: Found) -> str:
-    """A sweep of the winners and the paper's rigs, which `lidarplace run` takes as it is.
-
-    Without those of `_ruled_out`, which a sweep refuses.
-    """
+    """A sweep of the winners and the paper's rigs, without those that a sweep refuses."""
     verify = problem.file.verify
     most = verify.top if verify is not None else 3
-    if problem.file.search.space:  # other trials have other values
-        most = 1
     paper, ruled_out = _paper_rigs(found), _ruled_out(problem, found)
     # A search that began with one of the eight need not train it twice.
     new = [name for name in found.best if not _is_one_of(found.judged[name].rig, paper.values())]
     rigs = {name: found.judged[name].rig for name in new[:most]}
-    values = found.judged[found.best[0]].values_beside
     others = [name for name in paper if name not in ruled_out]
-    config = problem.verify_settings(rigs, others, values)
-    return public_yaml(config)
+    return public_yaml(problem.verify_settings(rigs, others))
 
 
 def _paper_rigs(found: Found) -> dict[str, Choices]:
@@ -185,7 +178,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
     search = file.search
     several = len(search.objective) > 1
     trials = list(finished_trials(found.study))
-    different = len({candidate_of(trial, problem.space).key for trial in trials})
+    different = len({candidate_of(trial, problem.space).rig for trial in trials})
     return SearchResult(
         name=file.name,
         command=command,
@@ -237,13 +230,8 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         bound=_bound(found, problem),
         best=found.best if several else found.best[:1],
         front=len(found.trials) if several else None,
-        parameters=max(
-            len(problem.space.distributions(makeup) | problem.space.further)
-            for makeup in problem.space.makeups
-        ),
-        baseline=(
-            None if any(o.measured and not o.judged for o in search.objective) else found.baseline
-        ),
+        parameters=max(len(problem.space.distributions(own)) for own in problem.space.makeups),
+        baseline=found.baseline,
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=_stride(problem, found),
@@ -298,7 +286,6 @@ def _rig(own: Judged) -> JudgedRig:
         values=own.all_values,
         searched=own.searched,
         measures=own.assessment.measures,
-        params=dict(own.values_beside),
     )
 
 
@@ -336,8 +323,6 @@ def _verification(problem: Problem, found: Found) -> str:
 
 def _commands(problem: Problem, found: Found) -> list[Command]:
     folder = problem.folder
-    storage = problem.file.search.storage
-    where = "DATABASE_URL" if storage else shlex.quote(str(journal_path(folder)))
     lines: dict[str, str] = {}
     if found.trials:
         rig = str(folder / "placement.yaml")
@@ -345,5 +330,6 @@ def _commands(problem: Problem, found: Found) -> list[Command]:
             _verification(problem, found): command("run", str(folder / "sweep.yaml")),
             "see what it sees in a frame of a box log": command("view", "LOG", "--placement", rig),
         }
-    lines["look at all trials in a browser"] = f"optuna-dashboard {where}"
+    journal = shlex.quote(str(journal_path(folder)))
+    lines["look at all trials in a browser"] = f"optuna-dashboard {journal}"
     return [Command(what=what, line=line) for what, line in lines.items()]

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import optuna
-from optuna.storages import RDBStorage
 
-from lidarplace.files.secret_urls import hide_secrets
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.results.state import SweepState, sweep_state
 from sweeps.search.judgement.verify import read_verification
@@ -31,8 +29,8 @@ class SearchState:
         name: of the search.
         alive: whether a driver runs it now.
         trials: wanted, done, feasible (all constraints kept) and failed.
-        best: number, objectives by name and values next to the rig of the best trial so
-            far, or of the Pareto front; empty while none keeps all constraints.
+        best: number and objectives by name of the best trial so far, or of the Pareto front; empty
+            while none keeps all constraints.
         azimuth_stride: trials took the rays of 1 in so many azimuth steps for the values in `best`;
             1 if all of them, or if no objective counts rays.
         failures: number and reason of each trial that failed.
@@ -52,7 +50,7 @@ def search_state(problem: Problem) -> SearchState:
     """Look at everything that a search has left so far.
 
     Raises:
-        ValueError: its database cannot be read, or the sweep that it left is damaged.
+        ValueError: its journal cannot be read, or the sweep that it left is damaged.
         OSError: its folder cannot be read.
     """
     settings = problem.file.search
@@ -66,11 +64,7 @@ def search_state(problem: Problem) -> SearchState:
     found = best_trials(study, problem.space) if study else []
     names = [objective.name for objective in settings.objective]
     best = [
-        {
-            "trial": trial.number,
-            "values": dict(zip(names, trial.values, strict=True)),
-            "beside": {key: trial.params[key] for key in problem.space.further},
-        }
+        {"trial": trial.number, "values": dict(zip(names, trial.values, strict=True))}
         for trial in (found[:1] if len(names) == 1 else found)
     ]
     counts = {
@@ -88,22 +82,16 @@ def search_state(problem: Problem) -> SearchState:
 def _study(problem: Problem) -> optuna.Study | None:
     """The study as far as it has come; None before its first trial."""
     name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
-    path, url = journal_path(problem.folder), problem.file.search.storage
-    if url is None:
-        if not path.exists():
-            return None
-        # A driver may be writing the last line; the journal is left as it is.
-        storage = journal_storage(path)
+    path = journal_path(problem.folder)
+    if not path.exists():
+        return None
+    # A driver may be writing the last line; the journal is left as it is.
+    storage = journal_storage(path)
     try:
-        if url is not None:
-            storage = RDBStorage(url, skip_table_creation=True)
         with quiet():
             return optuna.load_study(study_name=name, storage=storage)
     except KeyError:  # another configuration, or none yet
         return None
-    except Exception as error:
-        reason = hide_secrets(" ".join(str(error).split()), url)[:200]
-        raise ValueError(f"{'search.storage' if url else path}: cannot be read: {reason}") from None
 
 
 def _verify(problem: Problem) -> SweepState | None:

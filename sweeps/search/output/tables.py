@@ -11,7 +11,6 @@ import pandas as pd
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.trial import FrozenTrial, TrialState
 
-from sweeps.results.trial_results import cells
 from sweeps.search.problem.choice import Choice, Choices
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials
@@ -49,7 +48,6 @@ def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
             | {f"violation.{name}": v for name, v in found.violations.items()}
             | {name: v for name, v in found.measures.items() if name.startswith("enough.")}
             | {"seconds": found.seconds, "failure": trial.user_attrs.get("failure", "")}
-            | {f"param.{key}": value for key, value in cells(candidate.values).items()}
             | {"lidars": len(candidate.rig)}
             | rig_columns(candidate.rig)
         )
@@ -97,7 +95,7 @@ A search for a LiDAR placement: one parent run, and a child run for every trial.
 
 - Metrics: the objectives by their names; `feasible` is 1 where all constraints are kept;
   `violation.NAME` is by how much a constraint is missed, 0 or less where it is kept; `seconds`.
-- Parameters: where each LiDAR sits, `lidar_1.x_m` and so on, and the values of `search.space`.
+- Parameters: where each LiDAR sits, `lidar_1.x_m` and so on.
 - A trial on top that is not feasible is no answer: filter by ``metrics.feasible = 1``.
 - The parent run has the command, the configuration, the report and the tables. The best trials
   are evaluated again with all rays: `search.json` and the report have those values.
@@ -110,7 +108,7 @@ def columns(problem: Problem) -> list[str]:
     objectives = [objective.name for objective in problem.file.search.objective]
     violations = [f"violation.{limit.name}" for limit in problem.question.constraints]
     metrics = [f"metrics.{name}" for name in (*objectives, "feasible", *violations)]
-    return [*metrics, *(f"params.{path}" for path in problem.file.search.space), "metrics.seconds"]
+    return [*metrics, "metrics.seconds"]
 
 
 def ended_trials(study: optuna.Study, problem: Problem) -> Iterator[EndedTrial]:
@@ -133,7 +131,7 @@ def _trial_run(trial: FrozenTrial, problem: Problem) -> TrialRun:
     assert trial.datetime_complete is not None
     return TrialRun(
         f"trial {trial.number}",
-        params | dict(candidate.values) | {"state": trial.state.name},
+        params | {"state": trial.state.name},
         metrics | {"seconds": found.seconds, "feasible": float(found.feasible)},
         ended=round(1000 * trial.datetime_complete.timestamp()),
     )

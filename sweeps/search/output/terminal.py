@@ -32,13 +32,6 @@ _TO_THE_LETTER = (
 )
 
 
-_NOT_SUBMODULAR = (
-    "objective {name}: is not submodular in the LiDARs. Greedy choice is that of what all of them "
-    "find, without a guarantee; the bound is what one LiDAR less finds at most, or, where LiDARs "
-    "come in mirrored pairs, the objects that all of them find; refinement optimizes the "
-    "objective itself."
-)
-
 _ONE_BY_ONE = (
     "objective {name}: greedy choice, refinement and bound put rigs together of LiDARs that were "
     "looked at one by one, and neglect that LiDARs hide each other by their size; {others}"
@@ -66,16 +59,12 @@ def warnings_of(problem: Problem) -> list[str]:
 
 
 def greedy_warnings(problem: Problem) -> list[str]:
-    """What greedy choice and its bound are where the objective is not submodular, and what they
-    neglect."""
+    """What greedy choice and its bound neglect."""
     first = problem.file.search.objective[0]
-    if why_none(problem) is not None:
+    if why_none(problem) is not None or not _may_hide_each_other(problem):
         return []
-    said = [_NOT_SUBMODULAR.format(name=first.name)] if first.one_lidar_dead else []
-    if _may_hide_each_other(problem):
-        others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
-        said.append(_ONE_BY_ONE.format(name=first.name, others=others))
-    return said
+    others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
+    return [_ONE_BY_ONE.format(name=first.name, others=others)]
 
 
 def _may_hide_each_other(problem: Problem) -> bool:
@@ -105,18 +94,13 @@ def print_problem(console: Console, problem: Problem) -> None:
     settings, space = problem.file.search, problem.space
     low, high = space.numbers
     wanted = ", ".join(f"{o.best} {o.name}" for o in settings.objective)
-    sizes = {len(space.distributions(makeup) | space.further) for makeup in space.makeups}
+    sizes = {len(space.distributions(makeup)) for makeup in space.makeups}
     parameters = " to ".join(str(size) for size in sorted({min(sizes), max(sizes)}))
-    if space.zones:
-        number = f"{low} to {high}" if low < high else str(low)
-        console.print(
-            f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
-            f"{parameters} parameters; {wanted}"
-        )
-    else:
-        console.print(
-            f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}"
-        )
+    number = f"{low} to {high}" if low < high else str(low)
+    console.print(
+        f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
+        f"{parameters} parameters; {wanted}"
+    )
     if over := settings.said_of(problem.traffic.search):
         console.print(f"judged by {over}")
     for zone in space.zones:
@@ -144,7 +128,7 @@ def planned(problem: Problem) -> dict[str, Any]:
         "name": problem.file.name,
         "lidars": list(space.numbers),
         "zones": list(settings.zones),
-        "parameters": list(space.distributions(space.makeups[-1]) | space.further),
+        "parameters": list(space.distributions(space.makeups[-1])),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
         "judged_on": [dict(changes) for changes in problem.tests.search] if problem.judged else [],
         "over": settings.over,
@@ -217,7 +201,5 @@ def print_found(console: Console, problem: Problem, found: Found, run: SearchFol
     mounts = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
     rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
     console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
-    for key, value in found.judged["found_1"].values_beside.items():
-        console.print(f"{key}: {value}")
     for caution in cautions(run):
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

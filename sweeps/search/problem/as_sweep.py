@@ -1,5 +1,6 @@
 """Rigs of a search as those of a sweep, which trains detectors for them."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
@@ -98,41 +99,33 @@ class SearchConfig:
         return check(Point, data, self.path, names, changes)
 
     def sweep_of(
-        self,
-        rigs: Mapping[str, Choices],
-        trials: Mapping[str, Mapping[str, Any]],
-        rung: Mapping[str, Any],
+        self, rigs: Mapping[str, Choices], trials: Sequence[str], changes: Mapping[str, Any]
     ) -> Sweep:
         """The trainings that some trials need, with the seeds of the search.
 
         Args:
             rigs: by name of the placement; a generalist can name those without a trial.
-            trials: name of the placement -> values by key path.
-            rung: key path -> value, what is different about these trainings.
+            trials: names of those that are measured.
+            changes: key path -> value, what is different about their configuration.
 
         Raises:
             ConfigError: a value is not allowed at its key path.
         """
         own = {name: self.placement_settings(rig) for name, rig in rigs.items()}
         known = Rigs({**self.file.placements, **own}, self.file)
+        names = {key: f"search.traffic: {key}" for key in changes}
         points = []
-        for name, values in trials.items():
-            names = {key: f"search.space.{key}" for key in values}
-            names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
-            for seed in self.file.search.seeds:
-                axes = {"placement": name, "seed": seed}
-                point = self.point({**axes, **values, **rung}, names)
-                points.append(GridPoint(point, known.of(point), axes))
+        for name, seed in itertools.product(trials, self.file.search.seeds):
+            axes = {"placement": name, "seed": seed}
+            point = self.point({**axes, **changes}, names)
+            points.append(GridPoint(point, known.of(point), axes))
         return Sweep(self.file, tuple(points), ("placement", "seed"), self.source, known)
 
-    def verify_settings(
-        self, rigs: Mapping[str, Choices], others: Sequence[str], values: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def verify_settings(self, rigs: Mapping[str, Choices], others: Sequence[str]) -> dict[str, Any]:
         """The configuration, as a file has it, of a sweep that trains detectors for rigs.
 
         Args:
             others: names of placements that a sweep knows, which are trained, too.
-            values: key path -> value, what was found beside the rig.
         """
         source, file = self.source, self.file
         config = {key: deepcopy(value) for key, value in source.items() if key not in _OWN}
@@ -147,12 +140,10 @@ class SearchConfig:
         config["grid"] = {"placement": [*rigs, *others]}
         if file.search.requirements:
             config["requirements"] = deepcopy(source["search"]["requirements"])
-        changes = dict(values)
         if file.verify is not None:
             config["grid"]["seed"] = list(file.verify.seeds)
-            changes |= file.verify.set
-        for key, value in changes.items():
-            put(config, key, value, Path(file.name))
+            for key, value in file.verify.set.items():
+                put(config, key, value, Path(file.name))
         return config
 
 

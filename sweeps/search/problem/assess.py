@@ -12,7 +12,7 @@ from lidarplace.coverage import Method
 from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
-from sweeps.search.problem.choice import Choices, cases_of, is_possible, placement_of, value_of
+from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
 
 
@@ -103,7 +103,7 @@ def _values(
     rig: Choices, question: Question, traffic: Traffic, measures: Mapping[str, float]
 ) -> dict[str, float]:
     found = {}
-    recalls = _recalls(rig, question, traffic)
+    recall = _recall(rig, question, traffic.objects) if traffic.objects else {}
     by_class = _of_pog(rig, question, traffic) if question.needs_pog else {}
     for objective in question.objectives:
         if objective.by in TOTALS:
@@ -112,35 +112,18 @@ def _values(
             found[objective.name] = margin_of(measures, question.constraints)
         elif objective.of_traffic:
             weights = objective.weights_of(traffic.grids)
-            if objective.by in OBJECT_SURROGATES:
-                sums = {case: _weighed(weights, own) for case, own in recalls.items()}
-                found[objective.name] = value_of(objective, sums)
-            else:
-                own = {name: by_class[name][objective.by] for name in weights}
-                found[objective.name] = _weighed(weights, own)
+            of_objects = objective.by in OBJECT_SURROGATES
+            own = recall if of_objects else {n: by_class[n][objective.by] for n in weights}
+            found[objective.name] = math.fsum(w * own[name] for name, w in weights.items())
     return found
 
 
-def _weighed(weights: Mapping[str, float], values: Mapping[str, float]) -> float:
-    """The weighted sum over classes."""
-    return math.fsum(weight * values[name] for name, weight in weights.items())
-
-
-def _recalls(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
-    """`expected_recall` by class in each case that objectives look at; a mount is cast once."""
-    model = traffic.objects
-    if model is None:
-        return {}
-    asked = [o for o in question.objectives if o.by in OBJECT_SURROGATES]
-    cases = cases_of(rig, asked)
-    found = {}
-    for case, own in cases.items():
-        rig_as_meant = placement_of(own, question.carrier.models)
-        rigs = fleet(rig_as_meant, question.errors, question.mount_draws, question.seed)
-        every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(rigs)]
-        mean = pd.concat(every, axis=1).mean(axis=1)
-        found[case] = {str(k): float(v) for k, v in mean.items()}
-    return found
+def _recall(rig: Choices, question: Question, model: ExpectedRecall) -> dict[str, float]:
+    """`expected_recall` by class, the mean over vehicles."""
+    rig_as_meant = placement_of(rig, question.carrier.models)
+    rigs = fleet(rig_as_meant, question.errors, question.mount_draws, question.seed)
+    every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(rigs)]
+    return {str(k): float(v) for k, v in pd.concat(every, axis=1).mean(axis=1).items()}
 
 
 def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:

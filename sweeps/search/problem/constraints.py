@@ -1,4 +1,4 @@
-"""What a rig has to keep: spacing, its own body's share of the view, totals, the near field."""
+"""What a rig has to keep: spacing, its own body's share of the view, totals, requirements."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
 from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import housings_of, without
-from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, poses_of, zone_in_body
 from lidarplace.requirements.judge import judge
@@ -76,8 +75,6 @@ def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
     for total, unit in (("price", ""), ("power", "W")):
         if (most := getattr(settings, total)) is not None:
             found.append(Constraint(total, unit, most, at_least=False))
-    if settings.near_field is not None:
-        found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
     if settings.common_view is not None:
         found.append(Constraint("common_view", "", settings.common_view.share, at_least=True))
     if settings.facing is not None:
@@ -122,7 +119,6 @@ class Carrier:
         vehicle: its body, and what hides what is behind it.
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
         roi: of which every LiDAR has to see something.
-        near_field: the zone around it that has to be seen; None if none has.
         common_view: what LiDARs see in common; None if that is not asked for.
         requirements: laid out around it.
         further: cameras and radars, which every rig has.
@@ -136,7 +132,6 @@ class Carrier:
     vehicle: Vehicle
     keep_out: NDArray[np.float64]
     roi: Roi
-    near_field: Roi | None
     common_view: CommonView | None
     requirements: tuple[Laid, ...]
     further: tuple[MountedSensor, ...]
@@ -148,7 +143,7 @@ class Carrier:
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
         settings = file.search
-        near, common = settings.constraints.near_field, settings.constraints.common_view
+        common = settings.constraints.common_view
         # The rig that one has without `search.models` costs nothing more.
         unknown = math.nan if settings.models else 0.0
         own = {name: (model.price, model.watts) for name, model in settings.models.items()}
@@ -164,7 +159,6 @@ class Carrier:
             with_keep_outs(settings),
             keep_out_boxes(settings.keep_out),
             file.voxel_roi(),
-            None if near is None else Roi(near.x, near.y, near.z, near.resolution),
             None if common is None else common.asked(),
             tuple(requirements),
             settings.further(),
@@ -243,7 +237,8 @@ def measures_of(
                 len(facing_pairs(placement, pose)) if placement else len(rig) for pose in poses
             ]
             found["facing"] = float(max(pairs))
-        elif constraint.name == "common_view":
+        else:
+            assert constraint.name == "common_view"
             wanted = carrier.common_view
             assert wanted is not None
             found["common_view"] = 0.0
@@ -252,11 +247,4 @@ def measures_of(
                     weakest(common_view(placement, pose, wanted, carrier.further), wanted)[0]
                     for pose in poses_of(carrier.vehicle).values()
                 )
-        else:
-            assert carrier.near_field is not None
-            found["near_field"] = (
-                near_field_coverage(placement, carrier.vehicle, carrier.near_field)
-                if placement
-                else 0.0
-            )
     return found

@@ -12,7 +12,6 @@ from itertools import groupby
 from typing import Any, TypeVar
 
 import numpy as np
-from optuna.distributions import FloatDistribution
 from scipy.stats import qmc
 
 from lidarplace import Lidar
@@ -119,11 +118,7 @@ def _laid_out(
         low, high = slot.spans["yaw"]
         wanted = {"x": x, "y": y, "z": z, "roll_deg": side * outwards, "pitch_deg": nose + own}
         wanted |= {"yaw_deg": (low + high) / 2, "zone": zone.name, "model": model}
-        for key, distribution in space.of_slot(slot).items():
-            value = wanted[key.removeprefix(f"{slot.name}.")]
-            if isinstance(distribution, FloatDistribution):
-                value = min(max(value, distribution.low), distribution.high)
-            params[key] = value
+        params |= space.allowed(slot, wanted)
     return params
 
 

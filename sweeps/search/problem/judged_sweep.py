@@ -65,8 +65,7 @@ def _trials(
     changes: Mapping[str, Any],
 ) -> list[DetectorTrial]:
     """Those of a sweep of rigs with the seeds of the search; `others` are placements, too."""
-    values: dict[str, dict[str, Any]] = {name: {} for name in rigs}
-    sweep = problem.sweep_of({**others, **rigs}, values, changes)
+    sweep = problem.sweep_of({**others, **rigs}, list(rigs), changes)
     return with_detector(make_plan(sweep).trials)
 
 

@@ -14,24 +14,16 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle, zone_in_body
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
-from sweeps.configuration.file import ConfigError, check, read_named
+from sweeps.configuration.file import ConfigError, check, named, read_named
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
 from sweeps.configuration.question import check_dead, check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
-from sweeps.configuration.search import (
-    PRETRAINED,
-    RangeSettings,
-    SearchFile,
-    Tests,
-    TrafficSettings,
-)
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.search import PRETRAINED, SearchFile, Tests, TrafficSettings
 from sweeps.configuration.whole_paths import with_whole_paths
 from sweeps.execution.memory import check_memory
 from sweeps.plan.named_files import outside_of
@@ -43,7 +35,7 @@ from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
 from sweeps.search.problem.slots import Placed, params_of, placed_in
 from sweeps.search.problem.space import Space
-from sweeps.search.problem.training_rigs import rigs_near, some_dead, training_rigs
+from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of, plain
 
@@ -53,13 +45,7 @@ _ANSWERING = {
 }
 """Keys beside the scene, the ROI and the classes that decide what trials are worth."""
 
-_LATER = {
-    *("sensors", "sensors_dead", "common_view", "facing", "pixels", "reach"),
-    *("cameras", "radars"),
-}
-"""Keys that the first searches did not have."""
-
-_ELSEWHERE = {"trials", "storage", "vehicle", "cheapest"}
+_ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
 
 OWN_MODEL = "lidar"
@@ -115,11 +101,9 @@ class Problem(SearchConfig):
                 *METRICS.roots(by for by in asked if by in METRICS),
             )
         ]
-        if any(objective.measured for objective in self.file.search.objective):
-            stages: tuple[str, ...] = ("ground_truth", "collect", "finetune", "evaluate")
-            if self.judged:
-                weights = "pretrained" if self.pretrained else "pretrain"
-                stages = ("ground_truth", "collect", weights, "judge", "evaluate")
+        if self.judged:
+            weights = "pretrained" if self.pretrained else "pretrain"
+            stages = ("ground_truth", "collect", weights, "judge", "evaluate")
             found += [code_of(stage, self.file.detector) for stage in stages]
         return found
 
@@ -153,11 +137,8 @@ class Problem(SearchConfig):
         seed = self.file.search.seed
         if self.file.search.near_start:
             start = [params_of(own, self.space) for own in self.start.values()]
-            rigs = rigs_near(self.space, start, number, seed)
-        else:
-            rigs = training_rigs(self.space, self.models, number, seed)
-        dead = any(o.judged and o.one_lidar_dead for o in self.file.search.objective)
-        return some_dead(rigs) if dead else rigs
+            return rigs_near(self.space, start, number, seed)
+        return training_rigs(self.space, self.models, number, seed)
 
     @property
     def seen_rigs(self) -> list[Placement]:
@@ -229,10 +210,8 @@ class Problem(SearchConfig):
 
         Raises ConfigError.
         """
-        try:
+        with named(self.path):
             plan = make_plan(sweep)
-        except ConfigError as error:
-            raise ConfigError(f"{self.path}: {error}") from None
         (trial,) = plan.trials
         return plan.needed_for([trial.pog]), trial
 
@@ -258,27 +237,19 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     file = check(SearchFile, source, path)
     _check_keys(file, source, path)
     settings = file.search
-    try:
+    with named(path):
         rigs = Rigs(file.placements, file)
         weather = file.weather.weather()
         own = file.lidar.lidar().in_weather(weather)
         chosen = {
             name: model.lidar().in_weather(weather) for name, model in settings.models.items()
         } or {OWN_MODEL: own}
-        space = Space(settings, tuple(chosen), _fixed(file, rigs, next(iter(chosen))))
+        fixed = [Choice(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed]
+        space = Space(settings, tuple(chosen), fixed)
         start = {name: _start(file, rigs, name, space) for name in settings.start}
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
     models = chosen | {OWN_MODEL: own}
     _check_body(file, space, models, path)
     laid = _laid(file, chosen, with_keep_outs(settings), path)
-    try:
-        carrier = Carrier.of(file, models, laid)
-        if carrier.near_field is not None:
-            probe = PAPER_PLACEMENTS["line"]
-            near_field_coverage(probe, carrier.vehicle, carrier.near_field)
-    except ValueError as error:
-        raise ConfigError(f"{path}: search.constraints.near_field: {error}") from None
     if settings.models and file.verify is not None:
         keys = [
             key
@@ -292,8 +263,8 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
             )
     question = Question(
         objectives=settings.objective,
-        constraints=constraints_of(file) if settings.zones else (),
-        carrier=carrier,
+        constraints=constraints_of(file),
+        carrier=Carrier.of(file, models, laid),
         method=file.surrogate.method,
         detection_probability=file.surrogate.detection_probability,
         occlusion=file.surrogate.occlusion,
@@ -315,14 +286,12 @@ def _laid(
     asked, curves = file.search.requirements, file.surrogate.curves
     if not asked:
         return ()
-    try:
+    with named(f"{path}: search.requirements"):
         for name, lidar in models.items():
             check_lidars(Placement(name, [Mount()], lidar), asked)
         for own in asked:
             further = (sensor.kind for sensor in file.search.further())
             check_dead(own, [*["lidar"] * file.search.most_lidars, *further])
-    except ValueError as error:
-        raise ConfigError(f"{path}: search.requirements: {error}") from None
     try:
         known = default_curves() if curves is None else read_curves(curves)
     except (ValueError, OSError) as error:
@@ -335,8 +304,10 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
     settings = file.search
     for key, own in (
         ("seed", "search.seed"),
-        ("promote", "search.rungs"),
+        ("placement", "search.start"),
+        ("promote", "search.trials"),
         ("requirements", "search.requirements"),
+        ("vehicle", "search.vehicle"),
     ):
         if key in source:
             raise ConfigError(f"{path}: {key}: is for sweeps; a search has {own}")
@@ -345,30 +316,14 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             f"{path}: judge: is for sweeps; a search says it in its objective, such as "
             "generalist.recall"
         )
-    if "vehicle" in source:
-        raise ConfigError(f"{path}: vehicle: is for sweeps; a search has search.vehicle")
-    if settings.zones and "placement" in source:
-        raise ConfigError(f"{path}: placement: is for searches without search.zones; see start")
-    for key in ("models", "start", "fixed"):
-        if not settings.zones and getattr(settings, key):
-            raise ConfigError(f"{path}: search.{key}: there are no zones to place LiDARs in")
-    refuse_overlaps(settings.space, f"{path}: search.space")
-    for number, rung in enumerate(settings.rungs):
-        where = f"{path}: search.rungs[{number}]"
-        refuse_overlaps(rung, where, settings.space, "a key path of search.space")
     for name, scene in (file.robustness.scenes if file.robustness else {}).items():
         refuse_overlaps(scene, f"{path}: robustness.scenes.{name}")
     if file.verify is not None:
-        where, axes = f"{path}: verify.set", ("placement", "seed")
-        refuse_overlaps(file.verify.set, where, settings.space, "a key path of search.space")
-        for key in axes:
+        where = f"{path}: verify.set"
+        refuse_overlaps(file.verify.set, where)
+        for key in ("placement", "seed"):
             if key in file.verify.set:
                 raise ConfigError(f"{where}.{key}: is what the verification varies; see verify")
-    for key in settings.space:
-        if key.partition(".")[0] not in Point.model_fields or key in ("placement", "seed"):
-            raise ConfigError(
-                f"{path}: search.space.{key}: allowed are key paths of a trial, such as training.lr"
-            )
     if OWN_MODEL in settings.models:
         raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
     for objective in settings.objective:
@@ -397,14 +352,11 @@ def _check_body(file: SearchFile, space: Space, models: Mapping[str, Lidar], pat
             raise ConfigError(f"{path}: search.zones.{zone.name}: is inside the vehicle's body")
     if not space.fixed:
         return
-    try:
+    with named(f"{path}: search: fixed"):
         fixed = placement_of(space.fixed, models, "fixed")
         check_mounts(fixed, vehicle)
         if not file.allow_blind_lidars:
             check_not_blind(fixed, file.voxel_roi(), with_keep_outs(file.search))
-    except ValueError as error:
-        key = "fixed" if space.zones else f"placement {file.placement}"
-        raise ConfigError(f"{path}: search: {key}: {error}") from None
 
 
 def _check_what_comes_later(problem: Problem) -> None:
@@ -420,18 +372,11 @@ def _check_what_comes_later(problem: Problem) -> None:
                 )
         problem.pog_tasks(problem.sweep(changes))
     rigs = {"found_1": problem.paper_rigs()["line"]}
-    space = {key: _values(wanted) for key, wanted in file.search.space.items()}
-    first = {key: values[0] for key, values in space.items()}
-    varied = [first | {key: value} for key, values in space.items() for value in values[1:]]
     if problem.judged:
         _check_traffic(problem)
-    elif any(objective.measured for objective in file.search.objective):
-        for values in (first, *varied):
-            for rung in (*file.search.rungs, {}):
-                problem.sweep_of(rigs, {"found_1": values}, rung)
     if file.verify is None:
         return
-    config = problem.verify_settings(rigs, ["line"], first)
+    config = problem.verify_settings(rigs, ["line"])
     try:
         sweep = build_sweep(config, path)
     except ConfigError as error:
@@ -463,10 +408,8 @@ def _check_traffic(problem: Problem) -> None:
             raise ConfigError(f"{where}: each traffic once")
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
         raise ConfigError(f"{path}: search.vehicles: all are alike without mounting_errors")
-    try:
+    with named(f"{path}: generalist.rigs"):
         known = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
-    except ValueError as error:
-        raise ConfigError(f"{path}: generalist.rigs: {error}") from None
     unseen = [name for name in problem.space.models if problem.models[name] not in known]
     if unseen and not isinstance(problem.file.generalist.rigs, int):
         raise ConfigError(
@@ -480,10 +423,7 @@ def _check_traffic(problem: Problem) -> None:
 
 
 def _check_pretrained(problem: Problem) -> None:
-    """The generalist of a file has to know rigs of the zones and those of the paper.
-
-    Raises ConfigError.
-    """
+    """The generalist of a file has to know rigs of the zones and those of the paper."""
     path, seeds = problem.path, problem.file.search.seeds
     if len(seeds) > 1:
         raise ConfigError(
@@ -497,49 +437,26 @@ def _check_pretrained(problem: Problem) -> None:
             raise ConfigError(f"{path}: search: {of}: {outside}")
 
 
-def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:
-    """All values of a list, both ends of a range."""
-    return (wanted.low, wanted.high) if isinstance(wanted, RangeSettings) else wanted
-
-
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed]:
     """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
-    _check_own_lidars(file, name, "search.start")
-    try:
+    own = file.placements.get(name)
+    if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
+        # A search knows models by name alone.
+        raise ValueError(
+            f"search.start: {name}: its mounts have LiDARs of their own; give one of `lidar`"
+        )
+    with named(f"search.start: {name}"):
         placement = rigs.of(file, name)
         lidars = [Choice("", "", mount) for mount in placement.mounts]
         return placed_in(space, lidars)
-    except ValueError as error:
-        raise ValueError(f"search.start: {name}: {error}") from None
 
 
 def _without_paths(value: Any) -> Any:
-    """Settings without the files of LiDARs; what is called like such a key is no text.
-
-    Nor with keys that came later, where nothing is said of them: old searches go on.
-    """
+    """Settings without the files of LiDARs; what is called like such a key is no text."""
     if isinstance(value, dict):
         return {
             key: _without_paths(own)
             for key, own in value.items()
-            if (key not in ("pattern", "correction") or not isinstance(own, str))
-            and (key not in _LATER or own not in (None, []))
-            and (key, own) != ("kinds", 1)
+            if key not in ("pattern", "correction") or not isinstance(own, str)
         }
     return [_without_paths(own) for own in value] if isinstance(value, list) else value
-
-
-def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
-    """A search knows models by name alone."""
-    own = file.placements.get(name)
-    if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
-        raise ValueError(f"{key}: {name}: its mounts have LiDARs of their own; give one of `lidar`")
-
-
-def _fixed(file: SearchFile, rigs: Rigs, first: str) -> list[Choice]:
-    """LiDARs that all rigs have: `fixed`, or a whole placement where there are no zones."""
-    if file.search.zones:
-        return [Choice(f.model or first, "", Mount(*f.pose)) for f in file.search.fixed]
-    _check_own_lidars(file, file.placement, "placement")
-    placement = rigs.of(file)
-    return [Choice(OWN_MODEL, "", mount) for mount in placement.mounts]

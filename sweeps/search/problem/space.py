@@ -13,17 +13,12 @@ from functools import cached_property
 from typing import Any
 
 import optuna
-from optuna.distributions import (
-    BaseDistribution,
-    CategoricalDistribution,
-    FloatDistribution,
-    IntDistribution,
-)
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 
 from lidarplace.configuration.mounting import Pair, mountable
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.zone import Zone, left_half, on_centre_line, position, shares
-from sweeps.configuration.search import RangeSettings, SearchSettings
+from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
 
 NUMBER = "lidars"
@@ -87,8 +82,6 @@ class Space:
     @cached_property
     def counts(self) -> dict[str, Pair]:
         """How many LiDARs there may be at least and at most, by the parameter's name."""
-        if not self.zones:
-            return {NUMBER: (0, 0)}
         if not self.settings.counted:
             return {NUMBER: self.settings.lidars}
         zones = self.settings.zones.items()
@@ -185,24 +178,26 @@ class Space:
                 found[f"{name}_deg"] = FloatDistribution(low, high)
         return {f"{slot.name}.{name}": distribution for name, distribution in found.items()}
 
-    @cached_property
-    def further(self) -> dict[str, BaseDistribution]:
-        """The parameters that are key paths of the configuration."""
-        return {key: _distribution(values) for key, values in self.settings.space.items()}
+    def allowed(self, slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The parameters of a slot, from values by name without its prefix, within their spans."""
+        found = {}
+        for name, span in self.of_slot(slot).items():
+            value = values[name.removeprefix(f"{slot.name}.")]
+            found[name] = within(value, span) if isinstance(span, FloatDistribution) else value
+        return found
 
-    def suggest(self, trial: optuna.Trial) -> tuple[Choices, dict[str, Any]]:
-        """Ask a trial for all its parameters. Returns the rig, and values by key path.
-
-        The parameters of a rig depend on the number of its LiDARs.
-        """
+    def suggest(self, trial: optuna.Trial) -> Choices:
+        """Ask a trial for all its parameters, which depend on the number of LiDARs."""
         for name, (low, high) in self.counts.items():
             if low < high:
                 trial.suggest_int(name, int(low), int(high))
-        makeup = self.makeup(trial.params)
-        for name, distribution in (self.distributions(makeup) | self.further).items():
-            _suggest(trial, name, distribution)
-        values = {key: trial.params[key] for key in self.further}
-        return self.rig(trial.params), values
+        for name, own in self.distributions(self.makeup(trial.params)).items():
+            if isinstance(own, FloatDistribution):
+                trial.suggest_float(name, own.low, own.high)
+            else:
+                assert isinstance(own, CategoricalDistribution)
+                trial.suggest_categorical(name, own.choices)
+        return self.rig(trial.params)
 
     def makeup(self, params: Mapping[str, Any]) -> Makeup:
         """How many LiDARs these parameters ask for."""
@@ -242,13 +237,17 @@ class Space:
             values: dict[str, Any] = {"model": lidar.model, "zone": lidar.zone}
             place = shares(zone, mount.x, mount.y, mount.z)
             values |= dict(zip("xyz", place, strict=True))
-            for angle, (low, high) in slot.spans.items():
-                degrees = _near(math.degrees(getattr(mount, angle)), (low + high) / 2)
-                values[f"{angle}_deg"] = min(max(degrees, low), high)
-            known = self.of_slot(slot)
-            named = {f"{slot.name}.{name}": value for name, value in values.items()}
-            found |= {name: value for name, value in named.items() if name in known}
+            for angle, span in slot.spans.items():
+                degrees = _near(math.degrees(getattr(mount, angle)), sum(span) / 2)
+                values[f"{angle}_deg"] = degrees
+            found |= self.allowed(slot, values)
         return found
+
+
+def within(value: float, span: BaseDistribution) -> float:
+    """The value, or the end of the span that is nearest to it."""
+    assert isinstance(span, FloatDistribution)
+    return min(max(value, span.low), span.high)
 
 
 def _near(degrees: float, middle: float) -> float:
@@ -271,20 +270,3 @@ def _check_symmetry(zones: Sequence[Zone]) -> None:
 def _extent(zone: Zone) -> tuple[float, float, float]:
     ys = [y for _, y in zone.polygon]
     return zone.x[1] - zone.x[0], max(ys) - min(ys), zone.z[1] - zone.z[0]
-
-
-def _distribution(values: list[Any] | RangeSettings) -> BaseDistribution:
-    if not isinstance(values, RangeSettings):
-        return CategoricalDistribution(values)
-    if isinstance(values.low, int) and isinstance(values.high, int):
-        return IntDistribution(values.low, values.high, log=values.log)
-    return FloatDistribution(float(values.low), float(values.high), log=values.log)
-
-
-def _suggest(trial: optuna.Trial, name: str, distribution: BaseDistribution) -> Any:
-    if isinstance(distribution, FloatDistribution):
-        return trial.suggest_float(name, distribution.low, distribution.high, log=distribution.log)
-    if isinstance(distribution, IntDistribution):
-        return trial.suggest_int(name, distribution.low, distribution.high, log=distribution.log)
-    assert isinstance(distribution, CategoricalDistribution)
-    return trial.suggest_categorical(name, distribution.choices)

@@ -9,8 +9,8 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from lidarplace import Lidar
 from lidarplace.mounting.random_rigs import CANDIDATES
 from lidarplace.mounting.ring_overlap import spread_by_overlap
-from sweeps.search.problem.choice import Choices, is_possible, placement_of, with_each_dead
-from sweeps.search.problem.space import Space
+from sweeps.search.problem.choice import Choices, is_possible, placement_of
+from sweeps.search.problem.space import Space, within
 
 _LEVEL = 2
 """Every so many of them are level, and half of those of one height: there rings coincide."""
@@ -67,24 +67,10 @@ def rigs_near(
         for name, distribution in known.items():
             if isinstance(distribution, FloatDistribution):
                 reach = 5.0 if name.endswith("_deg") else 0.1
-                value = own[name] + random.uniform(-reach, reach)
-                own[name] = min(max(value, distribution.low), distribution.high)
+                own[name] = within(own[name] + random.uniform(-reach, reach), distribution)
         rig = space.rig(own)
         if is_possible(rig):
             found[f"generalist_{len(found) + 1}"] = rig
-    return found
-
-
-def some_dead(rigs: Mapping[str, Choices]) -> dict[str, Choices]:
-    """Every second rig with a dead LiDAR, in turn the first, the second, and so on.
-
-    For who judges rigs with a dead LiDAR; one of a single LiDAR stays as it is.
-    """
-    found = dict(rigs)
-    for place, name in enumerate(list(rigs)[1::2]):
-        left = with_each_dead(rigs[name])
-        if left:
-            found[name] = left[place % len(left)]
     return found
 
 
@@ -103,7 +89,7 @@ def _drawn(
         assert isinstance(distribution, FloatDistribution)
         params[name] = float(random.uniform(distribution.low, distribution.high))
         if count % _LEVEL == 0 and axis in ("roll_deg", "pitch_deg"):
-            params[name] = min(max(0.0, distribution.low), distribution.high)
+            params[name] = within(0.0, distribution)
         if count % (2 * _LEVEL) == 0 and axis == "z":
             params[name] = height
     return params

@@ -1,16 +1,19 @@
-"""A rig in several tests, such as towns, densities and vehicles: its mean over them, or its worst.
+"""What a rig is worth: over classes, and over tests such as towns, densities and vehicles.
 
 Each metric of each class is taken by itself.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.metrics import METRICS
+from lidarplace.base.metrics import METRICS, RANKING
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.results.trial_results import headline_value
 from tracking.statistics.jackknife import NOTHING
 
 Over = Literal["mean", "worst"]
@@ -64,3 +67,30 @@ def _over(values: NDArray[np.float64], metric: pd.Series, over: Over) -> NDArray
         return np.asarray(values.mean(axis=0))
     more = metric.map(lambda name: METRICS[name].direction == "maximize").to_numpy()
     return np.asarray(np.where(more, values.min(axis=0), values.max(axis=0)))
+
+
+def weighted_value(
+    objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame
+) -> float:
+    """The weighted mean over classes of a metric, percent, and of those of `also`.
+
+    Args:
+        metrics: as of `evaluate_boxes`.
+    """
+    found = []
+    for part in objective.parts:
+        weights = class_weights(part, classes)
+        found.append(_mean({c: headline_value(metrics, part.by, c) for c in weights}, weights))
+    return math.fsum(found) / len(found)
+
+
+def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[str, float]:
+    """Weight by class; of all objects together where the metric is of them and none is named."""
+    assert objective.by in RANKING
+    of_all = METRICS[objective.by].of_all and objective.weights is None
+    return {"all": 1.0} if of_all else objective.weights_of(classes)
+
+
+def _mean(values: Mapping[str, float], weights: Mapping[str, float]) -> float:
+    total = math.fsum(weight * values[name] for name, weight in weights.items())
+    return total / math.fsum(weights.values())

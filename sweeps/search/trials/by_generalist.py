@@ -7,23 +7,24 @@ all frames that is expected from the first, by a regression over those that have
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
+import optuna
 import pandas as pd
 
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
+from sweeps.execution.backends import Backend
+from sweeps.execution.execute import Listener, Outcome, execute
 from sweeps.plan.trial import DetectorTrial
-from sweeps.search.problem.choice import cases_of, value_of
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
-from sweeps.search.trials.aggregate import metrics_over_tests
-from sweeps.search.trials.by_detectors import weighted_value
-from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
-from sweeps.search.trials.study import finished_trials
-from sweeps.store.open import AnyStore
+from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
+from sweeps.search.trials.study import Candidate, finished_trials, tell
+from sweeps.search.trials.traffic import Pool
+from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.parameters import CollectParams, JudgeParams
 from sweeps.tasks.results import Evaluated, GroundTruth, Judged
 from sweeps.tasks.task import Task, with_inputs
@@ -38,36 +39,70 @@ _FIRST, _WHOLE = "value on the first frames", "value on all frames"
 """User attributes of a trial."""
 
 
-class GeneralistAnswers(TaskAnswers):
+Asked = Sequence[tuple[optuna.Trial, Candidate]]
+Measured = tuple[dict[int, list[float]], dict[int, str]]
+"""Values of the measured objectives, and reasons why there are none, by number of the trial."""
+
+
+class GeneralistAnswers:
     """Answers by a detector that is trained once, on rigs of the space, or by that of a file.
 
-    With several objectives all rigs see all frames.
+    Rigs that violate a constraint are not measured. With several objectives all rigs see all
+    frames. Results stay in the store, so a stop loses nothing.
+
+    Args:
+        pool: evaluates constraints and prices.
+        listener: receives task events.
     """
 
-    purpose = "judged"
+    def __init__(
+        self,
+        study: optuna.Study,
+        problem: Problem,
+        pool: Pool,
+        store: AnyStore,
+        backend: Backend,
+        listener: Listener,
+    ) -> None:
+        self.study, self.problem, self._pool = study, problem, pool
+        self.store, self.backend, self._listener = store, backend, listener
+        self._generalists = generalists(problem)
+        self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        self._reference = reference(problem.sweep(), "judged")
+        self._referred = set(store.references().get(self._reference, ()))
 
-    @cached_property
-    def _generalists(self) -> dict[int, Task]:
-        return generalists(self.problem)
+    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
+        """Take up a candidate."""
+        self._asked.append((trial, candidate))
 
-    def measure(self, asked: Asked) -> Measured:
+    def finish(self) -> None:
+        """Measure what was taken up, and report it to the study."""
+        asked, self._asked = self._asked, []
+        found = self._pool.in_order([c.rig for _, c in asked], self.problem.question)
+        answers = list(zip(asked, found, strict=True))
+        feasible = [own for own, assessment in answers if assessment.feasible]
+        values, failed = self._measure(feasible) if feasible else ({}, {})
+        for (trial, candidate), assessment in answers:
+            whole = None
+            if candidate.number in values:
+                assert assessment.values is not None
+                left = iter(values[candidate.number])
+                whole = [
+                    next(left) if o.measured else assessment.values[o.name]
+                    for o in self.problem.file.search.objective
+                ]
+            tell(self.study, trial, assessment, whole, failed.get(candidate.number))
+
+    def _measure(self, asked: Asked) -> Measured:
         """Detections in the first frames, then in all frames for the best."""
         outside = {c.number: self.problem.outside(c.rig) for _, c in asked}
         asked = [own for own in asked if outside[own[1].number] is None]
         trials = {c.number: trial for trial, c in asked}
         measured = [o for o in self.problem.file.search.objective if o.measured]
         candidates = [candidate for _, candidate in asked]
-        cases = {c.number: cases_of(c.rig, measured) for c in candidates}
-        judged = judged_rigs(
-            self.problem,
-            self._generalists,
-            {f"trial_{n}{case}": rig for n, own in cases.items() for case, rig in own.items()},
-            self.problem.tests.search,
-        )
-        by_number = {
-            number: {case: judged[f"trial_{number}{case}"] for case in own}
-            for number, own in cases.items()
-        }
+        rigs = {f"trial_{c.number}": c.rig for c in candidates}
+        judged = judged_rigs(self.problem, self._generalists, rigs, self.problem.tests.search)
+        by_number = {c.number: judged[f"trial_{c.number}"] for c in candidates}
         strange = {number: reason for number, reason in outside.items() if reason is not None}
         if len(measured) > 1:
             values, failed = self._values(by_number, measured, range(PORTIONS))
@@ -98,26 +133,22 @@ class GeneralistAnswers(TaskAnswers):
 
     def _values(
         self,
-        by_number: Mapping[int, Mapping[str, JudgedRig]],
+        by_number: Mapping[int, JudgedRig],
         objectives: Sequence[ObjectiveSettings],
         portions: range,
     ) -> Measured:
-        """Values on portions of the frames, mean over the generalists; and failures.
-
-        Args:
-            by_number: cases of `cases_of` by number of the trial.
-        """
+        """Values on portions of the frames by the trial's number, mean over the generalists; and
+        failures."""
         needed = {
             number: [
                 task
-                for judged in own.values()
-                for tests in judged
+                for tests in own
                 for trial in tests
                 for task in (*_judging(trial, portions), *_truths(trial))
             ]
             for number, own in by_number.items()
         }
-        outcome = self.execute(with_inputs(t for tasks in needed.values() for t in tasks))
+        outcome = self._execute(with_inputs(t for tasks in needed.values() for t in tasks))
         failed: dict[int, str] = {}
         jobs = {}
         classes = self.problem.file.classes
@@ -130,42 +161,38 @@ class GeneralistAnswers(TaskAnswers):
             if reasons:
                 failed[number] = reasons[0]
                 continue
-            jobs[number] = {
-                case: [
-                    [
-                        self.backend.submit(
-                            judged_metrics,
-                            self.store,
-                            _judging(trial, portions),
-                            _truths(trial),
-                            classes,
-                            self.problem.file.own_ious(),
-                            self.problem.file.metrics,
-                        )
-                        for trial in tests
-                    ]
-                    for tests in judged
+            jobs[number] = [
+                [
+                    self.backend.submit(
+                        judged_metrics,
+                        self.store,
+                        _judging(trial, portions),
+                        _truths(trial),
+                        classes,
+                        self.problem.file.own_ious(),
+                        self.problem.file.metrics,
+                    )
+                    for trial in tests
                 ]
-                for case, judged in own.items()
-            }
+                for tests in own
+            ]
         values = {}
         over = self.problem.file.search.over
-        for number, of_cases in jobs.items():
-            tables = {
-                case: [
-                    metrics_over_tests([job.result() for job in tests], over) for tests in of_seeds
-                ]
-                for case, of_seeds in of_cases.items()
-            }
-            found = [
-                value_of(o, {c: _mean(o, classes, own) for c, own in tables.items()})
-                for o in objectives
-            ]
+        for number, of_seeds in jobs.items():
+            tables = [metrics_over_tests([job.result() for job in own], over) for own in of_seeds]
+            found = [_mean(objective, classes, tables) for objective in objectives]
             if any(map(math.isnan, found)):
                 failed[number] = "no object of the class in the test frames"
             else:
                 values[number] = found
         return values, failed
+
+    def _execute(self, tasks: Iterable[Task]) -> Outcome:
+        """Run tasks, to whose results the search refers from now on."""
+        tasks = list(tasks)
+        self._referred |= {task.key for task in tasks}
+        self.store.refer(self._reference, self._referred)
+        return execute(tasks, self.store, self.backend, self._listener)
 
 
 def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import optuna
 from optuna.distributions import BaseDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.samplers import (
@@ -139,11 +138,3 @@ class _Numbered(QMCSampler):
 
     def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
         return self._number
-
-
-def pruner_for(name: str) -> optuna.pruners.BasePruner:
-    """The pruner that stops trials after a rung; rungs are steps 1, 2, 4, ..., as halving wants"""
-    if name == "median":
-        return optuna.pruners.MedianPruner(n_startup_trials=4)
-    assert name == "successive_halving"
-    return optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=2)

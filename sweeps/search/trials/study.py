@@ -9,21 +9,20 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import optuna
-from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+from optuna.storages import BaseStorage, JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from lidarplace.files.secret_urls import check_whole, hide_secrets
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.space import Space
-from sweeps.search.trials.samplers import Repeatable, pruner_for
+from sweeps.search.trials.samplers import Repeatable
 
 ASSESSMENT = "assessment"
 """User attribute of a trial: what was found of its rig, as JSON."""
@@ -31,22 +30,10 @@ ASSESSMENT = "assessment"
 
 @dataclass(frozen=True)
 class Candidate:
-    """What a trial asks about.
-
-    Attributes:
-        number: of the trial.
-        rig: where LiDARs go.
-        values: by key path of the configuration, in addition to the rig.
-    """
+    """What the trial of a number asks about."""
 
     number: int
     rig: Choices
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """The same for the same question."""
-        return self.rig, json.dumps(self.values, sort_keys=True)
 
 
 @dataclass
@@ -62,21 +49,8 @@ class Timing:
     evaluation: float = 0.0
 
 
-def storage_for(url: str | None, folder: Path) -> BaseStorage:
-    """The database at `url`, or a journal in `folder`.
-
-    Only one process may have the journal, which the caller sees to.
-
-    Raises:
-        ValueError: the database cannot be had.
-    """
-    if url is not None:
-        check_whole("search.storage", url)
-        try:
-            return RDBStorage(url)
-        except Exception as error:
-            reason = hide_secrets(" ".join(str(error).split()), url)[:200]
-            raise ValueError(f"search.storage: cannot be opened: {reason}") from None
+def storage_in(folder: Path) -> BaseStorage:
+    """The journal in `folder`. Only one process may have it, which the caller sees to."""
     path = journal_path(folder)
     _mend(path)
     return journal_storage(path)
@@ -127,7 +101,6 @@ def open_study(
         study_name=name,
         directions=[objective.best for objective in settings.objective],
         sampler=Repeatable(settings.sampler, settings.seed, len(first)),
-        pruner=pruner_for(settings.pruner),
         load_if_exists=True,
     )
     # A stop may have come between two of them.
@@ -189,8 +162,7 @@ def _ask(study: optuna.Study, space: Space, number: int) -> tuple[optuna.Trial, 
         trial = optuna.Trial(study, known[number]._trial_id)
     else:
         trial = study.ask()
-    rig, values = space.suggest(trial)
-    return trial, Candidate(trial.number, rig, values)
+    return trial, Candidate(trial.number, space.suggest(trial))
 
 
 def tell(
@@ -203,7 +175,7 @@ def tell(
     """Tell a trial: constraints, objectives, and what was found.
 
     Args:
-        values: of all objectives; None: the trial is pruned, or has failed.
+        values: of all objectives; None: the rig is not measured, or the trial has failed.
         failure: why it has no value, if something went wrong.
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
@@ -227,9 +199,7 @@ def assessment_of(trial: FrozenTrial) -> Assessment:
 
 def candidate_of(trial: FrozenTrial, space: Space) -> Candidate:
     """What a finished trial asked about."""
-    rig = space.rig(trial.params)
-    values = {key: trial.params[key] for key in space.further}
-    return Candidate(trial.number, rig, values)
+    return Candidate(trial.number, space.rig(trial.params))
 
 
 def finished_trials(study: optuna.Study) -> Iterator[FrozenTrial]:

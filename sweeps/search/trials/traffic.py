@@ -125,22 +125,22 @@ class SurrogateAnswers:
 
     def __init__(self, study: optuna.Study, space: Space, question: Question, pool: Pool) -> None:
         self._study, self._question, self._pool = study, question, pool
-        self._known: dict[tuple[Any, ...], Assessment] = {
-            candidate_of(trial, space).key: assessment_of(trial) for trial in finished_trials(study)
+        self._known: dict[Choices, Assessment] = {
+            candidate_of(trial, space).rig: assessment_of(trial) for trial in finished_trials(study)
         }
         self._asked: list[tuple[optuna.Trial, Candidate]] = []
-        self._jobs: dict[tuple[Any, ...], Job[Assessment]] = {}
+        self._jobs: dict[Choices, Job[Assessment]] = {}
 
     def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
         self._asked.append((trial, candidate))
-        if candidate.key not in self._known and candidate.key not in self._jobs:
-            self._jobs[candidate.key] = self._pool.submit(candidate.rig, self._question)
+        if candidate.rig not in self._known and candidate.rig not in self._jobs:
+            self._jobs[candidate.rig] = self._pool.submit(candidate.rig, self._question)
 
     def finish(self) -> None:
-        for key, job in self._jobs.items():
-            self._known[key] = job.result()
+        for rig, job in self._jobs.items():
+            self._known[rig] = job.result()
         for trial, candidate in self._asked:
-            found = self._known[candidate.key]
+            found = self._known[candidate.rig]
             values, failure = None, None
             if found.values is not None:
                 values = [found.values[o.name] for o in self._question.objectives]

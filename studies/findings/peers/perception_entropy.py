@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.rigs.placement import Placement
-from sweeps.benchmark.peers.seen_objects import by_class, seen_objects
+from peers.seen_objects import by_class, seen_objects
 
 SLOPE, OFFSET = 0.152, 0.659
 LEAST_AP, MOST_AP = 0.001, 0.999

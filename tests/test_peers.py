@@ -1,15 +1,21 @@
 """Predictors of other groups against what their papers state, and against brute force."""
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lidarplace import PAPER_PLACEMENTS
-from sweeps.benchmark.peers.expected_ap import average_precision, both_sides, one_side
-from sweeps.benchmark.peers.ground_points import density, nuc
-from sweeps.benchmark.peers.perception_entropy import entropy
 from sweeps.benchmark.rigs import log_of
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "studies" / "findings"))
+from peers.expected_ap import average_precision, both_sides, one_side
+from peers.ground_points import density, nuc
+from peers.perception_entropy import entropy
+
+sys.path.pop(0)
 
 
 def test_perception_entropy_of_one_object():

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.rigs.placement import Placement
-from sweeps.benchmark.peers.seen_objects import ROI
+from peers.seen_objects import ROI
 
 DISCS, RADIUS_M = 6000, 0.7
 

@@ -18,7 +18,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 from lidarplace.rigs.placement import Placement
-from sweeps.benchmark.peers.seen_objects import by_class, seen_objects
+from peers.seen_objects import by_class, seen_objects
 
 CORRELATED, LEAST, MOST = 3, 0.5, 2.0
 _STEPS = (np.arange(256) + 0.5) / 256
