@@ -14,13 +14,13 @@ from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement, relative_errors, summarise
 from tracking.published import TABLES, published_detection, published_surrogates
 from tracking.report.build import build_report
-from tracking.report.sections.detectors import sensitivity
 from tracking.report.sections.published import paper_names
 from tracking.report.sections.sampling_error import (
     paired_differences,
     separated,
     separation_sentences,
 )
+from tracking.report.sections.sensitivity import sensitivity
 from tracking.report.sections.tilts import TiltPair, tilt_pairs
 from tracking.run_folders.sweep import RunFolder
 
@@ -65,7 +65,7 @@ def page(tmp_path_factory) -> Page:
 
 
 def test_the_ablations_have_their_sections(page):
-    ablations = ("Detectors", "Ablation: roll and pitch", "Ablation: density")
+    ablations = ("Does the placement matter?", "Ablation: roll and pitch", "Ablation: density")
     for words in ("The paper's published results", *ablations, "density 40", "density 120"):
         assert words in page.words
 

@@ -1,14 +1,14 @@
 """What the figures show, in numbers."""
 
-from itertools import combinations
+from dataclasses import replace
+from itertools import combinations, pairwise
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from lidarplace.base.roi import Roi
-from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.named_points import apart, label_places, labels_on_top
+from tracking.figures.kit.named_points import label_places
 from tracking.figures.kit.style import (
     COLOURS,
     SYMBOLS,
@@ -20,13 +20,10 @@ from tracking.figures.kit.style import (
     theme,
 )
 from tracking.figures.kit.vehicle_lines import pog_from_above
-from tracking.figures.of_sweeps.published import against_own
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title
 from tracking.report.sections.accuracy import accuracy_figure
 from tracking.report.sections.clouds import POINTS, point_clouds
-from tracking.report.sections.coverage import coverage_maps, densest
-from tracking.report.sections.where_time_went import times
 from tracking.run_folders.arrays import Frame
 from tracking.run_folders.sweep import RunFolder
 
@@ -47,27 +44,7 @@ def test_maps_keep_their_mean_and_their_place():
     assert cells[1, 2] == pytest.approx(entropy[3:6, 6:9].mean(), rel=1e-5)
 
 
-def test_maps_of_coverage_and_residual_share_their_scales():
-    roi = Roi(x=(0, 20), y=(-10, 10), z=(0, 4), resolution=0.5)
-    above, side = np.zeros((2, 40, 40), np.float32), np.zeros((2, 40, 8), np.float32)
-    above[0, 0, 3], above[1, 7, 1], side[1, 7, 2] = 0.5, 3.0, 2.0
-    most = densest([above[1], above[1] * 2], roi, roi.y)
-    assert most == pytest.approx(6 / 0.25), "nats a square metre"
-    plot = coverage_maps(
-        (*above,), (*side,), roi, None, "line", [Mount(x=1, y=2, z=3)], (most, 9.0)
-    )
-    heats = [trace for trace in plot.data if trace.type == "heatmap"]
-    assert [heat.zmax for heat in heats] == [100, most, 100, 9]
-    cells = [np.asarray(heat.z) for heat in heats]
-    assert cells[0][3, 0] == 50
-    assert cells[1][1, 7] == pytest.approx(12)
-    assert cells[3].shape == (8, 40)
-    assert cells[3][2, 7] == pytest.approx(8)
-    dots = [trace for trace in plot.data if trace.type == "scatter" and trace.mode == "markers"]
-    assert [(dot.x, dot.y) for dot in dots] == [((1,), (2,))] * 2 + [((1,), (3,))] * 2
-
-
-def test_clouds_are_thinned_inside_the_roi_and_seeded():
+def test_clouds_are_thinned_inside_the_roi_and_seeded(made_up_run):
     rng = np.random.default_rng(0)
     points = rng.uniform(-60, 60, (200_000, 4)).astype(np.float32)
     frame = Frame(
@@ -79,20 +56,26 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded():
         boxes=np.array([[10.0, 2, 1, 4, 2, 1.5, np.pi / 2]]),
         labels=np.array(["Car"]),
     )
-    plot = point_clouds(frame, ROI, None, ["line", "center"], "line")
-    clouds = [trace for trace in plot.data if trace.type == "scattergl" and trace.visible]
-    assert [trace.name for trace in clouds] == ["LiDAR 0", "LiDAR 2"]
-    assert sum(len(trace.x) for trace in clouds) == POINTS
-    assert all(np.min(trace.x) >= 0 and np.max(np.abs(trace.y)) <= 10 for trace in clouds)
-    again = point_clouds(frame, ROI, None, ["line", "center"], "line")
+    run = replace(RunFolder.read(made_up_run), roi=ROI)
+    plot = point_clouds(run, frame, ["line", "center"])
+    (cloud,) = (trace for trace in plot.data if trace.type == "scattergl" and trace.visible)
+    assert set(cloud.marker.color) == {0, 2}
+    assert len(cloud.x) == POINTS
+    assert np.min(cloud.x) >= 0
+    assert np.max(np.abs(cloud.y)) <= 10
+    scale = cloud.marker.colorscale
+    at = (2 - cloud.marker.cmin) / (cloud.marker.cmax - cloud.marker.cmin)
+    ends = [shade for (low, shade), (high, _) in pairwise(scale) if low < at < high]
+    assert ends == [lidar_colour(2)]
+    again = point_clouds(run, frame, ["line", "center"])
     assert np.array_equal(again.data[0].x, plot.data[0].x)
     (car,) = (trace for trace in plot.data if trace.name == "Car")
     # Turned by a quarter: 4 m along y, 2 m along x.
     assert (np.nanmin(car.x), np.nanmax(car.x)) == pytest.approx((9, 11))
     assert (np.nanmin(car.y), np.nanmax(car.y)) == pytest.approx((0, 4))
     menu = plot.layout.updatemenus[0].buttons
-    shown = [sum(button.args[0]["visible"][: len(plot.data)]) for button in menu]
-    assert shown == [2 + 2, 1 + 2]
+    shown = [button.args[0]["visible"] for button in menu]
+    assert shown == [[True, False, True, True], [False, True, True, True]]
 
 
 def test_zero_errors_are_hollow_and_below_and_the_menu_shows_one_surrogate(made_up_run):
@@ -102,23 +85,9 @@ def test_zero_errors_are_hollow_and_below_and_the_menu_shows_one_surrogate(made_
     first, second = (button.args[0]["visible"] for button in plot.layout.updatemenus[0].buttons)
     assert [trace.visible for trace in plot.data] == first
     assert [not shown for shown in first] == second
-    lines = [t for t in plot.data if t.visible and t.name == "cone, resolution" and t.xaxis == "x2"]
-    (line,) = lines
+    (line,) = (t for t in plot.data if t.visible and t.name == "cone, resolution")
     assert "diamond-open" in line.marker.symbol
     assert min(line.y) > 0
-
-
-def test_times_are_summed_by_stage_and_by_what_was_cached():
-    table = pd.DataFrame(
-        {
-            "stage": ["train", "train", "scene", "train"],
-            "seconds": [1.0, 2.0, 4.0, 8.0],
-            "cached": [False, False, True, True],
-        }
-    )
-    spent, spared = times(table).data
-    assert dict(zip(spent.y, spent.x, strict=True)) == {"train": 3.0}
-    assert dict(zip(spared.y, spared.x, strict=True)) == {"train": 8.0, "scene": 4.0}
 
 
 def test_labels_of_near_points_take_different_places():
@@ -134,36 +103,6 @@ def test_a_label_keeps_off_the_bar_of_its_neighbour():
     # Its bar reaches down beside the first point.
     bars = np.array([np.nan, 3.0, 0.0])
     assert label_places(x, y, ["one", "", ""], bars)[0] != "middle right"
-    # A bar across lies where its own point's label would be.
-    across = np.array([1.0, 0.0, np.nan])
-    place = label_places(x, y, ["one", "", ""], bars_across=across)[0]
-    assert place not in ("middle right", "middle left")
-
-
-def test_labels_on_top_are_apart_and_lead_to_their_points():
-    rng = np.random.default_rng(0)
-    for n in (1, 2, 8):
-        at = np.sort(rng.uniform(0, 60, n))
-        moved = apart(at, 14.0)
-        assert (np.diff(moved) >= 14 - 1e-9).all()
-        assert (moved - at).mean() == pytest.approx(0, abs=14)
-    assert apart(np.array([0.0, 14.0, 90.0]), 14.0).tolist() == [0, 14, 90]
-    notes = labels_on_top([5.0, 1.0, 1.01], ["c", "a", "b"])
-    assert [(note["text"], note["x"]) for note in notes] == [("a", 1.0), ("b", 1.01), ("c", 5.0)]
-    # The close ones part by as much to the left as to the right.
-    assert notes[0]["ax"] == pytest.approx(-notes[1]["ax"])
-    assert notes[0]["ax"] < 0
-    assert notes[2]["ax"] == pytest.approx(0)
-
-
-def test_points_of_one_published_value_share_a_label():
-    pairs = pd.DataFrame(
-        [("a", "s1", 50.0, 60.0), ("b", "s1", 52.0, 61.0), ("a", "s2", 50.0, 64.0)],
-        columns=["placement", "series", "value", "mean"],
-    ).assign(low=59.0, high=65.0)
-    first, second = against_own(pairs, "Car", ["a", "b"]).data
-    assert (first.text, second.text) == (("", "b"), ("a",))
-    assert (first.customdata[0], first.x[0], first.y[0]) == ("a", 50.0, 60.0)
 
 
 def test_series_differ_by_their_markers_too():

@@ -7,8 +7,6 @@ import pandas as pd
 import pytest
 from made_up_run import write_run
 
-from tracking.findings.best_surrogate import best_surrogates
-from tracking.findings.correlation import correlate, leave_one_out
 from tracking.findings.groups import groups
 from tracking.report.cautions import cautions
 from tracking.report.headline import headline_ranking, surrogate_verdicts, verdicts
@@ -17,12 +15,8 @@ from tracking.run_folders.sweep_json import Frames
 
 
 def first_screen(run):
-    sample = (run.results, run.surrogates)
-    correlations = correlate(*sample, run.axes)
-    errors = leave_one_out(*sample, run.axes)
-    predicted = best_surrogates(*sample, correlations, errors, run.axes)
     (group,) = groups(run)
-    return verdicts(run, group, headline_ranking(run, group), predicted)
+    return verdicts(run, group, headline_ranking(run, group))
 
 
 def with_values(run, values, metric="AP_R40_3D", object_class="Car"):
@@ -60,20 +54,6 @@ def test_a_lead_within_the_scatter_of_seeds_is_not(run):
     car = first_screen(with_values(run, values))[0]
     assert "; not significantly better than b." in car.sure
     assert 50 < float(car.sure.split(" %")[0]) < 80
-
-
-def test_what_following_the_surrogate_costs(run):
-    table = run.surrogates
-    gain = table.query("surrogate == 'expected_ig' and `class` == 'Car'").set_index("placement")
-    order = gain["value"].sort_values(ascending=False).index
-    best_last = {name: (50 + 5 * i,) * 3 for i, name in enumerate(order)}
-    best_last[order[-1]] = (66, 65, 64)
-    car = first_screen(with_values(run, best_last))[0]
-    assert car.best == order[-1]
-    assert (
-        f"The highest expected recall is that of {order[0]}: 15.0 points below the best."
-        in car.surrogates
-    )
 
 
 def test_one_seed_says_that_it_cannot_be_told(tmp_path):
@@ -183,7 +163,6 @@ def test_equal_surrogates_have_no_winner(alone):
     assert empty.best == "no placement is ahead"
     assert empty.lead == "0 of the objects for all 3 placements"
     assert empty.sure == "H_POG is 0: no Car was seen, or always in the same voxels."
-    assert empty.surrogates == ()
     level = with_gain([0.7, 0.7 + 1e-15, 0.7])
     assert (level.best, level.sure) == ("no placement is ahead", "")
     ahead = with_gain([0.7, 0.77, 0.7])

@@ -9,17 +9,16 @@ from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
 
 from tracking.findings.promotion import (
     FULL_TRAINING,
-    agreement,
     is_full,
     promoted,
-    rung_costs,
     savings,
     stage_ranks,
+    stages,
 )
 from tracking.findings.training_cost import summarise_cost, training_cost
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
-from tracking.report.sections.promotion import error_over_seconds, promotion_section, ranks_by_stage
+from tracking.report.sections.promotion import promotion_section
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
 
@@ -56,7 +55,11 @@ def _full(run, detector="tiny"):
 
 def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
     assert group.title == "tiny"
-    assert group.stages == ("expected IG (Car)", "3D AP @ 0.7 (Car), epochs = 2", FULL_TRAINING)
+    assert group.stages == (
+        "rung 1: expected IG (Car)",
+        "rung 2: 3D AP @ 0.7 (Car), epochs = 2",
+        FULL_TRAINING,
+    )
     assert (group.placements, group.seeds) == (40, 2)
     assert set(group.trials["trial"]) == set(_full(run)["trial"])
     own = run.results.query(
@@ -89,61 +92,43 @@ def test_ranks_end_where_a_placement_was_pruned(group):
 
 
 def test_costs_and_savings_add_up(run, group):
-    costs = rung_costs(group).set_index("stage")
+    costs = stages(group).set_index("stage")
     assert costs["placements"].tolist() == [40, 8, 3]
     assert costs["kept"].tolist() == [8, 3, 0]
     full = _full(run)["seconds"]
     assert costs.loc[FULL_TRAINING, "seconds"] == pytest.approx(full.sum())
     assert costs.loc[FULL_TRAINING, "seconds_each"] == pytest.approx(2 * full.mean())
     own = run.trials[(run.trials["detector"] == "tiny") & (run.trials["status"] == "finished")]
-    row = savings([group], ()).iloc[0]
-    assert row["surrogates"] == pytest.approx(40 * 0.05)
-    assert row["short"] == pytest.approx(own.loc[own[EPOCHS] == SHORT, "seconds"].sum())
-    assert row["spent"] == pytest.approx(own["seconds"].sum() + 2)
-    assert row["without"] == pytest.approx(full.mean() * 40 * 2 + 2)
-    assert row["saved"] == pytest.approx(row["without"] - row["spent"])
+    found = savings(group)
+    assert found["surrogates"] == pytest.approx(40 * 0.05)
+    assert found["short"] == pytest.approx(own.loc[own[EPOCHS] == SHORT, "seconds"].sum())
+    assert found["spent"] == pytest.approx(own["seconds"].sum() + 2)
+    assert found["without"] == pytest.approx(full.mean() * 40 * 2 + 2)
+    assert found["saved"] == pytest.approx(found["without"] - found["spent"])
 
 
-def test_detectors_share_the_surrogates(run):
-    table = savings(list(_groups(run)), ()).set_index("group")
-    total, parts = table.loc["all groups"], table.drop(index="all groups")
-    assert parts["surrogates"].tolist() == pytest.approx([2, 2])
-    assert total["surrogates"] == pytest.approx(2)
-    assert total["spent"] == pytest.approx(parts["spent"].sum() - 2)
-    assert total["without"] == pytest.approx(parts["without"].sum() - 2)
-    assert total["saved"] == pytest.approx(parts["saved"].sum())
-
-
-def test_agreement_of_stages_by_hand(group):
-    pairs = agreement(group)
-    assert pairs["n"].tolist() == [8, 3, 3]
-    assert pairs["to_full"].tolist() == [False, True, True]
-    ranks = stage_ranks(group)
-    for row, (i, j) in zip(pairs.to_dict("records"), [(0, 1), (0, 2), (1, 2)], strict=True):
-        both = ranks.iloc[:, [i, j]].dropna()
+def test_agreement_with_the_full_training_by_hand(group):
+    table, ranks = stages(group), stage_ranks(group)
+    assert table["n"].tolist()[:2] == [3, 3]
+    assert table.iloc[2][["n", "spearman", "first", "regret"]].isna().all()
+    for i, row in enumerate(table.to_dict("records")[:2]):
+        both = ranks.iloc[:, [i, 2]].dropna()
         assert row["spearman"] == pytest.approx(both.corr("spearman").iloc[0, 1])
         assert row["kendall"] == pytest.approx(both.corr("kendall").iloc[0, 1])
-        assert row["best"] == both.iloc[:, 1].idxmin()
-        assert row["best_rank"] == both.iloc[:, 0][row["best"]]
+        best = both.iloc[:, 1].idxmin()
+        assert row["best_rank"] == both.iloc[:, 0][best]
         assert row["first"] == both.iloc[:, 0].idxmin()
-        assert row["first_rank"] == both.iloc[:, 0].min()
-        value = (
-            group.ap if j == 2 else group.rungs.query("rung == 1").set_index("placement")["value"]
-        )
-        assert row["regret"] == pytest.approx(value[row["best"]] - value[row["first"]])
+        assert row["regret"] == pytest.approx(group.ap[best] - group.ap[row["first"]])
         assert row["regret"] >= 0
-        assert row["kendall_p"] >= 2 / np.prod(range(1, len(both) + 1)) - 1e-12
-    assert pairs["ranked"].tolist() == [40, 40, 8]
-    assert pairs["kept"].tolist() == [8, 8, 3]
+        assert row["spearman_p"] >= 2 / np.prod(range(1, len(both) + 1)) - 1e-12
+    assert table["ranked"].tolist()[:2] == [40, 8]
 
 
 def test_many_placements_have_p_values_too(tmp_path):
     run = RunFolder.read(write_promotion(tmp_path / "many", kept=(20, 10), seeds=(1,)))
-    pairs = agreement(next(_groups(run)))
-    assert pairs["n"].tolist() == [20, 10, 10]
-    assert pairs[["spearman_p", "kendall_p"]].stack().between(0, 1).all()
-    low = pairs["kendall"].abs().idxmin()
-    assert pairs.loc[low, "kendall_p"] == pairs["kendall_p"].max()
+    table = stages(next(_groups(run))).iloc[:2]
+    assert table["n"].tolist() == [10, 10]
+    assert table["spearman_p"].between(0, 1).all()
 
 
 def test_a_placement_without_a_value_has_no_rank(run):
@@ -152,8 +137,10 @@ def test_a_placement_without_a_value_has_no_rank(run):
     promotions.loc[lost, "value"] = np.nan
     group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep.promote))
     assert stage_ranks(group)[1].notna().sum() == 7
-    assert rung_costs(group)["without_value"].tolist() == [0, 1, 0]
-    assert agreement(group)["n"].tolist() == [7, 3, 3]
+    table = stages(group)
+    assert table["without_value"].tolist() == [0, 1, 0]
+    assert table["n"].tolist()[:2] == [3, 3]
+    assert table["ranked"].tolist()[:2] == [40, 7]
 
 
 def test_equal_full_trainings_judge_no_rung(run):
@@ -162,7 +149,6 @@ def test_equal_full_trainings_judge_no_rung(run):
     section = promotion_section(Analysis(replace(run, results=results)))
     assert sum("Several full trainings are equally best" in note for note in section.notes) == 2
     assert not any("was ranked" in note for note in section.notes)
-    assert len(section.figures) == 2 * 2  # no share of pairs without a coefficient
 
 
 def test_short_trainings_are_told_by_what_their_rung_sets():
@@ -183,38 +169,22 @@ def test_nothing_is_estimated_when_no_full_training_finished(run):
     results = run.results[run.results[EPOCHS] == SHORT]
     groups = list(promoted(run.promotions, trials, results, run.axes, run.sweep.promote))
     assert [len(group.ap) for group in groups] == [0, 0]
-    assert savings(groups, ())["without"].isna().all()
-    assert agreement(groups[0])["to_full"].tolist() == [False]
+    assert np.isnan(savings(groups[0])["without"])
+    assert stages(groups[0])["n"].isna().all()
     section = promotion_section(Analysis(replace(run, trials=trials, results=results)))
-    assert len(section.figures) == 2  # ranks of both detectors
     assert any("No full training finished" in note for note in section.notes)
 
 
-def test_the_figures_show_ranks_and_errors(group):
-    plot = ranks_by_stage(stage_ranks(group), [8, 3], "title")
-    assert [trace.name for trace in plot.data if trace.name] == [
-        *group.ap.sort_values(ascending=False).index,
-        "kept up to here",
-    ]
-    pruned = np.array(plot.data[0].y)
-    assert np.isfinite(pruned).sum() == 37 + 5
-    pairs = agreement(group)
-    to_full = pairs[pairs["to_full"]]
-    share, lost = (plot.data[0] for plot in error_over_seconds(to_full, 100.0, ""))
-    assert share.y == pytest.approx([*(50 * (1 - to_full["kendall"])), 0])
-    assert lost.y == pytest.approx([*to_full["regret"], 0])
-    assert share.x == pytest.approx([*to_full["seconds"], 100])
-
-
 def test_the_report_tells_what_was_saved_and_risked(run, page):
-    row = savings(list(_groups(run)), ()).iloc[0]
+    row = savings(next(_groups(run)))
     share = 100 * row["saved"] / row["without"]
-    assert f"tiny: Promotion spent {row['spent']:,.0f} s, {share:.0f} % less than" in page
+    assert f"tiny: Promotion spent {row['spent']:,.0f} s (" in page
+    assert f"), {share:.0f} % less than the {row['without']:,.0f} s" in page
     pruned = (run.trials["status"] == "pruned").sum()
     assert f"{len(run.trials)} trials, {pruned} of them pruned by promotion" in page
     assert "did not finish" not in page
     assert "Only a full training shows whether a pruned placement would have been best" in page
-    assert "Agreement of stages, among placements of both · second" in page
+    assert "agreement with the full training · second" in page
     # Other placements are compared after the full training alone.
     assert "second, epochs = 10" in page
     assert "second, epochs = 2" not in page

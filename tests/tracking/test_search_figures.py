@@ -8,7 +8,7 @@ import pytest
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
-from tracking.figures.of_searches.against_baseline import robustness_figure, unseen, verified_figure
+from tracking.figures.of_searches.against_baseline import robustness_figure, unseen
 from tracking.figures.of_searches.search_history import pareto_fronts, search_history
 from tracking.run_folders.search_json import Objective, Rig, Zone
 from tracking.search_report.cautions import at_the_edge
@@ -144,19 +144,6 @@ def test_robustness_has_a_unit_where_there_is_no_percent(designed):
     assert [*trace(plot, "a").x] == [5.0]
     assert [*trace(plot, "a").error_x.array] == [2.0]
     assert plot.layout.xaxis.title.text == "price (€),<br>less is better"
-
-
-def test_verified_rigs_are_drawn_as_differences_to_the_baseline_at_the_origin():
-    rows = pd.DataFrame(
-        {"rig": ["line", "new"], "role": ["paper", "found"], "surrogate": [100.0, 120.0]}
-        | {"difference": [np.nan, 3.0]}
-        | {"difference_low": [np.nan, 1.0], "difference_high": [np.nan, 4.0]}
-    )
-    plot = verified_figure(rows, "line", 100.0, GAIN, "Car")
-    new, line = trace(plot, "found"), trace(plot, "the paper's")
-    np.testing.assert_allclose([*new.x, *new.y], [20, 3])
-    np.testing.assert_allclose([*new.error_y.arrayminus, *new.error_y.array], [2, 1])
-    assert ([*line.x], [*line.y]) == ([0], [0])
 
 
 def test_edges_of_zones_and_of_the_angles_that_were_allowed():

@@ -29,7 +29,7 @@ def sections(page: Page) -> list[str]:
     titles = {
         *("Where the LiDARs sit", "What stays unseen"),
         *("How the search went", "Pareto front", "Constraints", "Robustness"),
-        *("Did the gain become AP?", "Important parameters", "Trials", "Configuration and command"),
+        *("Did the gain become AP?", "Important parameters", "Configuration and command"),
     }
     return [word for word in page.words if word in titles]
 
@@ -129,7 +129,7 @@ def test_every_part_has_its_place(page):
     assert sections(page) == [
         *("Where the LiDARs sit", "What stays unseen"),
         *("How the search went", "Constraints", "Robustness", "Did the gain become AP?"),
-        *("Important parameters", "Trials", "Configuration and command"),
+        *("Important parameters", "Configuration and command"),
     ]
     assert menu(page) == ["found_1", "greedy", *PAPER_PLACEMENTS]
     assert "19 of 60 (32 %)" in page.words
@@ -138,19 +138,11 @@ def test_every_part_has_its_place(page):
     assert "Maximize expected_ig · Car, Cyclist · 200 frames" in page.text
 
 
-def test_trials_are_listed_feasible_and_best_first(folder, page):
-    trials = pd.read_parquet(folder / "trials.parquet")
-    best = trials[trials["feasible"]].sort_values("value.expected_ig", ascending=False)
-    start = next(i for i, word in enumerate(page.words) if word.startswith("The best 20 of 60"))
-    numbers = [word for word in page.words[start:] if word.isdigit()]
-    assert numbers[:20] == [str(number) for number in best["number"][:20]]
-
-
 def test_what_the_search_did_not_make_is_left_out(tmp_path):
     bare = write_search(tmp_path / "bare", complete=False, constraints=[], importance=None)
     page = page_of(bare)
     assert sections(page) == [
-        *("Where the LiDARs sit", "How the search went", "Trials"),
+        *("Where the LiDARs sit", "How the search went"),
         "Configuration and command",
     ]
     assert "Feasible: there were no constraints." in page.words
@@ -169,8 +161,6 @@ def test_without_a_feasible_rig_it_tells_the_nearest_and_what_none_kept(tmp_path
     assert "is trial 3. It breaks own body by 0.25 % (at most 5 %)." in page.text
     assert "No trial at all kept own body, which the best of them broke by 0.25 %." in page.words
     assert menu(page)[:2] == ["trial 3, infeasible", "greedy"]
-    start = next(i for i, word in enumerate(page.words) if word.startswith("The best 20 of 60"))
-    assert next(word for word in page.words[start:] if word.isdigit()) == "3"
 
 
 def test_constraints_that_each_can_be_kept_but_not_together(tmp_path):
@@ -243,8 +233,6 @@ def test_names_cannot_become_tags(tmp_path):
 def test_one_and_twelve_lidars(tmp_path, lidars):
     page = page_of(write_search(tmp_path / "x", lidars=lidars, complete=False))
     assert f"{lidars} LiDAR{'s' * (lidars > 1)}: paper." in page.words
-    assert page.words.count(f"LiDAR {lidars}") == 1  # the last column of the trials
-    assert f"LiDAR {lidars + 1}" not in page.words
 
 
 def test_several_objectives_have_a_front(tmp_path):
@@ -294,7 +282,6 @@ def test_a_verification_without_the_rig_to_compare_with_has_values_alone(tmp_pat
     page = page_of(folder)
     assert "No detector evaluated line, the baseline of this comparison" in page.text
     assert "No detector evaluated" not in with_it.text
-    assert len(page.figures) == len(with_it.figures) - rows.groupby(["class", "metric"]).ngroups
 
 
 def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
@@ -369,12 +356,6 @@ def test_robustness_is_in_percent_of_the_baseline(page):
     of = "in percent of what line is worth as designed, for every rig"
     assert of in page.text
     assert "percent of line as designed,<br>more is better" in json.dumps(page.figures)
-
-
-def test_less_is_better_where_the_objective_is_minimised(tmp_path):
-    objective = {"name": "expected_ig", "by": "m_sog", "unit": "nats", "direction": "minimize"}
-    page = page_of(write_search(tmp_path / "less", objectives=[objective]))
-    assert "Up and to the left of the dotted lines" in page.text
 
 
 def test_rigs_that_break_a_constraint_are_marked_and_never_the_best(tmp_path):

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
@@ -88,18 +87,14 @@ def test_summary_ranks_placements_as_the_longest_training_does(run):
         assert summary.loc[("Car", *key), "kendall"] == pytest.approx(value)
 
 
-def test_the_figure_has_a_mark_a_trial_and_lines_over_epochs(run):
+def test_the_figure_has_a_point_a_training_and_a_star_for_the_longest(run):
     cost = training_cost(run.results, run.curves, run.axes)
-    own = cost[(cost["class"] == "Car") & (cost["scene.density"] == 40)]
-    plot = training_cost_figure(own, "Car", list(NAMES))
-    left = [line for line in plot.data if line.xaxis == "x" and line.x[0] is not None]
-    assert sum(len(line.x) for line in left) == len(own)
-    assert len(left) == len(NAMES) * 2 * 2  # seeds and shares
-    assert all(len(line.x) == 2 and line.x[0] < line.x[1] for line in left)
-    stars = np.concatenate([line.marker.symbol for line in left]) == "star"
-    assert stars.sum() == len(NAMES) * 2
-    named = [line.name for line in plot.data if line.showlegend is not False]
-    assert len(named) == len(set(named)) == len(NAMES) + 3
+    own = summarise_cost(cost[(cost["class"] == "Car") & (cost["scene.density"] == 40)], COST_AXES)
+    (line,) = training_cost_figure(own, COST_AXES, "Car").data
+    assert line.x.tolist() == [2, 8, 8, 32]
+    assert [*zip(line.marker.symbol, line.y == 0, strict=True)][-1] == ("star", True)
+    assert line.marker.symbol.count("star") == 1
+    assert line.text[0] == "epochs = 1, frame_share = 0.25"
 
 
 @pytest.mark.parametrize("trainings", [TRAININGS, [(1, 1.0), (4, 1.0)], []])
@@ -117,6 +112,10 @@ def test_the_report_compares_placements_after_the_longest_training(tmp_path):
     folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=TRAININGS)
     page = build_report(folder).read_text()
     assert "Training: error against run time" in page
-    assert "epochs = 1" not in page
-    assert "epochs = 4, frame_share = 1.0" in page
+    results = pd.read_parquet(folder / "results.parquet")
+    longest = results[(results[COST_AXES[0]] == 4) & (results[COST_AXES[1]] == 1.0)]
+    own = longest.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    table = pd.read_csv(folder / "tables" / "placements-car.csv").set_index("placement")
+    means = table["3D AP @ 0.7 (%) mean"].to_dict()
+    assert means == pytest.approx(own.set_index("placement")["value"].to_dict())
     assert "pointpillars_tiny (longest)" in page

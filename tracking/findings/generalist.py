@@ -102,22 +102,16 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
             placements' own detectors.
 
     Returns:
-        Index placement: said and own, percent; said_half and own_half of their 95 % intervals.
+        Index placement: said and own, percent.
     """
     place = {key: value for key, value in group.items() if key != JUDGE}
     known = at(means[means["seeds"] > 0], place)
-    parts = {
-        name: known[known[JUDGE] == judge].set_index("placement")[["mean", "half"]]
-        for name, judge in (("said", _who(known)), ("own", group[JUDGE]))
-    }
-    heads = {name: {"mean": name, "half": f"{name}_half"} for name in parts}
-    wide = [part.rename(columns=heads[name]) for name, part in parts.items()]
-    return wide[0].join(wide[1], how="inner").sort_values("own", ascending=False)
+    values = known.pivot(index="placement", columns=JUDGE, values="mean")
+    both = {"said": values[_who(known)], "own": values[group[JUDGE]]}
+    return pd.DataFrame(both).dropna().sort_values("own", ascending=False)
 
 
-def compare(
-    run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame
-) -> tuple[pd.DataFrame, list[pd.DataFrame]]:
+def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> pd.DataFrame:
     """How well the generalist predicts AP and recall of placements with a detector of their own.
 
     Args:
@@ -126,7 +120,7 @@ def compare(
 
     Returns:
         The rows of `correlations` of the same metric at the headline's IoU, with
-        `CALIBRATION`, NaN for fewer than 3 placements; and for each of them `side_by_side`.
+        `CALIBRATION`, NaN for fewer than 3 placements.
     """
     same = correlations["surrogate"] == correlations["metric"].map(judgement_name)
     known = correlations[same & (correlations["n"] > 0)]
@@ -136,7 +130,7 @@ def compare(
     pairs = [side_by_side(means, row) for row in rows[keys].to_dict("records")]
     found = [calibration(pair["said"].to_numpy(), pair["own"].to_numpy()) for pair in pairs]
     table = pd.DataFrame([one or {} for one in found], columns=CALIBRATION)
-    return rows.join(table.astype("float64")), pairs
+    return rows.join(table.astype("float64"))
 
 
 def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:

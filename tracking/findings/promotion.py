@@ -29,7 +29,7 @@ class Promoted:
 
     Attributes:
         title: detector and setting.
-        stages: what each rung ranked by, "expected IG (Car)"; FULL_TRAINING is the last.
+        stages: what each rung ranked by, "rung 1: expected IG (Car)"; FULL_TRAINING is the last.
         rungs: rows of `promotions.parquet`.
         trials: the full trainings that finished, rows of `trials.parquet`.
         seeds: seeds of the full trainings that were planned.
@@ -122,12 +122,13 @@ def _headline_ap(results: pd.DataFrame, object_class: str) -> pd.Series:
 
 
 def _stage_names(rungs: pd.DataFrame, results: pd.DataFrame) -> Iterator[str]:
-    for row in rungs.drop_duplicates("rung").to_dict("records"):
+    for i, row in enumerate(rungs.drop_duplicates("rung").to_dict("records"), start=1):
         by, object_class = str(row["by"]), str(row["class"])
         measured = by in results["metric"].to_numpy()
         name = metric_label(by, headline_iou(results, object_class, by)) if measured else by
         setting = str(row["setting"]).replace("training.", "").replace("=", " = ")
-        yield f"{surrogate_name(name)} ({object_class})" + (f", {setting}" if setting else "")
+        label = f"rung {i}: {surrogate_name(name)} ({object_class})"
+        yield f"{label}, {setting}" if setting else label
 
 
 def stage_ranks(group: Promoted) -> pd.DataFrame:
@@ -141,92 +142,20 @@ def stage_ranks(group: Promoted) -> pd.DataFrame:
     return ranks.assign(**{FULL_TRAINING: group.ap.rank(ascending=False, method="min")})
 
 
-COLUMNS = (
-    *("rung", "earlier", "later", "to_full", "n", "spearman", "spearman_p", "kendall", "kendall_p"),
-    *("best", "best_rank", "ranked", "kept", "first", "first_rank", "regret", "seconds"),
-)
+def stages(group: Promoted) -> pd.DataFrame:
+    """What every stage cost, and how it ranked the placements that were trained in full.
 
-
-def agreement(group: Promoted) -> pd.DataFrame:
-    """How each stage ranked the placements that a later stage ranked too.
-
-    Pairs of neighbouring rungs, and of each rung and the full training. Only placements that
-    reached the later stage have both ranks. They were chosen by the earlier one, so their range is
-    restricted: the agreement among them says little about the placements that were pruned.
+    Only these have both ranks. Earlier stages chose them, so their range is restricted: the
+    agreement among them says little about the placements that were pruned.
 
     Returns:
-        One row a pair: rung, the number of the earlier one from 1; earlier, later (names of
-        stages); to_full, whether the later one is the full training; n placements with both;
-        spearman, spearman_p, kendall, kendall_p (NaN for fewer than 3; see `_p_values`); best, of
-        the later stage, and best_rank, its rank among all of the earlier one; ranked and kept, by
-        the earlier stage; first, what the earlier stage ranked highest of the n, and first_rank,
-        its rank there; regret, how much worse `first` is than `best` in the later stage, in its
-        own unit; seconds, mean of the earlier stage for a placement.
+        One row a stage: stage; placements; without_value; kept, 0 for the full training; seconds,
+        of all of its tasks; seconds_each, the mean over placements, of the full training with all
+        seeds of one. Of rungs, where a full training finished: n placements with both; spearman,
+        its two-sided spearman_p (see `_p_value`) and kendall; ranked, how many the rung ranked;
+        best_rank, its rank of the best after full training; first, what it ranks highest of the n;
+        regret, AP that the first is below the best.
     """
-    ranks = stage_ranks(group)
-    last = len(group.stages) - 1
-    values = [part.set_index("placement")["value"] for _, part in group.rungs.groupby("rung")]
-    kept = group.rungs.groupby("rung")["kept"].sum().tolist()
-    seconds = group.rungs.groupby("rung")["seconds"].mean().tolist()
-    rows = []
-    for i in range(last):
-        for j in dict.fromkeys((i + 1, last)):
-            both = ranks.iloc[:, [i, j]].dropna()
-            if both.empty:
-                continue
-            earlier, later = (both.iloc[:, k] for k in (0, 1))
-            best, first = str(later.idxmin()), str(earlier.idxmin())
-            value = group.ap if j == last else values[j]
-            rho, tau = rank_agreement(earlier, later)
-            p_spearman, p_kendall = _p_values(earlier, later)
-            rows.append(
-                {
-                    "rung": i + 1,
-                    "earlier": group.stages[i],
-                    "later": group.stages[j],
-                    "to_full": j == last,
-                    "n": len(both),
-                    "spearman": rho,
-                    "spearman_p": p_spearman,
-                    "kendall": tau,
-                    "kendall_p": p_kendall,
-                    "best": best,
-                    "best_rank": int(earlier[best]),
-                    "ranked": int(ranks.iloc[:, i].notna().sum()),
-                    "kept": int(kept[i]),
-                    "first": first,
-                    "first_rank": int(earlier[first]),
-                    "regret": abs(value[best] - value[first]),
-                    "seconds": seconds[i],
-                }
-            )
-    return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def _p_values(a: pd.Series, b: pd.Series) -> tuple[float, float]:
-    """Two-sided p-values of Spearman's rho and Kendall's tau; NaN for fewer than 3 or equal ones.
-
-    From all permutations up to `LARGEST_EXACT` pairs. Beyond, thousands of placements may have
-    both ranks: then scipy's, of rho by the t distribution, of tau exact or by the normal one.
-    """
-    if len(a) < 3 or a.nunique() == 1 or b.nunique() == 1:
-        return np.nan, np.nan
-    if len(a) > LARGEST_EXACT:
-        return float(stats.spearmanr(a, b).pvalue), float(stats.kendalltau(a, b).pvalue)
-    one, other = a.to_numpy()[None], b.to_numpy()
-    return (
-        float(permutation_p(one, other, "spearman")[0]),
-        float(permutation_p(one, other, "kendall")[0]),
-    )
-
-
-def rung_costs(group: Promoted) -> pd.DataFrame:
-    """One row a stage: stage, placements, without_value, kept, seconds, seconds_each.
-
-    `seconds_each` is the mean over placements; the full training counts all seeds of one, and
-    keeps none. Seconds of rungs are of their own tasks alone.
-    """
-    *names, last = group.stages
     rungs = group.rungs.assign(without_value=group.rungs["value"].isna()).groupby("rung")
     table = rungs.agg(
         placements=("placement", "size"),
@@ -235,6 +164,8 @@ def rung_costs(group: Promoted) -> pd.DataFrame:
         seconds=("seconds", "sum"),
         seconds_each=("seconds", "mean"),
     )
+    ranks = stage_ranks(group)
+    agreed = [_agreement(ranks.iloc[:, i], group.ap) for i in range(len(table))]
     reached = int(table["kept"].iloc[-1])
     spent = group.trials["seconds"]
     full = {
@@ -244,55 +175,63 @@ def rung_costs(group: Promoted) -> pd.DataFrame:
         "seconds": spent.sum(),
         "seconds_each": spent.mean() * group.seeds,
     }
+    table = table.reset_index(drop=True).join(pd.DataFrame(agreed, columns=_AGREEMENT))
     table = pd.concat([table, pd.DataFrame([full])], ignore_index=True)
-    table.insert(0, "stage", [*names, last])
+    table.insert(0, "stage", group.stages)
     return table
 
 
-def savings(groups: Sequence[Promoted], surrogate_axes: Sequence[str]) -> pd.DataFrame:
+_AGREEMENT = ("n", "spearman", "spearman_p", "kendall", "ranked", "best_rank", "first", "regret")
+
+
+def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
+    """`_AGREEMENT` of the ranks of a rung with AP after full training."""
+    known = ranks.dropna()
+    both = known[known.index.isin(ap.index)]
+    if both.empty:
+        return {}
+    own = ap[both.index]
+    later = own.rank(ascending=False, method="min")
+    rho, tau = rank_agreement(both, later)
+    best, first = str(own.idxmax()), str(both.idxmin())
+    lost = own[best] - own[first]
+    found = len(both), rho, _p_value(both, later), tau, len(known), known[best], first, lost
+    return dict(zip(_AGREEMENT, found, strict=True))
+
+
+def _p_value(a: pd.Series, b: pd.Series) -> float:
+    """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones.
+
+    From all permutations up to `LARGEST_EXACT` pairs. Beyond, thousands of placements may have
+    both ranks: then scipy's, by the t distribution.
+    """
+    if len(a) < 3 or a.nunique() == 1 or b.nunique() == 1:
+        return np.nan
+    if len(a) > LARGEST_EXACT:
+        return float(stats.spearmanr(a, b).pvalue)
+    return float(permutation_p(a.to_numpy()[None], b.to_numpy(), "spearman")[0])
+
+
+def savings(group: Promoted) -> dict[str, float]:
     """Seconds that promotion spent, against full trainings of all placements.
 
     Without promotion every placement of the first rung would have had the surrogates of all
     surrogate rungs and a full training for every seed, at the mean seconds of those that were
     done. Point clouds are counted on neither side.
 
-    Args:
-        surrogate_axes: axes that surrogates depend on: groups that differ in others share them.
-
     Returns:
-        One row a group, and one for all when there are several: group, placements, surrogates,
-        short, full (seconds spent), spent, without (seconds, NaN if no full training finished),
-        saved (without less spent).
+        surrogates, short and full, seconds spent, and their sum, spent; without, seconds, NaN if no
+        full training finished; saved, without less spent.
     """
-    rows, own = [], []
-    for number, group in enumerate(groups):
-        is_surrogate = group.rungs["setting"] == ""
-        own.append(group.rungs[is_surrogate].assign(group=number))
-        rows.append(
-            {
-                "group": group.title,
-                "placements": group.placements,
-                "short": group.rungs.loc[~is_surrogate, "seconds"].sum(),
-                "full": group.trials["seconds"].sum(),
-                "all_full": group.trials["seconds"].mean() * group.placements * group.seeds,
-            }
-        )
-    table = pd.DataFrame(rows)
-    surrogates = pd.concat(own)
-    spent = surrogates.groupby("group")["seconds"].sum()
-    of_rung = surrogates.groupby(["group", "rung"])["seconds"].mean().groupby("group").sum()
-    table["surrogates"] = spent.reindex(table.index, fill_value=0.0)
-    table["all_surrogates"] = of_rung.reindex(table.index, fill_value=0.0) * table["placements"]
-    if len(table) > 1:
-        total = table.drop(columns="group").sum(skipna=False)
-        depends = [axis for axis in surrogate_axes if axis in surrogates.columns]
-        once = surrogates.drop_duplicates([*depends, "rung", "placement"])
-        total["surrogates"] = once["seconds"].sum()
-        each = once.groupby([*depends, "rung"], dropna=False)["seconds"].mean()
-        total["all_surrogates"] = each.sum() * table["placements"].max()
-        table.loc[len(table)] = {"group": "all groups", **total}
-    table["spent"] = table["surrogates"] + table["short"] + table["full"]
-    table["without"] = table["all_surrogates"] + table["all_full"]
-    table["saved"] = table["without"] - table["spent"]
-    columns = ["group", "placements", "surrogates", "short", "full", "spent", "without", "saved"]
-    return table[columns]
+    of_surrogates = group.rungs["setting"] == ""
+    seconds = group.rungs.loc[of_surrogates].groupby("rung")["seconds"]
+    found = {
+        "surrogates": seconds.sum().sum(),
+        "short": group.rungs.loc[~of_surrogates, "seconds"].sum(),
+        "full": group.trials["seconds"].sum(),
+    }
+    spent = sum(found.values())
+    without = group.placements * (
+        seconds.mean().sum() + group.trials["seconds"].mean() * group.seeds
+    )
+    return {**found, "spent": spent, "without": without, "saved": without - spent}

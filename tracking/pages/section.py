@@ -15,7 +15,16 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import SOFT_BREAK
-from tracking.labels import DASH, digits, interval, metric_label, signed, span, surrogate_name
+from tracking.labels import (
+    DASH,
+    digits,
+    interval,
+    metric_label,
+    not_significant,
+    signed,
+    span,
+    surrogate_name,
+)
 
 MOST_ROWS = 50
 """Placements and trials that a table shows; a page must stay small."""
@@ -58,11 +67,17 @@ def coefficient(head: str, key: str) -> Column:
 
 
 def in_points(head: str, keys: tuple[str, str, str], form: str) -> Column:
-    """Points with their interval in brackets, by the keys of value, low and high."""
+    """Points with their interval in brackets, by the keys of value, low and high.
+
+    Where the format has a sign it is a difference, which may be not significant.
+    """
 
     def cell(row: Mapping[Any, Any]) -> str:
         value, low, high = (row[key] for key in keys)
-        return DASH if np.isnan(low) else f"{digits(value, form)} ({span(low, high, form)})"
+        if np.isnan(low):
+            return digits(value, form)
+        verdict = not_significant(low, high) if form.startswith("+") else ""
+        return f"{digits(value, form)} ({span(low, high, form)}){verdict}"
 
     return Column(head, cell)
 

@@ -1,1 +1,1 @@
-"""The report of a sweep, and of several compared: HTML pages that open without a network."""
+"""The report of a sweep: HTML pages that open without a network."""

@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from lidarplace.base.registry import Registry
@@ -20,13 +20,11 @@ from tracking.report.failures import write_failures
 from tracking.report.headline import Verdict, surrogate_verdicts, verdicts
 from tracking.report.recommendation import answer, recommendations
 from tracking.report.sections.accuracy import accuracy_section
-from tracking.report.sections.best import best_section
-from tracking.report.sections.ceiling import ceiling_section, reliability_section
+from tracking.report.sections.best import best_section, by_class_section
+from tracking.report.sections.ceiling import reliability_section
 from tracking.report.sections.clouds import clouds_section
-from tracking.report.sections.correlation import correlation_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.report.sections.density import density_section
-from tracking.report.sections.detectors import detectors_section
 from tracking.report.sections.failures import FILE as FAILURES
 from tracking.report.sections.failures import failures_section
 from tracking.report.sections.generalist import generalist_section
@@ -36,22 +34,19 @@ from tracking.report.sections.objects import (
     individuals_section,
 )
 from tracking.report.sections.placements import agreement_section, placements_section
-from tracking.report.sections.predictors import counted, predictors_section
+from tracking.report.sections.predictors import predictors_section
 from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
 from tracking.report.sections.recorded_clouds import recorded_clouds_section
-from tracking.report.sections.regret import regret_section
 from tracking.report.sections.requirements import requirements_section
 from tracking.report.sections.sampling_error import sampling_error_section
+from tracking.report.sections.sensitivity import sensitivity_section
 from tracking.report.sections.tilts import tilts_section
-from tracking.report.sections.training_cost import curves_section, training_cost_section
+from tracking.report.sections.training_cost import training_cost_section
 from tracking.report.sections.where_time_went import reduced_batches, where_time_went
 from tracking.run_folders.sweep import RunFolder
 
 _log = logging.getLogger(__name__)
-
-MOST_CARDS = 6
-"""Verdicts that are cards; more are rows of a table, or the first screen would be many."""
 
 
 def build_report(run: Path) -> Path:
@@ -74,7 +69,8 @@ def build_report(run: Path) -> Path:
     failures = by_name["failures"] if found.pair else None
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
-    cards, findings = _verdicts(found)
+    stated = [v for group, best in found.rankings for v in verdicts(folder, group, best)]
+    stated = stated or [v for group in found.groups for v in surrogate_verdicts(folder, group)]
     recommended = recommendations(found.rankings)
     said = answer(folder, recommended) if recommended else None
     extent = _extent(folder)
@@ -92,19 +88,18 @@ def build_report(run: Path) -> Path:
     page = write_page(
         folder.path / "report.html",
         Path(__file__).with_name("report.html"),
-        sections,
+        [_picture(by_name), *sections],
         name=folder.sweep.name,
         run=folder,
         decision=decision.name if decision else None,
-        verdicts=cards,
+        verdicts=stated,
         answer=said,
-        most_cards=MOST_CARDS,
-        findings=findings,
+        required=recommended[0].required(folder) if recommended else "",
         extent=extent,
         warnings=warnings,
         sweep=json.dumps(facts, indent=2, default=str),
     )
-    first = [escaped(extent), *map(_in_markdown, cards)]
+    first = [escaped(extent), *map(_in_markdown, stated)]
     if said is not None and len(said.leads) > 1:
         first.append(f"**{escaped(said.sure)}**")
     if said is not None and said.command:
@@ -122,18 +117,16 @@ SECTIONS: Registry[Callable[[Analysis], Section | None]] = Registry(
     {
         "best": best_section,
         "placements": placements_section,
+        "by_class": by_class_section,
         "requirements": requirements_section,
         "agreement": agreement_section,
         "promotion": promotion_section,
         "predictors": predictors_section,
-        "ceiling": ceiling_section,
         "reliability": reliability_section,
-        "regret": regret_section,
         "generalist": generalist_section,
         "recorded_clouds": recorded_clouds_section,
-        "correlation": correlation_section,
         "published": published_section,
-        "detectors": detectors_section,
+        "sensitivity": sensitivity_section,
         "tilts": tilts_section,
         "density": density_section,
         "rigs": rigs_section,
@@ -146,7 +139,6 @@ SECTIONS: Registry[Callable[[Analysis], Section | None]] = Registry(
         "accuracy": accuracy_section,
         "sampling_error": sampling_error_section,
         "training_cost": training_cost_section,
-        "curves": curves_section,
         "where_time_went": where_time_went,
     },
 )
@@ -163,7 +155,15 @@ def _sections(found: Analysis) -> Iterator[tuple[str, Section]]:
             _log.warning("plug-in left out: section %s: %s: %s", name, type(error).__name__, error)
             continue
         if section is not None:
+            section.folded = name != ("placements" if found.run.results.empty else "best")
             yield name, section
+
+
+def _picture(by_name: Mapping[str, Section]) -> Section:
+    """For the first screen: the first figure of what is decided by, of which it is taken."""
+    own = by_name["best" if "best" in by_name else "rigs"]
+    figures, own.figures = own.figures[:1], own.figures[1:]
+    return Section(own.title, own.notes[:1], figures, top=True)
 
 
 def _write_failures(
@@ -181,17 +181,8 @@ def _write_failures(
     write_failures(target, pair, frames, section, run.roi, run.sweep.body, extent, links)
 
 
-def _verdicts(found: Analysis) -> tuple[list[Verdict], str]:
-    """The verdicts, and what is said of surrogates where their table has no room for it."""
-    run, predicted = found.run, found.predicted
-    cards = [v for group, best in found.rankings for v in verdicts(run, group, best, predicted)]
-    cards = cards or [v for group in found.groups for v in surrogate_verdicts(run, group)]
-    many = len(cards) > MOST_CARDS and len(predicted) > 0
-    return cards, counted(run, predicted, found.correlations) if many else ""
-
-
 def _in_markdown(card: Verdict) -> str:
-    said = " ".join([f"{card.metric}: {card.lead}.", card.sure, *card.surrogates])
+    said = " ".join([f"{card.metric}: {card.lead}.", card.sure]).rstrip()
     return f"**{escaped(card.heading)}: {escaped(card.best)}.** {escaped(said)}"
 
 

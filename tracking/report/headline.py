@@ -1,4 +1,4 @@
-"""The first lines of a report: which placement, by how much, how sure, do the surrogates agree."""
+"""The first lines of a report: which placement, by how much and how sure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,12 +7,9 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
-from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement, best_placement
-from tracking.findings.best_surrogate import Predictors
 from tracking.findings.evidence import Weakness, grade, weaknesses
 from tracking.findings.groups import ONE_FOR_ALL, Group
-from tracking.findings.paired import with_sums
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import (
@@ -38,7 +35,6 @@ class Verdict:
         best: the placement, or several that are equal, or that there is none.
         lead: its value, and how far it is ahead of which.
         sure: how sure that is; no surer than its weakest link.
-        surrogates: whether they agree.
         weaknesses: why it is not sure yet, the heaviest first.
     """
 
@@ -48,7 +44,6 @@ class Verdict:
     best: str
     lead: str
     sure: str
-    surrogates: tuple[str, ...]
     weaknesses: tuple[Weakness, ...] = ()
 
     @property
@@ -57,22 +52,12 @@ class Verdict:
         return f"{self.what} · {self.group}" if self.group else self.what
 
 
-def verdicts(
-    run: RunFolder, group: Group, ranked: Mapping[str, BestPlacement], predicted: list[Predictors]
-) -> list[Verdict]:
-    """One verdict for every class that has AP, and one for the recall of all.
-
-    Args:
-        ranked: `headline_ranking` of the group.
-        predicted: `best_surrogates` of the run.
-    """
+def verdicts(run: RunFolder, group: Group, ranked: Mapping[str, BestPlacement]) -> list[Verdict]:
+    """One for every class that has AP, and for the recall of all; `ranked`: `headline_ranking`."""
     found, every = [], weaknesses(run, group)
     for name, best in ranked.items():
         weak = tuple(own for own in every if name in own.classes)
         metric, iou = headline_metric(name), headline_iou(run.results, name)
-        wanted = {"class": name, "metric": metric, "iou": iou, **group.setting}
-        wanted["detector"] = group.detector
-        own = [p for p in predicted if all(_same(p.group[k], v) for k, v in wanted.items())]
         found.append(
             Verdict(
                 f"{'Highest mean' if weak else 'Best'} for {class_label(name)}",
@@ -81,7 +66,6 @@ def verdicts(
                 some(best.equal),
                 _lead(best),
                 _sure(best, weak),
-                (*(p.sentence for p in own), *_chosen(run, group, best, name)),
                 weak,
             )
         )
@@ -104,10 +88,6 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
         if best is not None:
             found[name] = best
     return found
-
-
-def _same(found: object, wanted: object) -> bool:
-    return bool(found == wanted or (pd.isna(found) and pd.isna(wanted)))  # type: ignore[call-overload]
 
 
 def _lead(best: BestPlacement) -> str:
@@ -139,23 +119,6 @@ def _sure(best: BestPlacement, weak: Sequence[Weakness]) -> str:
     return f"{sure}; not significantly better than {some(tied)}."
 
 
-def _chosen(run: RunFolder, group: Group, best: BestPlacement, name: str) -> list[str]:
-    """What following a surrogate would have cost."""
-    decides = deciding_surrogate(run.surrogates)
-    table = surrogates_of(with_sums(run.surrogates, run.axes), group.setting, name)
-    if decides not in table.columns:
-        return []
-    values = table[decides].reindex(best.sure.index).dropna()
-    if len(values) < 2 or values.nunique() < 2:
-        return []
-    choice = str(values.idxmax())
-    label = surrogate_name(decides)
-    if choice in best.equal:
-        return [f"The highest {label} is that of the same placement."]
-    lost = float(best.others["lead"][choice])
-    return [f"The highest {label} is that of {choice}: {lost:.1f} points below the best."]
-
-
 def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
     """One verdict for every class of a sweep without results, by `deciding_surrogate`."""
     decides = deciding_surrogate(run.surrogates)
@@ -174,8 +137,6 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
         elif len(ranked) > 1 and ranked.iloc[1] > 0:
             ahead = 100 * (ranked.iloc[0] / ranked.iloc[1] - 1)
             lead += f", {ahead:.2g} % ahead of {ranked.index[1]}, of {len(ranked):,} placements"
-        ranks = table.rank(ascending=False, method="min").loc[best]
-        others = [s for s in HEADLINE_SURROGATES if s in table.columns and s != decides]
         found.append(
             Verdict(
                 f"Highest {surrogate_name(decides)} for {name}",
@@ -184,11 +145,6 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
                 "no placement is ahead" if level else best,
                 lead,
                 _without_entropy(table, name),
-                tuple(
-                    f"{surrogate_name(other)}: rank {ranks[other]:,.0f} from the highest."
-                    for other in others
-                    if not level and not np.isnan(ranks[other])
-                ),
             )
         )
     return found

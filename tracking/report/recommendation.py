@@ -69,7 +69,7 @@ class Recommendation:
 
     def verdicts(self, run: RunFolder) -> list[Verdict]:
         """That of the deciding class first, then those of the others."""
-        said = dict(zip(self.ranked, verdicts(run, self.group, self.ranked, []), strict=True))
+        said = dict(zip(self.ranked, verdicts(run, self.group, self.ranked), strict=True))
         return [said.pop(self.by), *said.values()]
 
 

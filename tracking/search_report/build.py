@@ -7,14 +7,13 @@ import numpy as np
 
 from lidarplace.requirements.tables import worst_cases
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
-from tracking.figures.kit.style import text
-from tracking.figures.of_searches.against_baseline import robustness_figure, unseen, verified_figure
+from tracking.figures.of_searches.against_baseline import robustness_figure, unseen
 from tracking.figures.of_searches.search_history import (
     bound_over_seconds,
     pareto_fronts,
     search_history,
 )
-from tracking.labels import digits, metric_label, number
+from tracking.labels import digits, number
 from tracking.pages.page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
@@ -36,7 +35,6 @@ from tracking.search_report.tables import (
     mount_table,
     rig_table,
     robustness_table,
-    trial_table,
     verified_table,
 )
 
@@ -68,7 +66,6 @@ def build_search_report(folder: Path) -> Path:
         _robustness(run),
         _verified(run),
         _parameters(run),
-        Section("Trials", tables=[trial_table(run)]),
     ]
     return write_page(
         run.path / "search.html",
@@ -303,19 +300,11 @@ def _verified(run: SearchFolder) -> Section | None:
             "vehicle does not carry it, or its trainings failed."
         )
         return section
-    side = "right" if search.first.sign > 0 else "left"
     section.notes.append(
-        f"Differences to {search.baseline} in {search.first.name} and in what detectors measured, "
-        "with 95 % intervals that hold for all pairs of rigs at once, over seeds and, where they "
-        "are known, over the routes and individuals of the test frames, as in the report of the "
-        f"sweep. Up and to the {side} of the dotted lines, the "
-        "gain became AP."
+        f"Differences to {search.baseline} have 95 % intervals that hold for all pairs of rigs at "
+        "once, over seeds and, where they are known, over the routes and individuals of the test "
+        "frames, as in the report of the sweep."
     )
-    base = search.rigs[search.baseline].value(search.first)
-    for _, own in rows.groupby(["class", "metric", "iou"], sort=False):
-        what = own.iloc[0]
-        label = f"{text(what['class'])} · {text(metric_label(what['metric'], what['iou']))}"
-        section.figures.append(verified_figure(own, search.baseline, base, search.first, label))
     return section
 
 
@@ -328,6 +317,7 @@ def _parameters(run: SearchFolder) -> Section | None:
     notes = [
         f"Most important for reaching good values of {run.search.first.name} (shares by "
         f"PED-ANOVA): {parts}.",
-        "optuna-dashboard, with the command below, plots values by parameter.",
+        "optuna-dashboard, with the command below, plots values by parameter; MLflow has a run a "
+        "trial, and trials.parquet a row.",
     ]
     return Section("Important parameters", notes=notes)

@@ -8,12 +8,9 @@ import pandas as pd
 
 from tracking.labels import digits, not_significant, number, span
 from tracking.pages.section import Column, Table, numbers, words
-from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig
-from tracking.search_report.feasibility import excess
 from tracking.search_report.headline import shown
 
-MOST_TRIALS = 20
 _MOUNT_HEAD = (
     *("LiDAR", "model", "zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"),
 )
@@ -69,52 +66,6 @@ def rig_table(
     return Table(caption, head, rows, frozenset(best), words=frozenset({0, 1, 2}))
 
 
-def trial_table(run: SearchFolder) -> Table:
-    """The best trials by the first objective, feasible ones first; then the nearest to feasible.
-
-    Trials that failed are left out.
-    """
-    search = run.search
-    done = run.trials[run.trials["state"] != "FAIL"]
-    feasible = done["feasible"].astype(bool)
-    over = excess(run).sum(axis=1).reindex(done.index, fill_value=np.inf)
-    keys = pd.DataFrame(
-        {
-            "over": over.where(~feasible, -1.0),
-            "value": -search.first.sign * done[f"value.{search.first.name}"],
-        }
-    )
-    best = done.loc[keys.sort_values(list(keys.columns), kind="stable").index[:MOST_TRIALS]]
-    further = [column for column in done.columns if column.startswith("param.")]
-    rigs = [run.rig_of(trial) for _, trial in best.iterrows()]
-    mounts = [[] if rig is None else _mount_words(rig) for rig in rigs]
-    most = max(map(len, mounts), default=0)
-    head = (
-        *("trial", *(objective.label for objective in search.objectives), "feasible", "seconds"),
-        *(column.removeprefix("param.") for column in further),
-        *(f"LiDAR {i}" for i in range(1, most + 1)),
-    )
-    rows = tuple(
-        (
-            str(row["number"]),
-            *(shown(objective, row[f"value.{objective.name}"]) for objective in search.objectives),
-            "yes" if row["feasible"] else "no",
-            f"{row['seconds']:.3g}",
-            *(_cell(row[column]) for column in further),
-            *(*words, *[""] * (most - len(words))),
-        )
-        for row, words in zip(best.to_dict("records"), mounts, strict=True)
-    )
-    rays = search.strided
-    caption = (
-        f"The best {len(rows)} of {len(done):,} trials by {search.first.name}, feasible first · "
-        f"{f'as searched, with {rays} · ' if rays else ''}"
-        "LiDARs as model, zone: x, y, z in m; roll, pitch, yaw in ° · all in trials.parquet"
-    )
-    words = frozenset({0, *range(len(head) - most, len(head))})
-    return Table(caption, head, rows, words=words, wide=True)
-
-
 def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
     """What every LiDAR that greedy took added, with its mount; `rays`: `SearchResult.strided`."""
     head = tuple(str(column) for column in greedy.columns)
@@ -166,15 +117,6 @@ def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> T
 def _interval_of_difference(row: Mapping[Any, Any]) -> str:
     low, high = row["difference_low"], row["difference_high"]
     return f"{span(low, high, '+.1f')}{not_significant(low, high)}"
-
-
-def _mount_words(rig: Rig) -> list[str]:
-    words = []
-    for model, zone, mount in zip(rig.models, rig.zones, rig.mounts, strict=True):
-        where = ", ".join(digits(value, "z.2f") for value in mount[:3])
-        angles = ", ".join(digits(value, "z.1f") for value in np.degrees(mount[3:]))
-        words.append(f"{model}{f', {zone}' if zone else ''}: {where}; {angles}")
-    return words
 
 
 def _cell(value: Any) -> str:

@@ -1,6 +1,5 @@
 """Placements as points with markers of their own, and labels that hide few others."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,6 @@ from tracking.figures.kit.style import OUTLINE, colour, error_bars, symbol, text
 _PLOT = (280.0, 215.0)  # pixels of the plotting area on a narrow page
 _LETTER = (6.5, 14.0)  # pixels
 _GAP = 8.0  # from the middle of a point to its label
-_APART = 17.0  # slanted labels, along the axis: 12 from line to line
 
 
 def label_places(
@@ -21,7 +19,6 @@ def label_places(
     y: NDArray[np.float64],
     labels: Sequence[str],
     bars: NDArray[np.float64] | None = None,
-    bars_across: NDArray[np.float64] | None = None,
 ) -> list[str]:
     """Plotly's `textposition` for every point, chosen one point after the other.
 
@@ -30,18 +27,13 @@ def label_places(
 
     Args:
         x, y, labels: of the points; a point with the label "" is an obstacle alone.
-        bars, bars_across: lengths of the error bars along y and x to each side, NaN or 0 for none.
+        bars: lengths of the error bars along y to each side, NaN or 0 for none.
     """
-    (left_end, across, right_end), (low, middle, high) = (
-        _ends(values, half, length)
-        for values, half, length in zip((x, y), (bars_across, bars), _PLOT, strict=True)
-    )
+    across = _pixels(x, _PLOT[0])
+    low, middle, high = _ends(y, bars, _PLOT[1])
     at = np.stack([across, middle], axis=1)
     taken = [(*(point - 5), *(point + 5)) for point in at]
     taken += [(px - 3, y0, px + 3, y1) for px, y0, y1 in zip(across, low, high, strict=True)]
-    if bars_across is not None:
-        ends = zip(left_end, middle, right_end, strict=True)
-        taken += [(x0, py - 3, x1, py + 3) for x0, py, x1 in ends]
     places = []
     for point, label in zip(at, labels, strict=True):
         width, height = _LETTER[0] * len(label), _LETTER[1]
@@ -67,49 +59,6 @@ def label_places(
         x0, y0 = boxes[best]
         taken.append((x0, y0, x0 + width, y0 + height))
     return places
-
-
-def labels_on_top(x: Sequence[float], labels: Sequence[str]) -> list[dict[str, Any]]:
-    """Plotly's annotations: slanted labels above the plot, moved apart, each led to its `x`.
-
-    For points of several series that share their places along the axis.
-    """
-    order = np.argsort(x, kind="stable")
-    at = _pixels(np.asarray(x, np.float64)[order], _PLOT[0])
-    return [
-        {
-            "x": x[i],
-            "y": 1,
-            "yref": "paper",
-            "text": labels[i],
-            "textangle": 45,
-            "xanchor": "right",
-            "yanchor": "bottom",
-            "ax": moved,
-            "ay": -12,
-            "arrowhead": 0,
-            "arrowwidth": 1,
-            "arrowcolor": OUTLINE,
-            "font": {"size": 11},
-        }
-        for i, moved in zip(order.tolist(), (apart(at, _APART) - at).tolist(), strict=True)
-    ]
-
-
-def apart(at: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """The ascending positions `at`, moved so that neighbours are `least` or more from each other.
-
-    Pushing to the right and pushing to the left both do, and so does the mean of the two.
-    """
-    steps = least * np.arange(len(at))
-    right = np.maximum.accumulate(at - steps) + steps
-    left = np.minimum.accumulate((at - steps)[::-1])[::-1] + steps
-    return np.asarray((right + left) / 2)
-
-
-def room_on_top(labels: Sequence[str]) -> int:
-    """Pixels above the plot that `labels_on_top` take."""
-    return round(24 + _LETTER[0] * max(map(len, labels), default=0) * math.sqrt(0.5))
 
 
 def _pixels(values: NDArray[np.float64], length: float) -> NDArray[np.float64]:
@@ -151,7 +100,6 @@ def add_placements(
     half: ArrayLike,
     names: Sequence[str],
     placements: Sequence[str],
-    half_across: ArrayLike | None = None,
     **trace: Any,
 ) -> None:
     """Draw a named point for each placement, its label where it hides no other.
@@ -160,20 +108,16 @@ def add_placements(
         x, y: of every point, shape (n,).
         half: of the bar up and down, shape (n,), NaN for none.
         names, placements: as of `placement_markers`.
-        half_across: of a thinner bar to the left and right.
         trace: what else the trace has.
     """
     across, up, bar = (np.asarray(values, np.float64) for values in (x, y, half))
-    bar_across = None if half_across is None else np.asarray(half_across, np.float64)
-    if bar_across is not None:
-        trace["error_x"] = error_bars(np.nan_to_num(bar_across), thickness=1, color=OUTLINE)
     plot.add_scatter(
         x=across,
         y=up,
         error_y=error_bars(np.nan_to_num(bar), thickness=1.5, color=OUTLINE),
         mode="markers+text",
         text=[text(name) for name in names],
-        textposition=label_places(across, up, names, bar, bar_across),
+        textposition=label_places(across, up, names, bar),
         textfont={"size": 11},
         cliponaxis=False,
         marker=placement_markers(names, placements),

@@ -1,4 +1,4 @@
-"""The same rows under several columns: placements by metric, pairs by detector, cases by rig."""
+"""The same rows under several columns: placements by metric, cases by rig."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,7 +7,6 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import (
-    OUTLINE,
     add_odds,
     colour,
     error_bars,
@@ -17,8 +16,6 @@ from tracking.figures.kit.style import (
     symbol,
     text,
 )
-
-MOST_ROWS = 20
 
 
 def side_by_side(
@@ -60,22 +57,4 @@ def side_by_side(
     if odds:
         add_odds(plot, odds)
     legend_below(plot)
-    return plot
-
-
-def differences_figure(differences: pd.DataFrame, title: str, axis: str) -> go.Figure:
-    """A row a pair, a colour a detector, bars for intervals; the dotted line is no difference.
-
-    The first `MOST_ROWS` pairs are drawn.
-
-    Args:
-        differences: pair, detector, difference, low, high (NaN for no interval).
-    """
-    columns = {
-        str(detector): own.set_index("pair").rename(columns={"difference": "mean"})
-        for detector, own in differences.groupby("detector", sort=False)
-    }
-    pairs = differences["pair"].drop_duplicates().tolist()
-    plot = side_by_side(columns, pairs[:MOST_ROWS], title, text(axis))
-    plot.add_vline(x=0, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
     return plot

@@ -80,11 +80,6 @@ def broken(title: str) -> str:
     return "<br>".join([SOFT_BREAK.join(lines), *rest])
 
 
-def two_lines(label: str) -> str:
-    """A label of a row that says what and where, the first " · " a break: half as wide."""
-    return label.replace(" · ", "<br>", 1)
-
-
 def figure(
     title: str, height: int, margin: dict[str, int] | None = None, **layout: Any
 ) -> go.Figure:

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from tracking.figures.kit.style import add_menu, colour, error_bars, figure, legend_below, text
 from tracking.findings.groups import by_setting, studied
@@ -12,11 +11,6 @@ from tracking.labels import digits, in_order, signed, surrogate_name
 from tracking.pages.section import SURROGATE, Column, Section, Table, numbers, slug
 from tracking.report.analysis import Analysis
 
-_PANELS = (
-    ("median_method_error", "worst_method_error", "error at the<br>same resolution"),
-    ("median_error", "worst_error", "error against the<br>fine reference"),
-    ("kendall", None, "rank agreement<br>(Kendall's τ)"),
-)
 _STYLES = {
     "bresenham, azimuth steps": (5, "square"),
     "dda, azimuth steps": (0, "circle"),
@@ -30,16 +24,16 @@ FIRST = "s_mig"
 def accuracy_section(found: Analysis) -> Section:
     """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
     run = found.run
-    section = Section("Surrogates: error against run time", columns=1, folded=True)
+    section = Section("Surrogates: error against run time", columns=2)
     if run.accuracy is None or run.accuracy.empty:
         section.notes.append("The run folder has no accuracy.parquet.")
         return section
     section.notes.append(
-        "Left: error of the method, of fewer azimuth steps and of fewer frames at one "
-        "resolution. Middle: error against the finest resolution that was computed; a coarse "
-        "grid makes beams thick and too few rays leave gaps, and the two errors can cancel. "
-        "Right: whether the placements are ranked alike. Medians over placements, bars to the "
-        "largest; hollow points have no error. The menu chooses the surrogate."
+        "Error against the finest resolution that was computed; a coarse grid makes beams thick "
+        "and too few rays leave gaps, and the two errors can cancel. The table has the error at "
+        "the same resolution, of the method, of fewer azimuth steps and of fewer frames, and "
+        "whether the placements are ranked alike. Medians over placements, bars to the largest; "
+        "hollow points have no error. The menu chooses the surrogate."
     )
     section.notes += studied(run, run.accuracy)
     for title, part in by_setting(run.accuracy, run.axes):
@@ -89,77 +83,52 @@ def _percent(error: float) -> str:
 
 
 def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
-    """Three panels over seconds; a menu chooses the surrogate.
+    """Error against the fine reference over seconds; a menu chooses the surrogate.
 
     Args:
         summary: `tracking.findings.surrogate_accuracy.summarise` for one class and one setting.
     """
-    plot = make_subplots(
-        rows=1,
-        cols=3,
-        horizontal_spacing=0.08,
-        subplot_titles=[panel[2] for panel in _PANELS],
-        figure=figure(text(title), height=440, margin={"t": 128}),
-    )
+    plot = figure(text(title), height=440, margin={"t": 104})
     names = in_order(summary["surrogate"])
     first = FIRST if FIRST in names else names[0]
     owner: list[str] = []
     for name in names:
         part = summary[summary["surrogate"] == name]
-        part = part.assign(varied=varied(part))
-        for group, rows in part.groupby("varied", sort=False):
-            for column, (middle, worst, _) in enumerate(_PANELS, start=1):
-                if column == 1 and str(group).endswith("resolution"):
-                    continue  # exact by definition
-                plot.add_trace(
-                    _line(rows, str(group), middle, worst, _floor(part, middle), column),
-                    row=1,
-                    col=column,
-                )
-                owner.append(name)
+        for group, rows in part.groupby(varied(part), sort=False):
+            plot.add_trace(_line(rows, str(group), _floor(part)))
+            owner.append(name)
     for trace, name in zip(plot.data, owner, strict=True):
         trace.visible = name == first
     labels = [surrogate_name(name) for name in names]
     changes = [({"visible": [name == other for other in owner]},) for name in names]
-    add_menu(plot, labels, changes, names.index(first), right=True, y=1.14)
-    plot.update_annotations(font={"size": 12})
+    add_menu(plot, labels, changes, names.index(first), right=True, y=1.04)
     powers = {"type": "log", "exponentformat": "power", "dtick": 1}
-    plot.update_xaxes(tickangle=0, tickfont={"size": 10}, **powers)
-    plot.update_xaxes(title="seconds a placement and class", col=2)
-    for column in (1, 2):
-        plot.update_yaxes(**powers, col=column)
-    plot.update_yaxes(range=[-1.25, 1.25], col=3)
+    plot.update_xaxes(title="seconds a placement and class", **powers)
+    plot.update_yaxes(title="relative error", **powers)
     legend_below(plot)
     return plot
 
 
-def _floor(part: pd.DataFrame, column: str) -> float:
+def _floor(part: pd.DataFrame) -> float:
     """Where an error of 0, which has no place on a logarithmic axis, is drawn (hollow)."""
-    positive = part.loc[part[column] > 0, column]
+    positive = part.loc[part["median_error"] > 0, "median_error"]
     return 10 ** np.floor(np.log10(positive.min()) - 0.5) if len(positive) else 1e-16
 
 
-def _line(
-    rows: pd.DataFrame, group: str, middle: str, worst: str | None, floor: float, column: int
-) -> go.Scatter:
+def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:
     rows = rows.sort_values("seconds")
-    value = rows[middle]
-    shown = value.clip(lower=floor) if worst else value
+    value, worst = (rows[key].clip(lower=floor) for key in ("median_error", "worst_error"))
     shade, shape = _STYLES.get(group) or _STYLES[group.rsplit(", ", 1)[1]]
+    labels = [f"{n:,}" for n in rows["azimuth_steps"]]
     if group.endswith("resolution"):
         labels = [f"{r:g} m" for r in rows["resolution"]]
     elif group.endswith("frames"):
-        # Far from each other in the first panel alone.
-        labels = [f"{n:,} frames" if column == 1 else "" for n in rows["frames"]]
-    else:
-        labels = [f"{n:,}" for n in rows["azimuth_steps"]]
-    hollow = (value == 0) if worst else pd.Series(False, index=value.index)
+        labels = [f"{n:,} frames" for n in rows["frames"]]
+    hollow = rows["median_error"] == 0
     return go.Scatter(
         x=rows["seconds"].to_numpy(),
-        y=shown.to_numpy(),
-        error_y=error_bars(rows[worst].clip(lower=floor) - shown, np.zeros(len(rows)), thickness=1)
-        if worst
-        else None,
+        y=value.to_numpy(),
+        error_y=error_bars(worst - value, np.zeros(len(rows)), thickness=1),
         mode="lines+markers+text",
         line={"color": colour(shade), "width": 1.5},
         marker={"size": 8, "symbol": [f"{shape}-open" if zero else shape for zero in hollow]},
@@ -167,9 +136,8 @@ def _line(
         textposition="top center" if shape in ("circle", "triangle-up") else "bottom center",
         textfont={"size": 10, "color": colour(shade)},
         cliponaxis=False,
-        customdata=np.stack([value, rows["pog_seconds"]], axis=1),
-        hovertemplate="%{text}<br>%{x:.3g} s, POG %{customdata[1]:.3g} s<br>%{customdata[0]:.3g}",
+        customdata=rows[["median_error", "kendall"]].to_numpy(),
+        hovertemplate="%{text}<br>%{x:.3g} s<br>error %{customdata[0]:.3g}, τ %{customdata[1]:.2f}",
         name=group,
-        legendgroup=group,
-        showlegend=column == 2,
+        showlegend=True,
     )

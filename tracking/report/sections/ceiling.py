@@ -1,41 +1,21 @@
-"""The sections of what noise leaves: a perfect surrogate's ceiling, how reliable a metric is."""
+"""What noise leaves: a perfect surrogate's ceiling, and how reliable each metric is."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.metrics import METRICS, headline_metric
+from lidarplace.base.metrics import METRICS
 from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.kitti_iou import headline_iou, judged_by_all
-from tracking.labels import detector_label, digits, metric_label, signed, span
+from tracking.kitti_iou import judged, judged_by_all
+from tracking.labels import detector_label, digits, signed
 from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
-from tracking.report.headline import class_label
 from tracking.statistics.reliability import reliability_of_mean
-
-CEILING_IN_A_LINE = (
-    "The ceiling is the ρ that a surrogate without any error is expected to reach, as AP and "
-    "recall are noisy measurements, by the training and by the objects in the test frames."
-)
-_NOTES = (
-    "Noise of a metric lowers its correlation with whatever predicts it: to the root of the "
-    "metric's reliability at best, the share of its variance between placements that is not noise "
-    "(Spearman 1904). By seeds: from the agreement of two seeds, for the mean of those that there "
-    "are. By test objects: from leaving out each route, or each individual, paired over "
-    "placements; the next column is the agreement of two halves of the test frames. "
-    "Ceiling: by both, with a 95 % interval. By luck a surrogate of few placements may exceed it.",
-    "By detectors: if a surrogate knows only what the detectors agree in, it correlates with each "
-    "by the root of their mean ρ.",
-)
-_UNKNOWN = (
-    "The ceiling is unknown: placements do not differ, or neither seeds nor test objects show the "
-    "noise."
-)
 
 
 def _ceiling(row: Mapping[Any, Any]) -> str:
@@ -47,21 +27,12 @@ def _ceiling(row: Mapping[Any, Any]) -> str:
 CEILING = Column("ceiling", _ceiling)
 
 
-def ceiling_section(found: Analysis) -> Section | None:
-    """A table with a row for every headline metric; None for a sweep without detectors."""
+def ceilings_table(found: Analysis) -> list[Table]:
+    """A row for every headline metric; [] where there is none."""
     run, ceilings = found.run, found.ceilings
-    if not has_detectors(run) or ceilings.empty:
-        return None
-    of_headline = {
-        name: (headline_metric(name), headline_iou(run.results, name))
-        for name in (*run.classes, "all")
-    }
-    shown = [
-        of_headline.get(name) == (metric, iou)
-        for name, metric, iou in zip(
-            ceilings["class"], ceilings["metric"], ceilings["iou"], strict=True
-        )
-    ]
+    if ceilings.empty:
+        return []
+    shown = [judged(ceilings, run.results, name) for name in (*run.classes, "all")]
 
     def halves(row: Mapping[Any, Any]) -> str:
         shown = digits(row["agreement_of_halves"], ".2f")
@@ -79,33 +50,18 @@ def ceiling_section(found: Analysis) -> Section | None:
         Column("two halves of the test objects agree", halves),
         numbers("by test objects", "ceiling_by_objects", ".2f"),
         CEILING,
+        numbers("ρ of two detectors", "agreement_of_detectors", ".2f"),
+        numbers("ceiling by detectors", "ceiling_by_detectors", ".2f"),
     ]
-    several = ceilings["agreement_of_detectors"].notna().any()
-    if several:
-        columns += [
-            numbers("ρ of two detectors", "agreement_of_detectors", ".2f"),
-            numbers("ceiling by detectors", "ceiling_by_detectors", ".2f"),
-        ]
-    table = Table.of(
-        "The highest ρ that is to be expected of a surrogate",
-        ceilings[shown],
-        columns,
-        name="ceilings",
-        data=ceilings,
-    )
-    return Section(
-        "What could a perfect surrogate reach?",
-        [*(_NOTES if several else _NOTES[:1]), *_span(ceilings[shown])],
-        tables=[table],
-    )
-
-
-def _span(shown: pd.DataFrame) -> list[str]:
-    """The range over the headline metrics."""
-    known = shown["ceiling"].dropna()
-    if known.empty:
-        return [_UNKNOWN]
-    return [f"Here it is {span(known.min(), known.max(), '.2f')} over the headlines."]
+    return [
+        Table.of(
+            "The highest ρ that is to be expected of a surrogate, by what is noise",
+            pd.concat(shown),
+            columns,
+            name="ceilings",
+            data=ceilings,
+        )
+    ]
 
 
 _NOTE = (
@@ -142,28 +98,7 @@ def reliability_section(found: Analysis) -> Section | None:
     table = Table.of(
         "How reliably metrics separate placements", shown, columns, name="reliability", data=rated
     )
-    notes = [_NOTE, *_most_reliable(shown)]
-    return Section("Which metric separates placements?", notes, tables=[table])
-
-
-def _most_reliable(shown: pd.DataFrame) -> Iterator[str]:
-    """Of every class the most reliable metric, and how reliable the headline's is."""
-    keys = ["class", "metric", "iou"]
-    means = shown.groupby(keys, sort=False)["reliability"].mean().dropna().reset_index()
-    for name, own in means.groupby("class", sort=False):
-        first, *others = own.sort_values("reliability", ascending=False).to_dict("records")
-        told = f"{class_label(str(name))}: {_label(first)} is most reliable, {_rated(first)}"
-        headline = [row for row in others if row["metric"] == headline_metric(str(name))]
-        told += "".join(f"; {_label(row)} has {_rated(row)}" for row in headline)
-        yield f"{told}."
-
-
-def _label(row: Mapping[Any, Any]) -> str:
-    return metric_label(row["metric"], row["iou"])
-
-
-def _rated(row: Mapping[Any, Any]) -> str:
-    return digits(row["reliability"], ".2f")
+    return Section("Which metric separates placements?", [_NOTE], tables=[table])
 
 
 def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:

@@ -1,14 +1,12 @@
 """The section of one frame as each placement sees it."""
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing.solids import corners
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.figures.kit.vehicle_lines import add_vehicle
@@ -16,99 +14,82 @@ from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
 from tracking.run_folders.arrays import Frame
+from tracking.run_folders.sweep import RunFolder
 
 MOST_CLOUDS = 12
-"""Placements in the menus: a page must stay small."""
+"""Placements in the menu: a page must stay small."""
 POINTS = 8000
 """Points kept of a placement's cloud, drawn at random."""
 _DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 
 def clouds_section(found: Analysis) -> Section | None:
-    """Two views of one frame with menus; None for a sweep without detectors: it has no clouds."""
+    """A view of one frame with a menu; None for a sweep without detectors: it has no clouds."""
     run = found.run
     if not has_detectors(run):
         return None
     section = Section("One frame, as each placement sees it", columns=2)
     shown = [name for name in found.order if run.frame is not None and name in run.frame.points]
-    shown = shown[:MOST_CLOUDS]
     if run.frame is None or not shown:
         section.notes.append("The run folder has no frame.npz.")
         return section
     if pictured(run):
         section.notes.append(f"The frame is {pictured(run)}.")
     section.notes.append(
-        "The same objects under two placements, chosen by the menus: at the start the best and the "
-        "last of the ranking. A colour is a LiDAR, outlines are the ground truth; at most "
-        "8,000 points are drawn."
+        "The menu chooses the placement, the best first. A colour is a LiDAR, outlines are the "
+        "ground truth; at most 8,000 points are drawn."
     )
-    for first in dict.fromkeys((shown[0], shown[-1])):
-        section.figures.append(
-            point_clouds(
-                run.frame, run.roi, run.sweep.body, shown, first, colours=run.sweep.colours
-            )
-        )
+    section.figures.append(point_clouds(run, run.frame, shown[:MOST_CLOUDS]))
     return section
 
 
-def point_clouds(
-    frame: Frame,
-    roi: Roi,
-    vehicle: Vehicle | None,
-    placements: Sequence[str],
-    first: str,
-    colours: Mapping[str, str] = MappingProxyType({}),
-) -> go.Figure:
-    """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
-
-    Args:
-        placements: those in the menu, keys of `frame.points`.
-        first: the one shown at the start.
-        colours: of outlines, by class; grey by default.
-    """
+def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.Figure:
+    """The first of `placements` at the start; outlines are the ground truth."""
+    roi, first = run.roi, placements[0]
     shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
     plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
-    owner: list[str] = []
     for name in placements:
         points, lidar = _thinned(frame, roi, name)
-        for mount in np.unique(frame.lidar[name]):
-            own = points[lidar == mount]
-            plot.add_scattergl(
-                x=own[:, 0],
-                y=own[:, 1],
-                mode="markers",
-                marker={"size": 2.5, "color": lidar_colour(int(mount))},
-                name=f"LiDAR {mount}",
-                visible=name == first,
-                hoverinfo="skip",
-            )
-            owner.append(name)
+        plot.add_scattergl(
+            x=points[:, 0],
+            y=points[:, 1],
+            mode="markers",
+            marker={
+                "size": 2.5,
+                "color": lidar,
+                "cmin": -0.5,
+                "cmax": 7.5,
+                "colorscale": [
+                    (edge / 8, lidar_colour(i)) for i in range(8) for edge in (i, i + 1)
+                ],
+            },
+            visible=name == first,
+            showlegend=False,
+            hoverinfo="skip",
+        )
     for object_class in dict.fromkeys(frame.labels.tolist()):
         x, y = _outlines(frame.boxes[frame.labels == object_class])
+        shade, dash = (
+            run.sweep.colours.get(object_class, OUTLINE),
+            _DASHES.get(object_class, "dash"),
+        )
         plot.add_scatter(
             x=x,
             y=y,
             mode="lines",
-            line={
-                "color": colours.get(object_class, OUTLINE),
-                "width": 1.5,
-                "dash": _DASHES.get(object_class, "dash"),
-            },
+            line={"color": shade, "width": 1.5, "dash": dash},
             name=text(object_class),
+            showlegend=True,
             hoverinfo="skip",
         )
-        owner.append("")
-    add_vehicle(plot, vehicle, roi)
-    owner.append("")
-    plot.update_layout(
-        margin={"t": 96}, legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"}
-    )
+    add_vehicle(plot, run.sweep.body, roi)
+    plot.update_layout(margin={"t": 96}, legend={"orientation": "h", "y": -0.25})
+    always = [True] * (len(plot.data) - len(placements))
     changes = [
-        ({"visible": [who in ("", name) for who in owner]}, {"title.text": text(name)})
+        ({"visible": [one == name for one in placements] + always}, {"title.text": text(name)})
         for name in placements
     ]
-    active = list(placements).index(first)
-    add_menu(plot, [text(name) for name in placements], changes, active, y=1.06)
+    add_menu(plot, [text(name) for name in placements], changes, y=1.06)
     return plot
 
 

@@ -1,6 +1,6 @@
-"""The section of surrogates against AP and recall, over placements."""
+"""Surrogates against AP and recall, over placements: figures and all coefficients."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,6 @@ import plotly.graph_objects as go
 
 from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import add_menu, broken, figure, text
-from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
@@ -21,60 +20,32 @@ from tracking.labels import (
     surrogate_label,
     surrogate_name,
 )
-from tracking.pages.section import METRIC, SURROGATE, Section, Table, coefficient, numbers, words
+from tracking.pages.section import METRIC, SURROGATE, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
-from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
+from tracking.report.sections.ceiling import CEILING
 
 MOST_COEFFICIENTS = 300
 """Rows of the table of all coefficients that the page shows."""
 
 
-def correlation_section(found: Analysis) -> Section | None:
-    """A point a placement, for every group and class; None for a sweep without detectors."""
-    run, correlations, means = found.run, found.correlations, found.means
-    if not has_detectors(run):
-        return None
-    tested = int(correlations["pairs_tested"].iloc[0]) if len(correlations) else 0
-    section = Section(
-        "Did the surrogates predict AP and recall?",
-        [
-            "A point is a placement, its bar a 95 % interval of the mean over seeds, for comparing "
-            "it with the others: thick bars of the first section. ρ is "
-            "Spearman's, with its 95 % interval over placements and seeds and its permutation "
-            "p-value, both sides; r is Pearson's, τ Kendall's. The range is that of ρ without one "
-            "placement in turn. No sign is assumed.",
-            f"{tested} pairs of a surrogate and a metric were tested: about {0.05 * tested:.0f} "
-            "would have p < 0.05 by chance alone if none were related. Within a class, IG and "
-            "residual entropy order placements as S-MIG does, and covered entropy the other way "
-            "round: they are one test, not four.",
-            CEILING_IN_A_LINE,
-        ],
-        folded=True,
-    )
-    if run.promotions is not None and len(run.promotions):
-        section.notes.append(
-            "Only placements that were promoted were trained in full. A surrogate that chose them "
-            "varies less among them than among all: its coefficient here is not that over all."
-        )
+def scatters(found: Analysis) -> Iterator[go.Figure]:
+    """A point a placement, for every group and class."""
+    run = found.run
     keys = [*group_columns(run.axes), "surrogate"]
     left_out = found.errors[[*keys, "spearman_min", "spearman_max"]]
-    tested_and_left_out = correlations.merge(left_out, on=keys, how="left")
+    tested_and_left_out = found.correlations.merge(left_out, on=keys, how="left")
     summed = with_sums(found.surrogates, run.axes)
-    order = list(run.placements)
     for group in found.groups:
         for name in (*run.classes, "all"):
             own, tests = (
-                judged(group.of(part), run.results, name) for part in (means, tested_and_left_out)
+                judged(group.of(part), run.results, name)
+                for part in (found.means, tested_and_left_out)
             )
-            title = text(group.label(class_label(name)))
-            if not (tests["n"] > 0).any():
-                continue
-            predictors = surrogates_of(summed, group.place, name)
-            section.figures.append(scatter(own, predictors, tests, title, order))
-    if len(correlations):
-        section.tables.append(correlation_table(correlations, run.axes).first(MOST_COEFFICIENTS))
-    return section
+            if (tests["n"] > 0).any():
+                title = text(group.label(class_label(name)))
+                predictors = surrogates_of(summed, group.place, name)
+                yield scatter(own, predictors, tests, title, list(run.placements))
 
 
 def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:

@@ -1,14 +1,12 @@
 """The sections of objects: how many there are, and a metric of each placement by where they are."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.summary import seed_means
@@ -69,9 +67,6 @@ SECTOR = ["sector", "from_deg", "to_deg"]
 """Columns that distinguish sectors."""
 RING = ["from_m", "to_m"]
 """Columns that distinguish rings."""
-
-
-_SPREAD = 0.35  # of a bin's width, over which the markers of placements are set apart
 
 
 @dataclass(frozen=True)
@@ -145,33 +140,20 @@ def by_sector_section(found: Analysis) -> Section | None:
     run = found.run
     if run.sector is None or run.sector.empty:
         return None
-    section = Section("Objects by their direction", columns=2)
+    section = Section("Objects by their direction")
     section.notes.append(
         "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
-        "centre. Recall: means over seeds with 95 % intervals, which do not include the "
-        "sampling of objects in a sector."
+        "centre. Recall: means over seeds ± standard deviation."
     )
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
-        _add(section, *in_sectors(rows), "Recall", "by direction", label, list(run.placements))
+        section.tables.append(_metric_table(*in_sectors(rows), "Recall", "by direction", label))
     return section
 
 
-def _add(
-    section: Section,
-    own: pd.DataFrame,
-    bins: Bins,
-    what: str,
-    by: str,
-    label: str,
-    placements: Sequence[str],
-) -> None:
-    """A figure and a table of means over seeds by bin."""
+def _metric_table(own: pd.DataFrame, bins: Bins, what: str, by: str, label: str) -> Table:
+    """Means over seeds by bin."""
     metric = f"{metric_label(own['metric'].iloc[0], own['iou'].iloc[0])} (%)"
-    drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
-    heading = f"{what} {by} · {text(label)}"
-    section.figures.append(by_bin(drawn, bins, heading, metric, placements))
-    caption = f"{metric} {by} · {label}"
-    section.tables.append(binned_table(own, bins, caption, slug(what, by, label)))
+    return binned_table(own, bins, f"{metric} {by} · {label}", slug(what, by, label))
 
 
 def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
@@ -186,27 +168,22 @@ def by_distance_section(found: Analysis) -> Section | None:
     run = found.run
     if not has_detectors(run):
         return None
-    section = Section("Objects by their distance", columns=2)
+    section = Section("Objects by their distance")
     if run.points is None or run.points.empty or run.distance is None:
         section.notes.append("The run folder has no points.parquet and distance.parquet.")
         return section
     section.notes.append(
         "Test frames; distance is from the origin of the ego frame to the centre of the object. "
-        "Points: the mean over objects, those without any included. AP: means over seeds with 95 % "
-        "intervals, which do not include the sampling of objects in a ring; with n below "
-        "41 of them even a perfect detector has (n - 1) / 40."
+        "Points: the mean over objects, those without any included. AP: means over seeds ± "
+        "standard deviation; with n below 41 objects even a perfect detector has (n - 1) / 40."
     )
-    names = list(run.placements)
     for title, part in by_setting(run.points, run.axes):
         for name, rows in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
             own, rings = in_rings(rows)
-            drawn = own.assign(value=own["mean"], low=np.nan, high=np.nan)
-            heading = f"Points per object · {text(label)}"
-            section.figures.append(by_bin(drawn, rings, heading, "points per object", names, True))
             section.tables.append(_points_table(own, rings, label))
     for label, rows in means_by_bin(run, found.groups, run.distance, RING, HEADLINE_METRIC):
-        _add(section, *in_rings(rows), "AP", "by distance", label, names)
+        section.tables.append(_metric_table(*in_rings(rows), "AP", "by distance", label))
     return section
 
 
@@ -241,57 +218,3 @@ def _points_table(own: pd.DataFrame, rings: Bins, label: str) -> Table:
         name=slug("points per object", label),
         data=data.rename(columns={"mean": "points_mean", "median": "points_median"}),
     )
-
-
-def by_bin(
-    table: pd.DataFrame,
-    bins: Bins,
-    title: str,
-    axis: str,
-    placements: Sequence[str],
-    log: bool = False,
-) -> go.Figure:
-    """A line a placement, its colour that of the whole page; bars are intervals.
-
-    Args:
-        table: placement, bin, value, number of `objects`, and `low` and `high`, missing where there
-            is no interval.
-        axis: what `value` is, with its unit.
-        log: a logarithmic axis; zeros are not drawn.
-    """
-    plot = figure(title, height=400)
-    number = {name: i for i, name in enumerate(bins.names)}
-    shown = [name for name in placements if name in set(table["placement"])]
-    for place, name in enumerate(shown):
-        own = table[table["placement"] == name].sort_values("bin", key=lambda of: of.map(number))
-        offset = _SPREAD * ((place + 0.5) / len(shown) - 0.5)
-        rank = placements.index(name)
-        value = own["value"].to_numpy(np.float64)
-        plot.add_scatter(
-            x=own["bin"].map(number) + offset,
-            y=value,
-            error_y=error_bars(own["high"] - value, value - own["low"], thickness=1, width=2)
-            if own["low"].notna().any()
-            else None,
-            mode="lines+markers",
-            line={"color": colour(rank), "width": 1.5},
-            marker={"size": 6, "symbol": symbol(rank)},
-            name=text(name),
-            customdata=own["bin"] + bins.unit,
-            text=[f"{count:,}" for count in own["objects"]],
-            hovertemplate=f"{text(name)}<br>%{{customdata}}, %{{text}} objects<br>"
-            "%{y:.4g}<extra></extra>",
-        )
-    plot.update_xaxes(
-        title=bins.of,
-        tickvals=list(range(len(bins.names))),
-        ticktext=bins.names,
-        range=[-0.5, len(bins.names) - 0.5],
-    )
-    plot.update_yaxes(title=axis)
-    if log:
-        # Whole numbers: plotly's own are single digits between powers of ten.
-        ticks = [digit * 10.0**power for power in range(-2, 7) for digit in (1, 2, 5)]
-        plot.update_yaxes(type="log", tickvals=ticks, ticktext=[f"{tick:,g}" for tick in ticks])
-    plot.update_layout(legend={"orientation": "h", "y": -0.2})
-    return plot

@@ -5,11 +5,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.style import figure, text
-from tracking.figures.of_sweeps.heat_map import add_coefficients
 from tracking.findings.groups import Group, has_detectors, met, verdicts
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
@@ -24,7 +21,16 @@ from tracking.labels import (
     surrogate_label,
     surrogate_name,
 )
-from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
+from tracking.pages.section import (
+    MOST_ROWS,
+    SURROGATE,
+    Column,
+    Section,
+    Table,
+    numbers,
+    slug,
+    words,
+)
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
@@ -144,37 +150,30 @@ def agreement_section(found: Analysis) -> Section | None:
     run = found.run
     if has_detectors(run):
         return None
-    section = Section(
-        "Do the surrogates agree?", ["Spearman's ρ between surrogates, over all placements."]
-    )
+    section = Section("Do the surrogates agree?", ["Spearman's ρ, over all placements."])
     sums = with_sums(run.surrogates, run.axes)
     names = (*run.classes, "all") if len(run.classes) > 1 else run.classes
     for group in found.groups:
         for name in names:
-            title = text(group.label("Sum of the classes" if name == "all" else name))
-            plot = surrogate_agreement(surrogates_of(sums, group.setting, name), title)
-            if plot is not None:
-                section.figures.append(plot)
-    if not section.figures:
+            title = group.label("Sum of the classes" if name == "all" else name)
+            section.tables += surrogate_agreement(surrogates_of(sums, group.setting, name), title)
+    if not section.tables:
         section.notes = ["Fewer than 3 placements: no rank agreement."]
     return section
 
 
-def surrogate_agreement(surrogates: pd.DataFrame, title: str) -> go.Figure | None:
-    """Do the surrogates rank the placements alike? Surrogates as rows and columns.
+def surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
+    """Surrogates as rows and columns; [] for fewer than 3 placements, or fewer than 2 that vary.
 
     Args:
         surrogates: placements as rows, surrogates as columns (`surrogates_of`).
-
-    Returns:
-        None for fewer than 3 placements, or fewer than 2 surrogates that vary over them.
     """
     own = surrogates[in_order(surrogates.columns)].dropna(axis="columns", how="all")
     own = own.loc[:, own.nunique() > 1]
     if len(own) < 3 or own.shape[1] < 2:
-        return None
+        return []
     rho = own.corr("spearman")
-    names = [surrogate_name(str(name)) for name in rho.columns]
-    plot = figure(title, height=132 + 30 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
-    add_coefficients(plot, rho, names, names, rho.map(signed))
-    return plot
+    columns = [numbers(surrogate_name(name), name, signed) for name in rho.columns]
+    rows = rho.rename_axis("surrogate").rename_axis(columns=None).reset_index()
+    name = slug("agreement", title)
+    return [Table.of(title, rows, [SURROGATE, *columns], wide=True, name=name)]

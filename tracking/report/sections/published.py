@@ -1,21 +1,26 @@
 """The section of the paper's published results next to those of the sweep."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, replace
 
+import numpy as np
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.base.metrics import headline_metric
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.heat_map import heat_map
-from tracking.figures.of_sweeps.published import against_own, published_scatter
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import by_setting
-from tracking.findings.paired import with_sums
-from tracking.labels import digits, in_order, metric_label, number, setting_label, surrogate_label
+from tracking.findings.surrogate_accuracy import rank_agreement
+from tracking.labels import (
+    digits,
+    in_order,
+    metric_label,
+    number,
+    setting_label,
+    signed,
+    surrogate_label,
+)
 from tracking.pages.section import METRIC, Section, Table, numbers, words
 from tracking.published import TABLES, published_detection, published_surrogates
 from tracking.report.analysis import Analysis
@@ -42,48 +47,18 @@ def published_section(found: Analysis) -> Section | None:
     published = _of_run(run)
     if published["placement"].nunique() < 2:
         return None
-    section = Section("The paper's published results", [_HOW_TO_READ], columns=2, folded=True)
-    surrogates = with_sums(run.surrogates, run.axes)
+    section = Section("The paper's published results", [_HOW_TO_READ])
     tests = []
-    for title, part in by_setting(surrogates, run.axes):
-        end = f" · {text(title)}" if title else ""
-        single = part[part["class"] != "all"]
-        correlations = correlate(published, single)
-        correlations = correlations[correlations["n"] > 0]
-        tests.append(correlations.assign(setting=title))
-        for name in (*run.classes, "all"):
-            own = published[(published["class"] == name) & _is_headline(published)]
-            of_class = correlations[
-                (correlations["class"] == name)
-                & correlations["surrogate"].isin(HEADLINE_SURROGATES)
-            ]
-            if own.empty or of_class.empty:
-                continue
-            heading = f"{text(class_label(name))}{end}"
-            values = part[part["class"] == name].pivot(
-                index="placement", columns="surrogate", values="value"
-            )
-            of_headline = correlations[(correlations["class"] == name) & _is_headline(correlations)]
-            plot = published_scatter(own, values, of_headline, f"Published · {heading}")
-            section.figures += [plot] if plot is not None else []
-            labels = [
-                f"{row['detector']} · {metric_label(row['metric'], row['iou'])}"
-                for row in of_class.to_dict("records")
-            ]
-            plot = heat_map(of_class, labels, f"ρ of the published · {heading}")
-            section.figures += [plot] if plot is not None else []
+    for title, part in by_setting(run.surrogates, run.axes):
+        correlations = correlate(published, part)
+        tests.append(correlations[correlations["n"] > 0].assign(setting=title))
     pairs = _beside_own(published, found.means, run)
-    for name in (*run.classes, "all"):
-        own = pairs[(pairs["class"] == name) & _is_headline(pairs)]
-        if len(own):
-            label = metric_label(own.iloc[0]["metric"], own.iloc[0]["iou"])
-            heading = text(class_label(name))
-            section.figures.append(against_own(own, f"{heading} · {label}", list(run.placements)))
     if len(pairs):
         section.notes.append(
             "Own results are next to those of the same network; the paper's training data, "
             "scale and clouds differ, so compare the order, not the level."
         )
+        section.notes += _orders(pairs)
         section.tables.append(_beside_table(pairs))
     section.tables.append(_published_table(published))
     everything = pd.concat(tests)
@@ -124,12 +99,17 @@ def _of_run(run: RunFolder) -> pd.DataFrame:
     return table.assign(placement=table["placement"].map(names), seed=0, difficulty="all")
 
 
-def _is_headline(table: pd.DataFrame) -> pd.Series:
-    return (table["metric"] == HEADLINE_METRIC) | (
-        (table["metric"] == headline_metric("all"))
-        & (table["class"] == "all")
-        & (table["iou"] == 0.5)
-    )
+def _orders(pairs: pd.DataFrame) -> Iterator[str]:
+    """How alike own and published headlines rank the placements, a sentence for each."""
+    own = pairs[pairs["metric"] == pairs["class"].map(headline_metric)]
+    for _, part in own.groupby(["class", "metric", "iou", "series"], sort=False):
+        name, metric, iou, series = part.iloc[0][["class", "metric", "iou", "series"]]
+        rho = rank_agreement(part["mean"], part["value"])[0]
+        if np.isfinite(rho):
+            yield (
+                f"{class_label(name)}, {metric_label(metric, iou)}, {series}: Spearman's ρ of own "
+                f"and published results is {signed(rho)} over {len(part)} placements."
+            )
 
 
 def _network(detector: str) -> str:
@@ -197,25 +177,12 @@ def _published_table(published: pd.DataFrame) -> Table:
 
 _CLASS = "Car"
 """The one class of which the paper printed surrogates of three placements, or densities."""
-_OVER = {"placements": "five placements", "densities": "Square at three densities"}
 _KEYS = ["class", "metric", "iou", "detector"]
 
 
 def add_published_surrogates(section: Section) -> None:
-    """Add a figure over placements, one over densities of Square, and the coefficients of both."""
-    results, surrogates = _printed_both()
-    correlations = correlate(results, surrogates, ["over"])
-    shown = (correlations["metric"] == HEADLINE_METRIC) & correlations["spearman"].notna()
-    for over, title in _OVER.items():
-        own = results[(results["over"] == over) & (results["metric"] == HEADLINE_METRIC)]
-        values = surrogates[surrogates["over"] == over].pivot(
-            index="placement", columns="surrogate", values="value"
-        )
-        tests = correlations[shown & (correlations["over"] == over)]
-        own = own[own["detector"].isin(tests["detector"])]
-        heading = f"The paper's own surrogates · {_CLASS}, {title}"
-        plot = published_scatter(own, values, tests, heading)
-        section.figures += [plot] if plot is not None else []
+    """Add the coefficients over placements, and over densities of Square."""
+    correlations = correlate(*_printed_both(), ["over"])
     section.notes.append(
         f"The paper's own surrogates, those of its traffic, are printed for {_CLASS}: S-MIG of "
         "five placements, and S-MIG, H_POG and IG of Square at three densities. Of three points "

@@ -1,4 +1,4 @@
-"""The section of what it costs to take the placement that a surrogate says is best."""
+"""What it costs to take the placement that a surrogate says is best."""
 
 import numpy as np
 import pandas as pd
@@ -11,28 +11,19 @@ from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
-from tracking.pages.section import METRIC, SURROGATE, Section, Table, in_points, numbers, words
+from tracking.pages.section import METRIC, SURROGATE, Table, in_points, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.statistics.posterior import expected_regret
 
 MOST_CHOICES = 100
 """Rows that the page shows."""
-_NOTE = (
-    "Points lost by choosing the placement that a surrogate ranks first. Below the highest "
-    "mean: as measured, which is too large on average, because the highest mean is partly the "
-    "luckiest. Expected regret: below the truly best placement, over what seeds and test "
-    "objects leave open (the posterior by which the first section says how likely each "
-    "placement is to be the best), with 95 %. A useful surrogate loses less than a random "
-    "placement."
-)
 
 
-def regret_section(found: Analysis) -> Section | None:
-    """A table for all groups and classes; None where there is no choice or no surrogate."""
-    table = regret_table(found)
+def regret_table(found: Analysis) -> list[Table]:
+    """What is lost, of all groups and classes; [] where there is no choice or no surrogate."""
+    table = regrets_of_all(found)
     if table.empty:
-        return None
-
+        return []
     columns = [
         words("class"),
         *([words("detector", "group")] if table["group"].nunique() > 1 else []),
@@ -44,16 +35,16 @@ def regret_section(found: Analysis) -> Section | None:
         in_points("expected regret (points)", ("regret", "low", "high"), "z.1f"),
     ]
     shown = Table.of(
-        "What the choice of each surrogate loses",
+        "Regret: what the choice of each surrogate loses",
         table,
         columns,
         name="regret",
         units=dict.fromkeys(("behind", "regret", "low", "high"), "points"),
-    ).first(MOST_CHOICES)
-    return Section("What does it cost to follow a surrogate?", [_NOTE], tables=[shown])
+    )
+    return [shown.first(MOST_CHOICES)]
 
 
-def regret_table(found: Analysis) -> pd.DataFrame:
+def regrets_of_all(found: Analysis) -> pd.DataFrame:
     """`regrets` of every group and class in rows, with class, group, its place, metric and IoU.
 
     Where no placement is better than another nothing can be lost.

@@ -1,14 +1,11 @@
 """The section of the sampling error of the POG."""
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import pandas as pd
-import plotly.graph_objects as go
 
 from lidarplace.pog.surrogates.sampling_error import NORMAL_95
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
-from tracking.figures.kit.style import add_menu, colour, error_bars, figure, text
 from tracking.findings.groups import by_setting, studied
 from tracking.labels import in_order, number, surrogate_label, surrogate_name, surrogate_unit
 from tracking.pages.section import Section, Table, numbers, slug, words
@@ -21,7 +18,7 @@ MOST_INTERVALS = 20
 def sampling_error_section(found: Analysis) -> Section:
     """How much the surrogates would change with other frames."""
     run = found.run
-    section = Section("Surrogates: sampling error of the POG", columns=2)
+    section = Section("Surrogates: sampling error of the POG")
     tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
     missing = [name for name, table in tables.items() if table is None or table.empty]
     if run.sampling_error is None or run.pog_resamples is None or missing:
@@ -53,9 +50,6 @@ def sampling_error_section(found: Analysis) -> Section:
         for name, own in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
             section.notes += separation_sentences(pairs[pairs["class"] == name], label)
-            section.figures.append(
-                intervals(own, label, [name for name in run.placements if name in shown])
-            )
             section.tables.append(sampling_error_table(own, label))
     return section
 
@@ -89,56 +83,6 @@ def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
         name=slug("sampling error", title),
         data=estimates.assign(unit=units),
     )
-
-
-def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) -> go.Figure:
-    """A row a placement: its interval, and the value of the log as a hollow point.
-
-    Args:
-        estimates: of one class: placement, surrogate, value, low, high.
-        placements: in the order from top to bottom.
-    """
-    plot = figure(text(title), height=120 + 34 * len(placements), margin={"t": 72})
-    names = in_order(estimates["surrogate"])
-    first = "expected_ig" if "expected_ig" in names else names[0]
-    for name in names:
-        own = estimates[estimates["surrogate"] == name].set_index("placement")
-        own = own.reindex([p for p in placements if p in own.index])
-        middle = (own["low"] + own["high"]) / 2
-        labels = [text(placement) for placement in own.index]
-        plot.add_scatter(
-            x=middle.to_numpy(),
-            y=labels,
-            error_x=error_bars(own["high"] - middle, thickness=2),
-            mode="markers",
-            marker={"size": 9, "color": colour(0)},
-            name="estimate, bias taken off",
-            visible=name == first,
-            hovertemplate="%{y}: %{x:,.5g}<extra></extra>",
-        )
-        plot.add_scatter(
-            x=own["value"].to_numpy(),
-            y=labels,
-            mode="markers",
-            marker={"size": 9, "color": colour(5), "symbol": "diamond-open"},
-            name="value of this log",
-            visible=name == first,
-            hovertemplate="%{y}: %{x:,.5g}<extra></extra>",
-        )
-    plot.update_layout(
-        xaxis_title=surrogate_label(first), legend={"orientation": "h", "y": 1, "yanchor": "bottom"}
-    )
-    changes = [
-        (
-            {"visible": [name == other for other in names for _ in range(2)]},
-            {"xaxis.title.text": surrogate_label(name)},
-        )
-        for name in names
-    ]
-    labels = [surrogate_name(name) for name in names]
-    add_menu(plot, labels, changes, names.index(first), right=True, y=1.02)
-    plot.update_yaxes(autorange="reversed")
-    return plot
 
 
 PAIR_COLUMNS = ("class", "surrogate", "placement", "other", "difference", "low", "high")

@@ -11,18 +11,11 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import RANKING
-from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.side_by_side import differences_figure
-from tracking.figures.kit.style import text
 from tracking.findings.groups import Group
-from tracking.findings.paired import with_sums
-from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label, points, surrogate_name
-from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
+from tracking.pages.section import METRIC, Section, Table, in_points, numbers, words
 from tracking.report.analysis import Analysis
-from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 ANGLES = ("roll", "pitch")
@@ -30,14 +23,13 @@ _DIGITS = 6  # a micrometre, a microradian
 
 
 def tilts_section(found: Analysis) -> Section | None:
-    """What tilting LiDARs did to AP, recall and the surrogates; None without such a pair."""
+    """What tilting LiDARs did to AP and recall; None without such a pair."""
     run = found.run
     pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
     differences = _differences(run, found.groups, found.means, pairs)
     if differences.empty:
         return None
-    one = differences["pair"].nunique() == 1
-    section = Section("Ablation: roll and pitch", columns=2, folded=one)
+    section = Section("Ablation: roll and pitch")
     section.notes.append(
         "Pairs of placements that differ in the roll, or in the pitch, of some LiDARs and in "
         "nothing else. Differences are tilted less upright, with 95 % intervals; each pair "
@@ -45,10 +37,6 @@ def tilts_section(found: Analysis) -> Section | None:
     )
     if differences["low"].isna().any():
         section.notes.append("A pair with one seed each has no interval.")
-    for _, own in differences.groupby(["class", "metric", "iou"], sort=False):
-        first = own.iloc[0]
-        title, label = text(class_label(first["class"])), metric_label(*first[["metric", "iou"]])
-        section.figures.append(differences_figure(own, f"{title} · {label}", f"{label}: points"))
     section.tables.append(_table(differences))
     return section
 
@@ -57,14 +45,12 @@ def _differences(
     run: RunFolder, found: list[Group], means: pd.DataFrame, pairs: list[TiltPair]
 ) -> pd.DataFrame:
     """A row for every pair, group, class and metric that both placements have."""
-    surrogates = with_sums(run.surrogates, run.axes)
     rows = []
     for name in (*run.classes, "all"):
         for metric in RANKING:
             for group in found:
                 own = judged(group.of(means), run.results, name, metric)
                 own = own[own["seeds"] > 0].set_index("placement")
-                values = surrogates_of(surrogates, group.setting, name)
                 for pair in pairs:
                     if {pair.upright, pair.tilted} <= {*own.index}:
                         rows.append(
@@ -76,7 +62,6 @@ def _differences(
                                 "metric": metric,
                                 "iou": own["iou"].iloc[0],
                                 **_difference(own, pair),
-                                **_changes(values, pair),
                             }
                         )
     return pd.DataFrame(rows)
@@ -96,18 +81,7 @@ def _difference(means: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
     }
 
 
-def _changes(values: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
-    """Change of every surrogate, percent of its magnitude for the upright placement."""
-    if not {pair.upright, pair.tilted} <= {*values.index}:
-        return {}
-    before, after = values.loc[pair.upright], values.loc[pair.tilted]
-    changes = (100 * (after - before) / before.abs()).dropna()
-    known = changes[changes.index.isin(HEADLINE_SURROGATES)]
-    return dict(zip(map(str, known.index), known.to_numpy(), strict=True))
-
-
 def _table(differences: pd.DataFrame) -> Table:
-    known = [name for name in HEADLINE_SURROGATES if name in differences]
     columns = [
         words("angle"),
         words("pair"),
@@ -116,27 +90,18 @@ def _table(differences: pd.DataFrame) -> Table:
         METRIC,
         numbers("upright (%)", "upright", ".1f"),
         numbers("tilted (%)", "tilted", ".1f"),
-        Column(
-            "difference (points)",
-            lambda row: _with_interval(row["difference"], row["low"], row["high"]),
-        ),
-        *(numbers(f"{surrogate_name(name)} (% change)", name, points) for name in known),
+        in_points("difference (points)", ("difference", "low", "high"), "+z.1f"),
     ]
     units = dict.fromkeys(("upright", "tilted"), "%")
     units |= dict.fromkeys(("difference", "low", "high"), "points")
-    units |= dict.fromkeys(known, "% change")
     return Table.of(
-        "Tilted less upright, 95 % intervals in brackets; S-MIG is negative, so a fall is minus",
+        "Tilted less upright, 95 % intervals in brackets",
         differences,
         columns,
         wide=True,
         name="roll-and-pitch",
         units=units,
     )
-
-
-def _with_interval(value: float, low: float, high: float) -> str:
-    return points(value) if np.isnan(low) else f"{points(value)} [{points(low)}, {points(high)}]"
 
 
 class TiltPair(NamedTuple):

@@ -1,0 +1,134 @@
+"""The section of sensitivity: how much the placement moves AP and recall of each detector."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from lidarplace.base.metrics import headline_metric
+from tracking.kitti_iou import judged_by_all
+from tracking.labels import detector_label, metric_label
+from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
+from tracking.report.analysis import Analysis
+from tracking.report.headline import class_label
+from tracking.run_folders.sweep import RunFolder
+
+
+def sensitivity_section(found: Analysis) -> Section | None:
+    """The spread over placements of each metric; None for fewer than two with results."""
+    run, means = found.run, found.means
+    if run.results.empty or run.results["placement"].nunique() < 2:
+        return None
+    section = Section("Does the placement matter?")
+    section.notes.append(
+        "Sensitivity is the spread between the best and the worst placement. The spread by seeds "
+        "alone is that of equal placements in one sweep of twenty: a smaller spread shows no "
+        "influence of the placement. A relative spread is over the mean."
+    )
+    spreads = sensitivity(means, run.axes)
+    for name in (*run.classes, "all"):
+        own = judged_by_all(spreads, run.results, name)
+        section.notes += _most_sensitive(name, own, run.axes)
+    section.tables.append(_sensitivity_table(spreads, run))
+    return section
+
+
+def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str]) -> list[str]:
+    """Where the placement moves 3D AP, or recall, most, relative to its mean."""
+    own = spreads[(spreads["metric"] == headline_metric(object_class))]
+    own = own[own["relative"].notna()]
+    if own.empty:
+        return []
+    row = own.sort_values("relative").iloc[-1]
+    name = class_label(object_class)
+    settings = own[list(axes)].drop_duplicates()
+    kinds = "detectors" if len(settings) == 1 else "detectors and settings"
+    title = detector_label(axes, row.to_dict())
+    who = f" of {title}, the most of {len(own)} {kinds}," if len(own) > 1 else ""
+    verdict = (
+        "one seed, so it is not known how much of it is chance"
+        if np.isnan(row["by_chance"])
+        else f"seeds alone make up to {row['by_chance']:.1f}"
+    )
+    return [
+        f"{name}: {metric_label(row['metric'], row['iou'])}{who} varies by "
+        f"{row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
+        f"between {row['worst']} and {row['best']} "
+        f"({verdict})."
+    ]
+
+
+def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
+    columns = [
+        words("class"),
+        words("detector"),
+        *(words(axis.rsplit(".", 1)[-1], axis) for axis in run.axes),
+        METRIC,
+        numbers("n", "n", ""),
+        words("best"),
+        words("worst"),
+        numbers("mean (%)", "mean", ".1f"),
+        numbers("spread (points)", "spread", ".1f"),
+        numbers("by seeds alone (points)", "by_chance", ".1f"),
+        Column(
+            "spread / mean",
+            lambda row: "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
+        ),
+    ]
+    return Table.of(
+        "Sensitivity to the placement",
+        spreads,
+        columns,
+        wide=True,
+        name="sensitivity",
+        units={"mean": "%", "spread": "points", "by_chance": "points"},
+    )
+
+
+CHANCE = 0.95
+"""Share of sweeps of equal placements whose spread stays below `by_chance`."""
+
+
+def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+    """The spread between the best and the worst placement.
+
+    Args:
+        means: `tracking.findings.summary.seed_means`.
+
+    Returns:
+        One row per (class, detector, axes, metric, iou, difficulty) with at least two placements:
+        `n` placements, the `best` and the `worst`, the `mean` over placements (percent), `spread`
+        (best less worst, points), `relative` (spread / mean), and `by_chance`: what seeds alone
+        would make of placements that are equal, in points, the 95 % quantile of the studentized
+        range. NaN with one seed each.
+    """
+    keys = ["class", "detector", *axes, "metric", "iou", "difficulty"]
+    columns = [*keys, "n", "best", "worst", "mean", "spread", "relative", "by_chance"]
+    rows = []
+    known = means[means["seeds"] > 0]
+    for key, own in known.groupby(keys, dropna=False, sort=False):
+        if len(own) < 2:
+            continue
+        values = own.set_index("placement")["mean"]
+        spread, mean = float(values.max() - values.min()), float(values.mean())
+        relative = spread / mean if mean > 0 else np.nan
+        best, worst = values.idxmax(), values.idxmin()
+        rows.append((*key, len(own), best, worst, mean, spread, relative, _by_chance(own)))
+    return pd.DataFrame(rows, columns=columns)
+
+
+@lru_cache(maxsize=256)
+def _quantile(placements: int, freedom: int) -> float:
+    return float(stats.studentized_range.ppf(CHANCE, placements, freedom))
+
+
+def _by_chance(own: pd.DataFrame) -> float:
+    freedom = own["seeds"] - 1
+    if freedom.sum() < 1:
+        return np.nan
+    pooled = float(np.sqrt((freedom * own["sd"].fillna(0) ** 2).sum() / freedom.sum()))
+    # Unequal numbers of seeds: Kramer's harmonic mean.
+    seeds = stats.hmean(own["seeds"])
+    return float(_quantile(len(own), int(freedom.sum())) * pooled / np.sqrt(seeds))
