@@ -83,16 +83,14 @@ class Page(HTMLParser):
         return " ".join(self.words)
 
 
-@pytest.fixture(scope="module")
-def built(made_up_run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("report") / "grid"
-    shutil.copytree(made_up_run, folder)
-    return build_report(folder)
+@pytest.fixture
+def built(reported_run) -> Path:
+    return reported_run / "report.html"
 
 
 @pytest.fixture(scope="module")
-def page(built) -> Page:
-    return Page(built.read_text(encoding="utf-8"))
+def page(reported_run) -> Page:
+    return Page((reported_run / "report.html").read_text(encoding="utf-8"))
 
 
 def test_every_placement_is_in_tables_maps_clouds_and_curves(page):

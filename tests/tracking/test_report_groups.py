@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
+from made_up_run import NAMES, report_of, write_run
 
 from tracking.findings.correlation import correlate
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
 from tracking.report.sections.density import density_section
 from tracking.report.sections.detectors import detectors_section
 from tracking.report.sections.predictors import MOST_SENTENCES, counted, predictors_section
@@ -66,7 +65,7 @@ def test_it_is_counted_in_how_many_cases_nothing_could_be_shown(run):
 def test_more_verdicts_than_cards_keep_their_finding_on_the_first_screen(tmp_path):
     both, three = ("second", "pointpillars"), (40, 80, 120)
     folder = write_run(tmp_path / "run", NAMES[:3], (1,), detectors=both, densities=three)
-    page = build_report(folder).read_text(encoding="utf-8")
+    page = report_of(folder, "predictors", "correlation").read_text(encoding="utf-8")
     first = page[: page.index("<nav")]
     assert '<div class="card">' not in first
     assert "of 18 cases" in first
