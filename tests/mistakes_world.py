@@ -27,18 +27,23 @@ from tests.tracking.made_up_search import write_search
 MODULES = """
 lidarplace.base.ranges lidarplace.clouds.cloud_files lidarplace.clouds.clouds
 lidarplace.clouds.collect lidarplace.clouds.recorded lidarplace.configuration.correction
-lidarplace.configuration.yaml lidarplace.detections.read lidarplace.logs.box_log
-lidarplace.mounting.errors lidarplace.mounting.mesh lidarplace.mounting.near_field
-lidarplace.mounting.polygon lidarplace.mounting.vehicle lidarplace.mounting.zone
-lidarplace.pog.occupancy.entropy lidarplace.pog.surrogates.evaluate
+lidarplace.configuration.further_sensors lidarplace.configuration.yaml lidarplace.detections.read
+lidarplace.logs.box_log lidarplace.mounting.errors lidarplace.mounting.mesh
+lidarplace.mounting.near_field lidarplace.mounting.polygon lidarplace.mounting.vehicle
+lidarplace.mounting.zone lidarplace.pog.occupancy.entropy
+lidarplace.pog.surrogates.error_against_time lidarplace.pog.surrogates.evaluate
 lidarplace.pog.surrogates.formulas lidarplace.pog.surrogates.sampling_error
-lidarplace.recall.detection_curve lidarplace.rigs.recorded lidarplace.rigs.scan_pattern
+lidarplace.recall.detection_curve lidarplace.requirements.area lidarplace.requirements.layout
+lidarplace.requirements.presets.read lidarplace.requirements.requirement
+lidarplace.rig_files.formats lidarplace.rigs.recorded lidarplace.rigs.scan_pattern
 lidarplace.rigs.weather lidarplace.scenes.datasets.argoverse lidarplace.scenes.datasets.nuscenes
 lidarplace.scenes.datasets.tabular lidarplace.scenes.datasets.waymo lidarplace.scenes.kitti.read
 lidarplace.scenes.kitti.velodyne lidarplace.scenes.sumo.record lidarplace.scenes.sumo.settings
-lidarplace.studio.rigs_file tests.lidarplace.test_detections tests.test_own_detector
-tracking.run_folders.search tracking.run_folders.sweep tracking.run_folders.sweep_tables
-tracking.statistics.power training training.detectors.contract training.ops.sparse_conv
+lidarplace.studio.rigs_file tests.lidarplace.test_detections
+tests.test_own_detector tracking.run_folders.search tracking.run_folders.sweep
+tracking.run_folders.sweep_json tracking.run_folders.sweep_tables
+tracking.findings.best_placement tracking.statistics.power training training.detectors.contract
+training.ops.sparse_conv
 """
 CAR = {"frame": 3, "class": "Car", "x": 9.0, "y": 1.0, "z": 0.8} | {
     "length": 4.5, "width": 1.8, "height": 1.6, "yaw": 0.1

@@ -12,7 +12,6 @@ from lidarplace.coverage import coverage
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle
 
-CAR = Vehicle.car()
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 NEAR = Roi((-3.6, 3.6), (-1.6, 1.6), (0.0, 1.6), 0.4)
 ALL_ROUND = Lidar(tuple(np.radians(np.linspace(-90, 90, 181))), azimuth_steps=3600)
