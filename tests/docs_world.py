@@ -66,6 +66,18 @@ SEARCH = {
 
 LABELS, MAPPING = "examples/labels/labels.csv", "examples/labels/map.yaml"
 
+SWEPT = ("run", "grid.yaml")
+GRANTED = {
+    **dict.fromkeys(("status grid", "clean grid", "runs/grid", 'names=["grid"'), SWEPT),
+    "--forget": (*SWEPT, "--set", "name=old", "--set", "detector=null"),
+    "runs/search": ("search", "examples/search.yaml"),
+    "logs/sumo-1": ("record", "examples/grid.yaml", "logs"),
+    "=base.pt": ("pretrain", "grid.yaml", "--out", "base.pt"),
+    "data/kitti": ("export", "small", "data/kitti", "--placement", "line"),
+    "labels/sweep.yaml": ("convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
+}
+"""What has run before, by a word of the command or the block."""
+
 GENERALIST = SWEEP | {
     "generalist": {"rigs": 2, "rigs_per_frame": 1, "epochs": 1},
     "grid": {"placement": ["line", "center"], "judge": ["generalist", "specialist"]},
@@ -78,8 +90,16 @@ def run(verb: str, *arguments: str) -> Result:
     return CliRunner().invoke(app_of(verb), list(arguments), catch_exceptions=False)
 
 
+def prepare(text: str) -> None:
+    """Run what a command or a block takes for granted, once."""
+    for word, (verb, *arguments) in GRANTED.items():
+        if word in text:
+            result = run(verb, *arguments)
+            assert result.exit_code == 0, f"{verb} {arguments}: {result.output}"
+
+
 def make_world(folder: Path) -> None:
-    """Write the files, and run what the commands of the docs take for granted."""
+    """Write the files."""
     os.chdir(folder)
     (folder / "examples").mkdir()
     for name, content in (
@@ -118,17 +138,6 @@ def make_world(folder: Path) -> None:
     (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(own))
     _tables(folder)
     _data_sets(folder / "data")
-    for verb, *arguments in (
-        ("run", "grid.yaml"),
-        ("run", "grid.yaml", "--set", "name=old", "--set", "detector=null"),
-        ("search", "examples/search.yaml"),
-        ("record", "examples/grid.yaml", "logs"),
-        ("pretrain", "grid.yaml", "--out", "base.pt"),
-        ("export", "small", "data/kitti", "--placement", "line"),
-        ("convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
-    ):
-        result = run(verb, *arguments)
-        assert result.exit_code == 0, f"{verb} {arguments}: {result.output}"
 
 
 def _block(page: str, start: str) -> str:

@@ -18,7 +18,7 @@ from sweeps.plan.plan import read_plan
 from sweeps.store.open import reference
 from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
 from tests.docs_verbs import app_of, check_options
-from tests.docs_world import make_world, run
+from tests.docs_world import make_world, prepare, run
 
 NOT_RUN = {
     "make ": "sets up an environment; starts servers",
@@ -94,6 +94,7 @@ RUN = [
     for command in commands()
     if listed(command.text) is None
 ]
+PYTHON = blocks("python")
 LOOKED_UP = [c for c in commands() if listed(c.text)] + commands_in_text()
 
 
@@ -105,6 +106,7 @@ def test_runs(command, world):
     program, verb, *arguments = words
     assert program == "lidarplace", f"{command.text}: neither runs nor is listed"
     arguments = [PLACEHOLDERS.get(argument, argument) for argument in arguments]
+    prepare(" ".join([verb, *arguments]))
     if "--forget" in arguments:  # the name ends in a hash of the output folder
         sweep, _ = read_plan(world / "grid.yaml", ["name=old"])
         arguments[-1] = reference(sweep)
@@ -235,8 +237,15 @@ def check(kind: str, content: dict, path: Path) -> None:
     readers[kind](path)
 
 
-@pytest.mark.parametrize("block", blocks("python"), ids=str)
+TRAINED = pytest.mark.long  # the block reads what two sweeps have logged
+
+
+@pytest.mark.parametrize(
+    "block",
+    [pytest.param(b, id=str(b), marks=TRAINED if "names=[" in b.text else ()) for b in PYTHON],
+)
 def test_python(block, world, monkeypatch):
+    prepare(block.text)
     exec(block.text, {})
 
 

@@ -1,8 +1,8 @@
 """Mistakes in settings and in data, and the line that each prints: `tests/data/messages.txt`.
 
 A new case is a line in that file with a line below it; `<<< NAME: TEXT` behind a command writes a
-file before it runs. This writes the words of all anew:
-`NEW_MESSAGES=1 python -m pytest -n 0 tests/test_mistakes.py`.
+file before it runs; behind `python` stands an expression of tests/mistakes_world.py. This writes
+the words of all anew: `NEW_MESSAGES=1 python -m pytest -n 0 tests/test_mistakes.py`.
 """
 
 import json
@@ -19,6 +19,7 @@ from sweeps.command_line import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from tests.docs_blocks import ROOT
+from tests.mistakes_world import names
 from tests.sweeps.search_files import write_search
 from tests.sweeps.small_log import write_small_log
 from tests.sweeps.test_requirements_command import small
@@ -48,7 +49,7 @@ def check(case: str, line: str) -> None:
     assert known[case] == line
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def world(tmp_path, monkeypatch) -> Path:
     """A folder with the examples and a small log."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
@@ -93,7 +94,7 @@ def test_requirements(changes, world):
 
 
 @pytest.mark.parametrize("pair", cases("--set "))
-def test_settings(pair):
+def test_settings(pair, world):
     verb, file = ("search", SEARCH) if pair.startswith("search.") else ("run", GRID)
     line = line_of(verb, file, "--dry-run", "--set", pair)
     check(f"--set {pair}", line.removeprefix(f"{file}: "))
@@ -121,3 +122,11 @@ def test_commands(case, world):
     before = sorted(world.rglob("*"))
     check(f"lidarplace {case}", line_of(*shlex.split(command)))
     assert sorted(world.rglob("*")) == before, "nothing is written"
+
+
+@pytest.mark.parametrize("call", cases("python "))
+def test_python(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        eval(call, dict(names()))
+    check(f"python {call}", str(error.value))

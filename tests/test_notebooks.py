@@ -35,6 +35,7 @@ def test_it_is_committed_without_outputs(name):
         assert (cell["outputs"], cell["execution_count"]) == ([], None)
 
 
+@pytest.mark.long  # traffic, clouds and a sweep of its own process
 def test_the_quick_start_is_what_a_sweep_computes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = run("quickstart.ipynb")

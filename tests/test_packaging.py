@@ -166,9 +166,6 @@ def bare(tmp_path_factory):
     return run
 
 
-VERB = "from sweeps.command_line import app; app(prog_name='lidarplace')"
-
-
 def test_every_verb_has_help_in_every_installation(bare):
     done = bare("""
 from typer.testing import CliRunner

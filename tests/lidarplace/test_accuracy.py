@@ -86,16 +86,3 @@ def test_values_that_are_scaled_mean_the_same_at_every_resolution():
         layer = shape[0] * shape[1]  # what a level beam covers
         assert layer * np.log(2) * scale("s_mig", resolution) == pytest.approx(16 * np.log(2))
     assert scale("m_sog", 0.1) == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frame_shares": (0.0,)}, "share of the frames must be within"),
-        ({"azimuth_steps": (0,)}, "azimuth steps must be at least 1, found 0"),
-        ({"resolutions": (0.3,)}, "no multiple of the resolution"),
-    ],
-)
-def test_mistakes(options, message):
-    with pytest.raises(ValueError, match=message):
-        accuracy(boxes(), FRAMES, ROI, ["Car"], [PLACEMENT], **options)

@@ -80,6 +80,14 @@ def test_range_and_least_range():
         assert blind_lidars(rig, far, NOTHING) == ([] if sees else [0])
 
 
+@pytest.mark.parametrize(("start", "floor", "sees"), [(1.9, 0, 1), (2.1, 0, 0), (1.4, 0.5, 0)])
+def test_a_ray_needs_no_room_above_the_ground(start, floor, sees):
+    """It enters the ROI a tenth of a metre before its end, the ground or another floor."""
+    down = one(Lidar((math.radians(-45),), azimuth_steps=1), z=2.0)
+    roi = Roi((start, start + 4), (-2, 2), (floor, 4), 0.5)
+    assert blind_lidars(down, roi, NOTHING) == [0] * (1 - sees)
+
+
 def test_a_pattern_sees_what_any_of_its_frames_does():
     up, down = math.radians(80), math.radians(-30)
     pattern = ScanPattern(np.zeros(6), np.array([up, up, up, up, down, up]), 2)

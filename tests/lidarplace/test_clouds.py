@@ -99,21 +99,3 @@ def test_index_out_of_range():
     for index in (-1, 1):
         with pytest.raises(IndexError, match=r"outside 0\.\.0"):
             clouds[index]
-
-
-@pytest.mark.parametrize(
-    "bad", [(-1, 0, 0, 0.5), (66, 0, 0, 0.5), (1, np.nan, 0, 0.5), (1, 0, 0, 1.5)]
-)
-def test_a_point_that_does_not_fit_is_named(bad):
-    points = random_points(0, 5)
-    points[3] = bad
-    with pytest.raises(ValueError, match=r"point 3 of a cloud must lie between \[0\.0, -20\.0"):
-        PointClouds.from_frames([0], [(points, [5])], CROP)
-
-
-def test_numbers_that_do_not_fit_together():
-    points = random_points(0, 5)
-    with pytest.raises(ValueError, match="5 points, but 4 of the LiDARs together"):
-        PointClouds.from_frames([0], [(points, [1, 3])], CROP)
-    with pytest.raises(ValueError, match="2 frame numbers for 1 clouds"):
-        PointClouds.from_frames([0, 1], [(points, [5])], CROP)

@@ -336,16 +336,9 @@ def test_two_thousand_objects():
 
 def test_wrong_input_is_named():
     placement = Placement("a", [Mount(z=2.2)], LIDAR)
-    with pytest.raises(ValueError, match="crop needs x0 < x1"):
-        collect(log(), [0], placement, (40.0, -20.0, 0.0, 0.0, 20.0, 4.0))
     bad = log().boxes.assign(x=lambda t: t["x"].where(t.index != 3))
     with refused(("row 3", "x", "")):
         collect(BoxLog(bad, log().frames), [0], placement, CROP)
-    many = Placement("many", [Mount(x=i * 0.001, z=2.2) for i in range(257)], LIDAR)
-    with pytest.raises(ValueError, match="at most 256 LiDARs, found 257"):
-        collect(log(), [0], many, CROP)
-    with pytest.raises(ValueError, match="frame 99 is not in the box log"):
-        collect(log(), [0, 99], placement, CROP)
     with pytest.raises(ValueError, match="frame 0 needs a finite pose"):
         collect(with_building((100.0, math.nan, 0.0)), [0], placement, CROP)
     no_pose = with_building((0.0, 0.0, 0.0))

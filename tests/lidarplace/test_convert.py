@@ -196,23 +196,3 @@ def test_a_table_with_counts_a_rig_and_uneven_ground(tmp_path):
     assert "underside more than 0.3 m off the ground: 1 boxes before, 0 after" in result.stdout
     assert "rig: unknown, so these points are compared with no simulation" in result.stdout
     assert read_box_log(tmp_path / "log").boxes["z"].tolist() == [0.75, 0.75]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--ground", "flat"), "--ground flat: expected one of keep, level"),
-        (("--lidar", "vlp16"), "--lidar: is the model of a rig; --rig names its file"),
-        (("--clouds", "in", "--ground", "level"), "moves boxes away from the real points"),
-        (("--clouds", "in"), "in: no cloud of any frame; expected files named by frame numbers"),
-        (("--rig", "none.yaml"), "none.yaml"),
-    ],
-)
-def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, options, message):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "boxes.csv"
-    path.write_text("frame,class,x,y,z,length,width,height,yaw\n1,Car,9,0,1,4,2,1.5,0\n")
-    result = convert("table", path, "log", "--frames", 1, *options)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1

@@ -318,61 +318,6 @@ def test_settings_take_it_beside_their_file(tmp_path):
         write_carla(tmp_path / "objects.json", [own])
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("factor: {Car: -1}", r"c.yaml: factor.Car: found -1;"),
-        ("factor: {all: 1}", "c.yaml: factor.all: "),
-        ("factr: {}", "c.yaml: factr: unknown key"),
-        ("distance: 0", "c.yaml: distance: found 0;"),
-        ("distance: .inf", "c.yaml: distance: found inf;"),
-        ("distance: 5e-324", "distance must be finite and at least 1e-300 m"),
-        ("[1]", r"c.yaml: found \[1\];"),
-        (
-            "lidars: {a: {mask: {azimuth_deg: 5, shares: [1]}}}",
-            "lidars.a.mask: .*expected 72 .*found 1",
-        ),
-        ("lidars: {a: {mask: {azimuth_deg: 360, shares: [0]}}}", "lidars.a.mask: all shares are 0"),
-        (
-            "lidars: {a: {mask: {azimuth_deg: 180, shares: [0, 2]}}}",
-            r"mask.shares\[0\]\[1\]: found 2",
-        ),
-        (
-            "lidars: {a: {mask: {azimuth_deg: 360, elevation_deg: [3], shares: [1]}}}",
-            "lidars.a.mask: expected 2 rows",
-        ),
-        (
-            "lidars: {a: {mask: {azimuth_deg: 360, elevation_deg: [3, 2], shares: [[1],[1],[1]]}}}",
-            "elevations between rows must rise",
-        ),
-        ("lidars: {a: {elevations_deg: [1, 2]}}", "unit a: expected 16 beams .* found 2"),
-        ("lidars: {b: {}}", "unit: no LiDAR model 'a'.*expected one of b"),
-        (None, "c.yaml: No such file"),
-    ],
-)
-def test_a_bad_file_is_one_line(tmp_path, text, told):
-    path = tmp_path / "c.yaml"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(ValueError, match=told) as caught:
-        LIDAR.corrected(read_correction(path), unit="a")
-    assert "\n" not in str(caught.value)
-    with pytest.raises(ValueError, match="correction: "):
-        SensorSettings(correction=str(path), unit="a")
-
-
-@pytest.mark.parametrize(
-    ("keys", "told"),
-    [
-        ({"correction": "av2_flet"}, "correction: no correction is called 'av2_flet'.*a FILE.yaml"),
-        ({"unit": "up"}, "unit: needs correction"),
-    ],
-)
-def test_bad_keys_of_a_lidar_are_one_line(keys, told):
-    with pytest.raises(ValueError, match=told):
-        SensorSettings(**keys)
-
-
 def test_keys_of_results_have_the_content_not_the_path(tmp_path):
     def text(name: str, content: str) -> str:
         (tmp_path / name).write_text(content)

@@ -37,13 +37,6 @@ def test_pairs_of_counts_and_rays(table, monkeypatch):
         assert dict(zip(pairs, found.voxels.tolist(), strict=True)) == expected
 
 
-def test_rays_of_another_grid():
-    grid = grid_of(np.ones(TALL.shape), TALL)
-    for shape in ((4, 6, 69), (4, 5, 70)):
-        with pytest.raises(ValueError, match=r"do not fit a grid of shape \(4, 6, 70\)"):
-            Crossings.of_grid(grid, np.ones(shape, np.int32))
-
-
 def test_nothing_is_occupied():
     grid = grid_of(np.zeros(TALL.shape), TALL)
     assert len(Crossings.of_grid(grid, np.ones(TALL.shape, np.int32)).voxels) == 0

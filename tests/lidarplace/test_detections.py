@@ -226,45 +226,10 @@ GOOD = {"frame": [3, 4], "class": "Car", **dict.fromkeys(GEOMETRY, 1.0), "score"
 
 
 @pytest.mark.parametrize(
-    ("columns", "told"),
-    [
-        (
-            {"frame": [3, 99]},
-            "row 1: unknown frame; expected a frame of the log, such as 29, found 99",
-        ),
-        ({"class": ["Car", "Lorry"]}, "row 1: unknown category 'Lorry'; name its class"),
-        ({"x": [1.0, np.nan]}, "row 1: x: invalid value; expected a finite number, found nan"),
-        (
-            {"score": ["high", "0.5"]},
-            "row 0: score: invalid value; expected a finite number, found",
-        ),
-        ({"width": [0.0, 1.0]}, "row 0: width: invalid value; expected more than 0 m, found 0"),
-        ({"yaw": [0.0, 90.0]}, "row 1: yaw: invalid value; expected radians, at most two turns"),
-        ({"source": ["drive 3", "drive 99"]}, "row 1: unknown frame"),
-    ],
-)
-def test_wrong_rows_of_a_table(columns, told, tmp_path):
-    path = tmp_path / "found.parquet"
-    pd.DataFrame(GOOD | columns).to_parquet(path)
-    with pytest.raises(InputError) as caught:
-        read_detections([path], log_of("parquet"), CLASSES)
-    assert str(caught.value).startswith(f"{path}: {told}")
-
-
-@pytest.mark.parametrize(
     ("name", "text", "told"),
     [
-        ("000000.txt", "Car 1 2 3\n", "line 1: expected 16 fields, found 4"),
-        ("000000.txt", f"Car {'1 ' * 14}nan\n", "line 1: expected finite numbers"),
-        ("000000.txt", f"Lorry {'1 ' * 15}\n", "line 1: unknown type 'Lorry'"),
-        ("000077.txt", "", "unknown frame; expected a frame of the log, such as"),
-        ("found.json", "[]", 'no detections; expected {"results": {SAMPLE: [BOX]}}'),
-        ("found.json", '{"results": {"1": []}}', "sample 1: unknown frame"),
-        ("found.json", '{"results": {"000000": [1]}}', "token 000000: box 0: translation, size"),
         ("found.parquet", "no table", "is no Parquet file"),
         ("found.feather", "no table", "no Feather file"),
-        ("found.csv", "", "unknown layout; expected .txt, .json, .feather, .parquet"),
-        ("found.pkl", "", "a pickle can run code, so none is read; one of OpenPCDet becomes"),
     ],
 )
 def test_wrong_files(name, text, told, tmp_path):

@@ -45,20 +45,3 @@ def test_shares_of_frames_against_mpmath(frames, count):
         )
     np.testing.assert_array_max_ulp(binary_entropy(p, rest), np.float64(expected), maxulp=4)
     assert binary_entropy(p, rest) == binary_entropy(rest, p)
-
-
-@pytest.mark.parametrize(
-    ("p", "rest"),
-    [
-        (math.nan, 0.5),
-        (0.5, math.nan),
-        (-1e-300, 1.0),
-        (1.5, -0.5),
-        (math.inf, -math.inf),
-        (0.25, 0.25),
-        (3, 400),
-    ],
-)
-def test_what_is_no_probability(p, rest):
-    with pytest.raises(ValueError, match=r"within \[0, 1\] and add up to 1, found "):
-        binary_entropy([0.5, p], [0.5, rest])

@@ -297,14 +297,3 @@ def test_what_the_catalogue_holds_can_be_built_and_has_a_source():
 def test_cameras_and_radars_that_cannot_be(kind, keys, told):
     with pytest.raises(ValueError, match=told):
         kind(z=1.0, **keys)
-
-
-def test_a_sensor_of_which_it_is_not_known_what_it_sees():
-    with pytest.raises(
-        ValueError, match=r"^cameras\[0\]: field of view: unknown; expected model, or"
-    ):
-        sensors_of(CameraSettings(z=1.0))
-    with pytest.raises(ValueError, match=r"radars\[0\]: .*azimuth_deg, elevation_deg and range$"):
-        sensors_of(RadarSettings(z=1.0, range=30.0))
-    with pytest.raises(ValueError, match=r"cameras\[1\].name: duplicate name 'a'; rename one"):
-        sensors_of(camera(name="a"), camera(name="a"))

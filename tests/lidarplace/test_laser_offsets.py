@@ -118,14 +118,6 @@ def test_blocks_are_runs_of_beams():
     assert [round(mount.y, 12) for mount, *_ in found] == [-0.1, -0.2, -0.1]
 
 
-@pytest.mark.parametrize(
-    ("offsets", "told"), [((0.1,), "expected one for each of 5 beams, found 1"), ((2.0,) * 5, "±1")]
-)
-def test_wrong_offsets_are_one_line(offsets, told):
-    with pytest.raises(ValueError, match=told):
-        replace(LIDAR, offsets=offsets)
-
-
 def test_settings_have_offsets():
     own = SensorSettings(elevations_deg=(-2.0, 1.0), offsets_m=(0.1, 0.2)).lidar()
     assert own.offsets == (0.1, 0.2)

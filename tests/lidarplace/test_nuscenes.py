@@ -1,6 +1,5 @@
 """nuScenes: tables in the public layout, poses by hand and by matrices, errors that name a row."""
 
-import json
 import math
 from collections import Counter
 
@@ -177,8 +176,6 @@ def test_classes(tmp_path):
     assert ignored == {name: 1 for name, value in NUSCENES.items() if value == IGNORE}
     own = read_nuscenes(folder, class_map={"vehicle.bus.rigid": "Car", "vehicle.truck": IGNORE})
     assert own.boxes["class"].value_counts()[list(CLASSES)].tolist() == [3, 3, 4]
-    with pytest.raises(ValueError, match=r"class map: vehicle\.car: a class has a name of .*'a b'"):
-        read_nuscenes(folder, class_map={"vehicle.car": "a b"})
 
 
 def test_own_names(tmp_path):
@@ -201,125 +198,11 @@ def test_versions(tmp_path):
     assert len(read_nuscenes(tmp_path, version="v1.0-trainval").frames) == 8
     with pytest.raises(ValueError, match=r"found v1\.0-mini, v1\.0-trainval; name a version"):
         read_nuscenes(tmp_path)
-    with pytest.raises(ValueError, match=r"v1\.0-test: must hold scene\.json .* found none"):
-        read_nuscenes(tmp_path, version="v1.0-test")
-
-
-def one_car(tmp_path):
-    scenes = [Scene("scene-0001", [Sample(START, [Box("vehicle.car", (9.0, 0.0, 1.0))])])]
-    return write_nuscenes(tmp_path / "v1.0-mini", scenes, CATEGORIES)
-
-
-def change(folder, table, **values):
-    """Set values of the first row of a table; its token."""
-    path = folder / f"{table}.json"
-    rows = json.loads(path.read_text())
-    rows[0] |= values
-    path.write_text(json.dumps(rows))
-    return rows[0]["token"]
-
-
-@pytest.mark.parametrize(
-    ("table", "values", "message"),
-    [
-        ("sample_annotation", {"sample_token": "x"}, "sample_token 'x' is not in sample.json"),
-        ("sample_annotation", {"instance_token": None}, "instance_token must be text, found None"),
-        ("sample_annotation", {"size": [1.0, -2.0, 1.0]}, r"at least 0, found \[1.0, -2.0, 1.0\]"),
-        ("sample_annotation", {"size": [1.0, 2.0]}, r"size must be 3 finite .* found \[1.0, 2.0\]"),
-        ("sample_annotation", {"translation": [1.0, math.nan, 0.0]}, "3 finite .*, found .*nan"),
-        ("sample_annotation", {"size": [True, 2.0, 1.0]}, r"3 finite .* found \[True, 2.0, 1.0\]"),
-        ("sample", {"timestamp": True}, "timestamp must be a finite number, found True"),
-        ("sample_annotation", {"translation": "here"}, "3 finite numbers, found 'here'"),
-        ("sample_annotation", {"rotation": [0, 0, 0, 0]}, "quaternion of length 0"),
-        ("sample", {"timestamp": None}, "timestamp must be a finite number, found None"),
-        ("sample", {"scene_token": "y"}, "scene_token 'y' is not in scene.json"),
-        ("instance", {"category_token": "z"}, "category_token 'z' is not in category.json"),
-        ("sample_data", {"calibrated_sensor_token": "c"}, "'c' is not in calibrated_sensor.json"),
-    ],
-)
-def test_a_wrong_value_names_table_and_token(tmp_path, table, values, message):
-    folder = one_car(tmp_path)
-    token = change(folder, table, **values)
-    with pytest.raises(ValueError, match=rf"{table}\.json: token {token}: .*{message}"):
-        read_nuscenes(folder)
-
-
-def test_wrong_tables(tmp_path):
-    folder = write_nuscenes(tmp_path / "v1.0-mini", town(2), CATEGORIES)
-
-    def fails(message, **arguments):
-        with pytest.raises(ValueError, match=message):
-            read_nuscenes(folder, **arguments)
-
-    fails("scene.json: test scene 'scene-9999' is not there", test_scenes=["scene-9999"])
-    fails("within 0 and 1, found 2", test_scenes=2)
-    path = folder / "category.json"
-    kept = path.read_text()
-    path.write_text(kept.replace("vehicle.car", "vehicle.spaceship"))
-    fails(r"sample_annotation\.json: token \w+: unknown category 'vehicle\.spaceship'")
-    path.write_text(kept.replace('"name"', '"nom"'))
-    fails(r"category\.json: row 0: no column name; found \['token', 'nom', 'description'\]")
-    path.write_text(kept + "]")
-    fails(rf"category\.json: line {len(kept.splitlines())}: no JSON: Extra data")
-    path.write_text('{"name": 1, "token": 2}')
-    fails(r"category\.json: must be a JSON list of objects")
-    path.write_text("[3]")
-    fails(r"category\.json: must be a JSON list of objects")
-    path.write_bytes(b'["\xff"]')
-    fails(r"category\.json: no JSON: byte 2 is not UTF-8")
-    path.unlink()
-    fails(r"category\.json: no such file")
-    path.write_text(kept)
-    path = folder / "sample.json"
-    rows = json.loads(path.read_text())
-    path.write_text(json.dumps([*rows, rows[0]]))
-    fails(rf"sample\.json: token {rows[0]['token']}: is there twice")
-    path.write_text(json.dumps(rows))
-    path = folder / "ego_pose.json"
-    kept = path.read_text()
-    path.write_text(json.dumps([row | {"rotation": [1, 0, 0]} for row in json.loads(kept)]))
-    fails(r"ego_pose\.json: token \w+: rotation must be 4 finite numbers, found \[1, 0, 0\]")
-    path.write_text(kept)
-    path = folder / "sample_data.json"
-    rows = [row for row in json.loads(path.read_text()) if "LIDAR" not in row["filename"]]
-    path.write_text(json.dumps(rows))
-    fails(r"sample\.json: token \w+: must have one key frame of LIDAR_TOP in .*, found 0")
 
 
 def test_the_public_test_set_has_no_boxes(tmp_path):
     folder = write_nuscenes(tmp_path / "v1.0-test", [Scene("scene-1", [Sample(START)])], CATEGORIES)
     with pytest.raises(ValueError, match=r"sample_annotation\.json: has no boxes"):
-        read_nuscenes(folder)
-
-
-@pytest.mark.parametrize(
-    ("table", "rows", "message"),
-    [
-        ("scene", 7, "must be a JSON list of objects"),
-        ("scene", {"token": "a"}, "must be a JSON list of objects"),
-        ("sample", [[]], "must be a JSON list of objects"),
-        ("sample", ["a"], "must be a JSON list of objects"),
-        ("scene", [{"token": ["a"], "name": "b", "log_token": "c"}], "row 0: token must be text"),
-        ("scene", [{"token": "a", "name": {}, "log_token": "c"}], "row 0: name must be no object"),
-        ("scene", [{"token": "a", "name": 1, "log_token": "c"}], "token a: name must be text"),
-        ("category", [{"token": "a", "name": None}], "token a: name must be text, found None"),
-        ("sensor", [{"token": "a", "channel": ["LIDAR_TOP"]}], "token a: channel must be text"),
-    ],
-)
-def test_a_table_of_another_shape_is_named(tmp_path, table, rows, message):
-    folder = one_car(tmp_path)
-    (folder / f"{table}.json").write_text(json.dumps(rows))
-    with pytest.raises(ValueError, match=rf"{table}\.json: .*{message}"):
-        read_nuscenes(folder)
-
-
-def test_brackets_without_end_are_named(tmp_path):
-    folder = one_car(tmp_path)
-    (folder / "log.json").write_text("[" * 100_000)
-    (folder / "sample.json").write_text("[" * 100_000)
-    with pytest.raises(
-        ValueError, match=r"sample\.json: no JSON that can be read: it is nested too"
-    ):
         read_nuscenes(folder)
 
 

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import coverage
@@ -37,24 +36,6 @@ def test_paper_lidar():
     np.testing.assert_allclose(np.linalg.norm(lidar.directions(), axis=1), 1.0)
 
 
-def test_two_lidars_in_one_place():
-    with pytest.raises(ValueError, match="LiDARs 0 and 1 are both at"):
-        Placement("twins", [Mount(z=2.0), Mount(z=2.0, roll=0.1)], lidar=Lidar.paper())
-
-
-def test_bad_sensors():
-    with pytest.raises(ValueError, match="no LiDAR"):
-        Placement("none", [], lidar=Lidar.paper())
-    with pytest.raises(ValueError, match="finite"):
-        Mount(x=float("nan"))
-    with pytest.raises(ValueError, match="pi/2"):
-        Lidar((2.0,), azimuth_steps=10)
-    with pytest.raises(ValueError, match="azimuth_steps"):
-        Lidar((0.0,), azimuth_steps=0)
-    with pytest.raises(ValueError, match="drop_off"):
-        Lidar((0.0,), azimuth_steps=1, drop_off=1.0)
-
-
 def test_every_mount_may_have_a_model_of_its_own():
     few, many = Lidar((0.0,), 10), Lidar((-0.1, 0.1), 20)
     mounts = [Mount(z=1), Mount(z=2)]
@@ -65,8 +46,6 @@ def test_every_mount_may_have_a_model_of_its_own():
     assert alike == Placement("mixed", mounts, lidar=few)
     assert alike.lidars == (few, few)
     assert mixed.with_lidar(few) == alike
-    with pytest.raises(ValueError, match=r"one for each of 2 mounts, found 1"):
-        Placement("mixed", mounts, lidar=[few])
 
 
 def test_a_mixed_rig_covers_what_its_lidars_cover_alone():

@@ -10,17 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import lidarplace
-from lidarplace import (
-    PAPER_PLACEMENTS,
-    Lidar,
-    Mount,
-    OccupancyGrid,
-    Placement,
-    Roi,
-    compare,
-    evaluate,
-    evaluate_classes,
-)
+from lidarplace import PAPER_PLACEMENTS, Mount, OccupancyGrid, Placement, Roi, compare, evaluate
 from lidarplace.base.number_text import point
 from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.logs.box_log import BoxLog, write_box_log
@@ -48,6 +38,7 @@ def grid():
 def test_a_mount_in_degrees(position, angles):
     mount = Mount.degrees(*position, *angles)
     assert mount == Mount(*position, *np.radians(angles))
+    Mount(yaw=2 * math.pi)
     again = eval(repr(mount), {"Mount": Mount})
     np.testing.assert_allclose(again.position, mount.position, rtol=1e-5, atol=1e-300)
     np.testing.assert_allclose(again.rotation, mount.rotation, atol=1e-4)
@@ -116,60 +107,11 @@ def test_placements_side_by_side(grid):
             assert table.loc[rig.name, name] == getattr(own, name)
     assert {"s_mig", "covered_entropy", "expected_ig"} <= set(table.columns)
     assert "expected_points" not in table  # nobody asked for it
-    with pytest.raises(ValueError, match="found 'line' twice"):
-        compare([LINE, LINE], grid)
 
 
 def test_the_public_names_and_no_others():
     assert set(dir(lidarplace)) == set(lidarplace.__all__)
     assert all(hasattr(lidarplace, name) for name in dir(lidarplace))
-
-
-@pytest.mark.parametrize(
-    ("mistake", "told"),
-    [
-        (lambda: OccupancyGrid.from_boxes(boxes(), ROI, "car", 8), r"'car' \(did you mean Car\?\)"),
-        (lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Tram", 8), "'Tram'; there are Car"),
-        (lambda: OccupancyGrid.from_boxes(boxes(), ROI, ["Car"], 8), r"found \['Car'\]"),
-        (lambda: OccupancyGrid.by_class(boxes(), ROI, "Car", 8), r"write \['Car'\]"),
-        (lambda: Roi(8, (0, 1), (0, 1), 0.5), r"ROI x is \(min, max\) in metres, found 8"),
-        (lambda: Roi("04", (0, 1), (0, 1), 0.5), "ROI x is .*'04'"),
-        (lambda: Roi((0, 1), (0, 1, 2), (0, 1), 0.5), "ROI y is .*0, 1, 2"),
-        (
-            lambda: Roi((0, 1), (0, 1), (0, 1), "0.5"),
-            "resolution is a length in metres, found '0.5'",
-        ),
-        (lambda: Placement("a", Mount(z=2), LINE.lidar), r"is a list of Mount\(…\)"),
-        (lambda: Placement("a", "line", LINE.lidar), "found 'line'"),
-        (lambda: Placement("a", [(0, 0, 2)], LINE.lidar), r"found \[\(0, 0, 2\)\]"),
-        (lambda: evaluate_classes({}, "line"), "is a Placement, .* found 'line'"),
-        (lambda: evaluate(LINE, LINE), "grid is an OccupancyGrid, .* found Placement"),
-        (lambda: compare(LINE, [LINE]), r"grid is an OccupancyGrid, .* found \[Placement"),
-        (lambda: Placement("a", [Mount(z=2)], "vlp16"), "lidar is a Lidar, .* found 'vlp16'"),
-        (lambda: Placement("a", [Mount(z=2)], [16]), r"lidar is a Lidar, .* found \[16\]"),
-        (lambda: Lidar((0.0,), 10.5), "azimuth_steps must be a whole number, found 10.5"),
-        (lambda: Lidar((0.0,), "900"), "azimuth_steps must be a whole number, found '900'"),
-        (
-            lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Car", 8.5),
-            "frames must be a whole .*8.5",
-        ),
-        (
-            lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Car", "8"),
-            "frames must be a whole .*'8'",
-        ),
-        (lambda: OccupancyGrid.from_boxes(boxes(), None, "Car", 8), "roi is a Roi, found None"),
-        (lambda: OccupancyGrid.from_boxes("a.csv", ROI, "Car", 8), "is a DataFrame, found 'a.csv'"),
-        (
-            lambda: OccupancyGrid.from_boxes(
-                pd.concat([boxes(), boxes()[["x"]]], axis=1), ROI, "Car", 8
-            ),
-            "x: duplicate column",
-        ),
-    ],
-)
-def test_mistakes_say_so(mistake, told):
-    with pytest.raises(ValueError, match=told):
-        mistake()
 
 
 def test_a_mistyped_placement():
@@ -178,11 +120,6 @@ def test_a_mistyped_placement():
     ):
         PAPER_PLACEMENTS["lien"]
     assert "lien" not in PAPER_PLACEMENTS
-
-
-def test_a_string_of_surrogates(grid):
-    with pytest.raises(ValueError, match=r"write \['expected_ig'\]"):
-        evaluate(grid, LINE, surrogates="expected_ig")
 
 
 def test_a_class_that_the_log_alone_knows_and_one_that_never_occurs():
@@ -202,15 +139,6 @@ def test_a_class_that_the_log_alone_knows_and_one_that_never_occurs():
 def test_other_units_are_told_with_their_share(changes, told):
     with pytest.warns(UserWarning, match=told):
         OccupancyGrid.from_boxes(boxes(**changes), ROI, "Car", 8)
-
-
-@pytest.mark.parametrize("angle", [10.0, -15, 6.2833, np.float32(90)])
-@pytest.mark.parametrize("name", ["roll", "pitch", "yaw"])
-def test_a_mount_in_degrees_is_refused(name, angle):
-    with pytest.raises(ValueError, match=rf"^{name} of a mount \(radians; .*, found {angle:g}"):
-        Mount(z=2.0, **{name: angle})
-    Mount(yaw=2 * math.pi)
-    Mount.degrees(yaw=-360)
 
 
 def test_what_rounding_leaves_of_0_is_0():

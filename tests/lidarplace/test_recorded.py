@@ -2,7 +2,6 @@
 
 import json
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -94,8 +93,6 @@ def test_recorded_clouds_are_found_by_frame_and_cut(tmp_path):
 
 
 def test_what_was_not_recorded_is_named(tmp_path):
-    with pytest.raises(ValueError, match="no recorded clouds"):
-        recorded_clouds(tmp_path, np.array([1]), WIDE)
     write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
     with pytest.raises(ValueError, match="no cloud of frame 2, and of 1 more"):
         recorded_clouds(tmp_path, np.array([1, 2, 3]), WIDE)
@@ -115,14 +112,6 @@ def test_clouds_belong_to_the_rig_that_recorded_them(tmp_path):
     check_rig(tmp_path, rig)  # nothing says otherwise
     (tmp_path / "placement.json").write_text(json.dumps(rig_record(rig)))
     check_rig(tmp_path, rig)
-    with pytest.raises(ValueError, match=r"clouds of other mounts than those of line$"):
-        check_rig(tmp_path, PAPER_PLACEMENTS["line"])
-    other = rig.with_lidar(replace(rig.lidar, range_noise=0.02))
-    with pytest.raises(ValueError, match=r"LiDAR 0 was one with range_noise 0\.0, not 0\.02"):
-        check_rig(tmp_path, other)
-    other = rig.with_lidar(replace(rig.lidar, elevations=(0.0,)))
-    with pytest.raises(ValueError, match="LiDAR 0 was one with elevations"):
-        check_rig(tmp_path, other)
 
 
 def test_clouds_moved_as_a_whole_have_another_digest(tmp_path):
@@ -181,20 +170,3 @@ def test_a_damaged_cloud_names_its_frame(tmp_path):
     np.save(path, np.zeros_like(data))
     with pytest.raises(ValueError, match="cloud of frame 1 is damaged: "):
         recorded_clouds(tmp_path, np.array([1]), WIDE)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{", "line 1: no JSON"),
-        ("7", "not a valid record of a rig: "),
-        ('{"mounts": 3}', "not a valid record of a rig: mounts: "),
-        ('{"mounts": [{"z": "high"}], "lidars": []}', r"mounts\[0\].z: "),
-        ('{"mounts": [{"z": 2}]}', "0 lidars for 1 mounts"),
-        ('{"mounts": [{"z": 2}], "lidars": []}', "0 lidars for 1 mounts"),
-    ],
-)
-def test_a_record_that_tells_no_rig_is_named(tmp_path, text, message):
-    (tmp_path / "placement.json").write_text(text)
-    with pytest.raises(ValueError, match=rf"placement\.json: .*{message}"):
-        check_rig(tmp_path, PAPER_PLACEMENTS["line"])

@@ -131,18 +131,3 @@ def test_blocks_are_consecutive_frames_of_one_route():
     assert block.tolist() == sorted(block)
     assert block.value_counts().between(3, 4).all()
     assert set(block[:10]).isdisjoint(block[10:])
-
-
-@pytest.mark.parametrize(
-    ("frames", "options", "message"),
-    [
-        (1, {}, "needs at least 2 blocks of frames, found 1 for 1 frames"),
-        (9, {"blocks": 1}, "needs at least 2 blocks"),
-        (9, {"resamples": 1}, "resamples must be at least 2, found 1"),
-        (0, {}, "at least 1 block and 1 frame"),
-    ],
-)
-def test_mistakes(frames, options, message):
-    log = traffic(np.random.default_rng(0), 9)
-    with pytest.raises(ValueError, match=message):
-        pog_sampling_error(log, table_of(frames), ROI, ["Car"], PLACEMENT, **options)

@@ -193,25 +193,6 @@ def test_the_rosette_is_the_sum_of_two_turning_vectors():
     assert off_axis.max() == pytest.approx(35.2, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (([0.0], [0.0, 0.1], 1), "1 azimuths for 2 elevations"),
-        (([0.0], [1.6], 1), "elevations must be radians within ±1.571"),
-        (([math.nan], [0.0], 1), "azimuths must be radians"),
-        (([0.0, 0.1], [0.0, 0.1], 3), "found 3"),
-    ],
-)
-def test_wrong_patterns(arguments, told):
-    with pytest.raises(ValueError, match=told):
-        ScanPattern(*arguments)
-
-
-def test_a_pattern_has_no_azimuth_steps():
-    with pytest.raises(ValueError, match="1 azimuth step, found 120"):
-        replace(TURNING, pattern=TABLE.pattern)
-
-
 def test_objects_are_counted_alike():
     log = log_of(*ROWS)
     model = ExpectedRecall.from_log(log, ROI_OF_ROWS, ["Tram", "Bus"], CURVES)

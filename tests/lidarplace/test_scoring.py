@@ -46,11 +46,6 @@ def test_many_placements_are_scored_as_one_by_one(grids):
         assert results["Car"].placement is placement
 
 
-def test_an_error_in_a_batch_reaches_the_caller(grids):
-    with pytest.raises(ValueError, match="method must be one of"):
-        evaluate_many(grids, [PAPER_PLACEMENTS["line"]], method="rays")
-
-
 @pytest.mark.parametrize("method", ["cone", "dda", "bresenham"])
 def test_covered_voxels_are_those_of_the_whole_roi(grids, method):
     placement = PAPER_PLACEMENTS["pyramid_roll"].with_lidar(LIDAR)
@@ -75,8 +70,6 @@ def test_the_sum_over_classes(grids):
     other = evaluate(grids["Pedestrian"], PAPER_PLACEMENTS["line"])
     with pytest.raises(ValueError, match="one placement, ROI and method"):
         sum_over_classes({"Car": results["Car"], "Pedestrian": other})
-    with pytest.raises(ValueError, match="one placement, ROI and method"):
-        sum_over_classes({})
 
 
 def test_expected_ig_for_many_q_is_that_of_each(grids):
@@ -92,8 +85,6 @@ def test_expected_ig_for_many_q_is_that_of_each(grids):
         for name, result in alone.items():
             assert by_q.loc[name, q] == pytest.approx(result.expected_ig, rel=1e-12)
     assert (by_q.diff(axis=1).iloc[:, 1:] > 0).all(axis=None)
-    with pytest.raises(ValueError, match=r"within \(0, 1\], found 2"):
-        expected_ig_by_q(grids, placement, [0.1, 2])
 
 
 def test_linear_share_is_that_of_rays_that_count_by_themselves(grids):

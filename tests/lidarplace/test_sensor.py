@@ -28,9 +28,6 @@ def test_a_thinned_lidar_has_fewer_azimuth_steps_and_nothing_else():
     assert lidar.thinned(0.16) == replace(lidar, azimuth_steps=900)
     assert lidar.thinned(1) == lidar
     assert Lidar(BEAMS, azimuth_steps=12).thinned(1e-9).azimuth_steps == 1
-    for share in (0.0, -0.5, 1.1, math.nan):
-        with pytest.raises(ValueError, match=r"share must be within \(0, 1\]"):
-            lidar.thinned(share)
 
 
 @pytest.mark.parametrize(
@@ -106,15 +103,6 @@ def test_600_steps_over_120_degrees_are_200_rays():
     assert [lidar.thinned(1 / stride).fired_steps for stride in (2, 4, 5, 8)] == [100, 50, 40, 25]
 
 
-@pytest.mark.parametrize(
-    "azimuth",
-    [(1.0, 1.0), (1.0, 0.0), (0.0, 6.3), (math.nan, 1.0), (-math.inf, math.inf), (0.0, math.nan)],
-)
-def test_bad_fields_of_view(azimuth):
-    with pytest.raises(ValueError, match="azimuth needs finite min < max, at most one turn"):
-        Lidar(BEAMS, 12, azimuth=azimuth)
-
-
 def test_numbers_of_any_kind_make_equal_sensors():
     """A tuple read from JSON is a list; equal sensors must hash alike."""
     a = Lidar(BEAMS, 12, azimuth=[0, 1])
@@ -129,8 +117,6 @@ def test_even_beams_in_degrees():
     assert lidar == replace(lidar, azimuth_steps=5625, azimuth=np.radians([-60, 60]), range=30.0)
     assert Lidar.even() == Lidar.paper() == SensorSettings().lidar()
     assert Lidar.even(1, (-3, 5), 90) == Lidar((math.radians(-3),), 90)
-    with pytest.raises(ValueError, match="beams must be at least 1, found 0"):
-        Lidar.even(beams=0)
 
 
 def test_how_far_surfaces_are_seen():
@@ -143,23 +129,6 @@ def test_how_far_surfaces_are_seen():
     np.testing.assert_allclose(hazy.sight([0.1 / 8, 0.1, 0.8, 6.4]), [25, 50, 100, 200])
     same = replace(inverse_square, range_80=50.0)
     np.testing.assert_array_equal(same.sight(light), 50)
-
-
-@pytest.mark.parametrize(
-    ("limits", "message"),
-    [
-        ({"min_range": -1.0}, "min_range must be within"),
-        ({"min_range": 100.0}, "min_range must be within"),
-        ({"min_range": math.nan}, "min_range must be within"),
-        ({"range_80": 10.0}, "range_80 needs range_10"),
-        ({"range_10": 0.0}, "range_10 must be positive"),
-        ({"range_10": 60.0, "range_80": 50.0}, "not beyond range_80"),
-        ({"range_10": math.nan}, "range_10 must be positive"),
-    ],
-)
-def test_impossible_ranges(limits, message):
-    with pytest.raises(ValueError, match=message):
-        Lidar(BEAMS, 12, **limits)
 
 
 def test_a_lidar_is_shown_in_a_line():

@@ -92,13 +92,3 @@ def test_a_placement_that_sees_nothing(grid):
     assert result.s_mig == 0.0
     assert math.isnan(result.m_sog)
     assert result.expected_points == result.expected_ig == 0.0
-
-
-def test_bad_arguments(grid):
-    with pytest.raises(ValueError, match="found 's_mig'"):
-        evaluate(grid, PLACEMENT, surrogates=["s_mig"])
-    with pytest.raises(ValueError, match=r"within \(0, 1\]"):
-        evaluate(grid, PLACEMENT, detection_probability=0.0)
-    other = OccupancyGrid(Roi((0, 1), (0, 1), (0, 1), 0.5), "Car", grid.counts, 50)
-    with pytest.raises(ValueError, match="share one ROI"):
-        evaluate_classes({"Car": grid, "Other": other}, PLACEMENT)

@@ -94,11 +94,8 @@ def wrong(path, **columns):
 @pytest.mark.parametrize(
     ("component", "columns", "told"),
     [
-        ("lidar_box", {"frame_timestamp_micros": 9}, "row 0: no vehicle_pose of frame 9"),
         ("lidar_box", {"heading": None}, r"\[LiDARBoxComponent\].box.heading: missing"),
-        ("lidar_box", {"type": 7}, "row 0: unknown category '7'; name its class in a class map"),
         ("lidar_box", {"transform": 0}, ""),
-        ("vehicle_pose", {"transform": [1.0, 2.0]}, "row 0: .* must be 16 finite numbers"),
         ("vehicle_pose", {"transform": [0.0] * 16}, "world_from_vehicle.transform: "),
     ],
 )
@@ -112,13 +109,6 @@ def test_wrong_tables(component, columns, told, tmp_path):
         wrong(path, **columns)
     with pytest.raises(ValueError, match=told):
         read_waymo(tmp_path)
-
-
-def test_wrong_folders(tmp_path):
-    with pytest.raises(ValueError, match="must hold a folder training or validation"):
-        read_waymo(tmp_path)
-    with pytest.raises(ValueError, match="split 'dev': allowed are training, validation, testing"):
-        read_waymo(tmp_path, splits=["dev"])
 
 
 def test_counts_and_the_rig_come_along(tmp_path):

@@ -110,18 +110,6 @@ def test_clear_air_and_a_clean_window_take_nothing():
         assert lidar.reach == lidar.range
 
 
-def test_what_is_no_weather_is_refused():
-    for mistake in ({"visibility": 0.0}, {"visibility": math.nan}, {"rain": -1.0}):
-        with pytest.raises(ValueError, match=f"{next(iter(mistake))} must be"):
-            Weather(**mistake)
-    for mistake in ({"extinction": -1.0}, {"window": 0.0}, {"window": 1.1}, {"wavelength": 0.0}):
-        with pytest.raises(ValueError, match="window within"):
-            replace(PLAIN, **mistake)
-    blind = replace(GRADED, range_80=50.0)
-    with pytest.raises(ValueError, match="light makes no difference"):
-        blind.in_weather(FOG)
-
-
 def test_coverage_ends_at_the_reach():
     roi = Roi((0, 60), (-5, 5), (0, 3), 0.5)
     rig = Placement("rig", [Mount(z=2.0)], PLAIN)

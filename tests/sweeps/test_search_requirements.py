@@ -156,6 +156,9 @@ def test_what_the_sampler_is_told_is_positive_where_a_constraint_is_broken(
     assert (constraint.told(violation, enough) <= 0) == (violation <= 0)
     kept = measure >= limit if at_least else measure <= limit
     assert kept or violation > 0 or abs(measure - limit) < ROUNDING
+    # What is at the limit but for rounding, as 0.6 - 0.4 is at 0.2, is at it.
+    for off in (-ROUNDING / 2, ROUNDING / 2):
+        assert constraint.violation(limit + off) == 0
 
 
 def test_rigs_that_are_found_meet_all_requirements(tmp_path):

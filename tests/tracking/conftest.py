@@ -1,10 +1,25 @@
+import shutil
 from pathlib import Path
 
 import pytest
 from made_up_run import write_run
+
+from tracking.report.build import build_report
 
 
 @pytest.fixture(scope="session")
 def made_up_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder of 5 placements, 2 seeds and 3 classes. Read it only; copy it to change it."""
     return write_run(tmp_path_factory.mktemp("runs") / "grid")
+
+
+@pytest.fixture(scope="session")
+def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with its whole report, and with tables that were there before. Read it only."""
+    folder = tmp_path_factory.mktemp("reported") / "grid"
+    shutil.copytree(made_up_run, folder)
+    (folder / "tables").mkdir()
+    (folder / "tables" / "of-an-older-report.csv").write_text("a\n1\n")
+    (folder / "tables" / "mine.txt").write_text("kept")
+    build_report(folder)
+    return folder

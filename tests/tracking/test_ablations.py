@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
@@ -13,7 +13,6 @@ from lidarplace.rigs.placement import Mount
 from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement, relative_errors, summarise
 from tracking.published import TABLES, published_detection, published_surrogates
-from tracking.report.build import build_report
 from tracking.report.sections.published import paper_names
 from tracking.report.sections.sampling_error import (
     paired_differences,
@@ -59,7 +58,8 @@ def page(tmp_path_factory) -> Page:
         if name in SHOWN
     }
     (folder / "sweep.json").write_text(json.dumps(sweep))
-    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    built = report_of(folder, "published", "detectors", "tilts", "density")
+    page = Page(built.read_text(encoding="utf-8"))
     page.folder = folder
     return page
 

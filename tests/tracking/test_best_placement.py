@@ -77,12 +77,6 @@ def test_no_spread_over_seeds():
     assert found.others.loc["a", "low"] == 2.0
 
 
-def test_a_seed_that_occurs_twice_is_an_error():
-    table = results({"a": [1.0, 2.0]})
-    with pytest.raises(ValueError, match="'a' has two values for seed 0"):
-        best_placement(pd.concat([table, table]))
-
-
 def test_what_a_seed_adds_to_all_placements_changes_nothing():
     y = {"a": [70.0, 62, 66.5], "b": [72.5, 64.5, 68], "c": [69.0, 61, 66]}
     found = best_placement(results(y))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 from test_report import Page
 
 from lidarplace.rigs.placement import Mount
@@ -58,7 +58,7 @@ def one_class(tmp_path_factory) -> Page:
     near = {"name": "near<1>", "beams": 16, "elevation_deg": [-60.0, 0.0], "azimuth_steps": 900}
     sweep["lidars"] = {"a": [wide] * 4, "b": [wide, wide, near, near]}
     (folder / "sweep.json").write_text(json.dumps(sweep))
-    build_report(folder)
+    report_of(folder)
     return read(folder)
 
 
@@ -92,7 +92,7 @@ def test_it_names_the_command_that_opens_its_rigs_in_the_studio(folder, page, tm
     assert "lidarplace studio" not in page.text  # a run folder of before there were rigs.yaml
     shutil.copytree(folder, tmp_path / "run")
     (tmp_path / "run/rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
-    build_report(tmp_path / "run")
+    report_of(tmp_path / "run")
     assert f"lidarplace studio {tmp_path / 'run/rigs.yaml'}" in read(tmp_path / "run").text
 
 
@@ -225,7 +225,7 @@ def two_densities(tmp_path) -> Path:
 
 
 def test_settings_are_answered_together(two_densities):
-    build_report(two_densities)
+    report_of(two_densities)
     page = read(two_densities)
     (best,) = {own.best for own in answers(two_densities)}
     assert page.words[page.words.index("Recommended") + 2] == best
@@ -243,7 +243,7 @@ def test_settings_that_disagree_are_the_headline(two_densities):
     first = {own.best for own in answers(two_densities)}.pop()
     table.loc[there, "placement"] = table.loc[there, "placement"].map(other)
     table.to_parquet(file)
-    build_report(two_densities)
+    report_of(two_densities)
     page = read(two_densities)
     at = page.words.index("The settings disagree")
     title = "pointpillars_tiny, density = {}"

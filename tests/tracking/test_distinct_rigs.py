@@ -6,10 +6,9 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 
 from tracking.findings.groups import copies, without
-from tracking.report.build import build_report
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -50,7 +49,7 @@ def test_nothing_of_it_is_left(folder):
 
 def test_the_report_counts_it_once_and_says_so(folder, tmp_path):
     path = shutil.copytree(folder, tmp_path / "run")
-    page = build_report(path).read_text(encoding="utf-8")
+    page = report_of(path, "best").read_text(encoding="utf-8")
     assert "The same rig under two names is counted once: again is b." in page
     table = pd.read_csv(next((path / "tables").glob("best-*car*.csv")))
     assert sorted(table["placement"]) == ["a", "b", "c"]

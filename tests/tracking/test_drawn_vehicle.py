@@ -98,22 +98,6 @@ def test_boxes_and_a_mesh_are_one_surface():
     assert vehicle_in_space(drawn_vehicle((), None)) == []
 
 
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        ({"vehicle": [[[0, 0, 1], [1, 1, 0]]]}, "vehicle"),
-        ({"vehicle": [], "vehicle_mesh": SURFACE | {"faces": [[0, 1, 4]]}}, "faces"),
-        ({"vehicle": [], "vehicle_mesh": SURFACE | {"faces": [[0, 1, 1]]}}, "area"),
-    ],
-)
-def test_a_vehicle_that_cannot_be_is_refused_in_a_line(made_up_run, tmp_path, keys, said):
-    told = json.loads((made_up_run / SweepResult.FILE).read_text()) | keys
-    (tmp_path / SweepResult.FILE).write_text(json.dumps(told))
-    with pytest.raises(ValueError, match=f"sweep.json: vehicle.*{said}") as error:
-        SweepResult.read(tmp_path)
-    assert "\n" not in str(error.value)
-
-
 def test_a_fine_mesh_is_written_coarse():
     x, y = (own.ravel() for own in np.meshgrid(np.linspace(0, 4, 100), np.linspace(0, 2, 100)))
     at = np.arange(10_000).reshape(100, 100)[:-1, :-1].ravel()

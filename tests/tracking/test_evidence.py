@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 from test_report import Page
 
 from sweeps.configuration.grid import read_sweep
@@ -20,7 +20,6 @@ from tracking.findings.evidence import (
     weaknesses,
 )
 from tracking.findings.groups import groups
-from tracking.report.build import build_report
 from tracking.report.cautions import cautions
 from tracking.report.recommendation import answer, headline, recommended
 from tracking.run_folders.sweep import RunFolder
@@ -165,7 +164,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
     folder = write_run(tmp_path / "weak", ("a", "b", "c"), (1, 2))
     table = pd.read_parquet(folder / "individuals.parquet").assign(route=0)
     table.to_parquet(folder / "individuals.parquet")
-    build_report(folder)
+    report_of(folder, "best")
     for name in ("report.html", "decision.html"):
         page = Page((folder / name).read_text(encoding="utf-8"))
         assert "Not enough evidence: a short training" in page.text

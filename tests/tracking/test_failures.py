@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 from scipy import stats
 from test_report import Page
 
@@ -18,7 +18,6 @@ from tests.tracking.made_up_objects import made_up_frames
 from tests.tracking.test_drawn_vehicle import SURFACE
 from tracking.findings.failures import Failures, _within_bounds, failures
 from tracking.findings.groups import groups
-from tracking.report.build import build_report
 from tracking.report.failures import FOUND, frame_in_space
 from tracking.report.recommendation import failures_to_show
 from tracking.run_folders.sweep import RunFolder
@@ -180,7 +179,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     told = json.loads((folder / SweepResult.FILE).read_text())
     told |= {"vehicle": [], "vehicle_mesh": SURFACE}
     (folder / SweepResult.FILE).write_text(json.dumps(told))
-    build_report(folder)
+    report_of(folder)
     return folder
 
 
@@ -225,7 +224,7 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     folder = write_run(tmp_path / "other", names=["a", "b"], seeds=(1,))
     with np.load(folder / "failures.npz") as arrays:
         np.savez(folder / "failures.npz", **dict(arrays) | {"rigs": np.array(["a", "c"])})
-    build_report(folder)
+    report_of(folder)
     page = Page((folder / "failures.html").read_text(encoding="utf-8"))
     assert "button" not in page.tags
     assert "The uncertainty is unknown" in page.text
@@ -259,6 +258,6 @@ def test_an_older_run_folder_says_what_it_lacks(tmp_path):
     for name in ("objects.parquet", "found.parquet", "failures.npz"):
         (folder / name).unlink()
     (folder / "failures.html").write_text("of an earlier run")
-    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    page = Page(report_of(folder).read_text(encoding="utf-8"))
     assert "The run folder has no objects.parquet and no found.parquet." in page.text
     assert not (folder / "failures.html").exists()

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 from scipy import stats
 
 from tracking.findings.ceiling import beside, ceilings
@@ -134,14 +134,14 @@ def test_one_generalist_has_intervals_of_the_test_objects(tmp_path, axis):
     )
     if axis:
         return
-    page = build_report(folder).with_suffix(".md").read_text()
+    page = report_of(folder).with_suffix(".md").read_text()
     assert "another one may rank the placements otherwise" in page
     assert "One seed: differences" not in page
 
 
 def test_the_page_says_it(tmp_path):
     folder = write_run(tmp_path / "run", NAMES, judges=("generalist", "specialist"))
-    text = build_report(folder).with_suffix(".md").read_text()
+    text = report_of(folder, "generalist", "correlation").with_suffix(".md").read_text()
     assert "## Does one detector for all rigs rank them as their own do?" in text
     assert "one training, 250 s together" in text
     assert re.search(r"\| generalist's 3D AP \|", text)

@@ -3,11 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import report_of, write_run
 from scipy import stats
 
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
 from tracking.report.sections.recorded_clouds import (
     rank_agreement,
     recorded_clouds_section,
@@ -61,7 +60,7 @@ def test_no_section_without_both(run, made_up_run, kind):
 
 def test_three_subsets_have_ranks_and_no_interval(tmp_path):
     folder = write_run(tmp_path / "three", NAMES[:3], clouds=BOTH)
-    page = build_report(folder).read_text(encoding="utf-8")
+    page = report_of(folder, "recorded_clouds").read_text(encoding="utf-8")
     assert "Do simulated clouds rank placements as recorded ones do?" in page
     text = (folder / "report.md").read_text(encoding="utf-8")
     assert "3 placements are too few for an interval" in text

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
+from made_up_run import NAMES, report_of, write_run
 from typer.testing import CliRunner
 
 from tracking.labels import surrogate_name
@@ -83,16 +83,14 @@ class Page(HTMLParser):
         return " ".join(self.words)
 
 
-@pytest.fixture(scope="module")
-def built(made_up_run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("report") / "grid"
-    shutil.copytree(made_up_run, folder)
-    return build_report(folder)
+@pytest.fixture
+def built(reported_run) -> Path:
+    return reported_run / "report.html"
 
 
 @pytest.fixture(scope="module")
-def page(built) -> Page:
-    return Page(built.read_text(encoding="utf-8"))
+def page(reported_run) -> Page:
+    return Page((reported_run / "report.html").read_text(encoding="utf-8"))
 
 
 def test_every_placement_is_in_tables_maps_and_clouds(page):
@@ -224,7 +222,7 @@ def test_studies_of_some_placements_say_of_which(made_up_run, built, tmp_path):
         table = table[table["placement"].isin(["line", "trapezoid"])]
         table.to_parquet(folder / f"{name}.parquet", index=False)
     told = "Worked out for 2 of 5 placements: line, trapezoid."
-    build_report(folder)
+    report_of(folder, "accuracy", "sampling_error")
     assert (folder / "report.md").read_text(encoding="utf-8").count(told) == 2
     assert "Worked out for" not in built.with_suffix(".md").read_text(encoding="utf-8")
 
@@ -255,7 +253,7 @@ def test_a_smaller_batch_is_a_warning(tmp_path):
     tasks = pd.read_parquet(folder / "tasks.parquet")
     tasks["batch_size_reduced"] = (tasks["stage"] == "train") & (tasks["label"] == "center")
     tasks.to_parquet(folder / "tasks.parquet")
-    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    page = Page(report_of(folder).read_text(encoding="utf-8"))
     assert "1 training ran with a smaller batch than configured" in page.text
     assert "for lack of memory: center." in page.text
 

@@ -1,7 +1,6 @@
 """What lies beside a report: Markdown, CSV files; and the limit of the page."""
 
 import re
-import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -15,15 +14,9 @@ from tracking.pages.section import Section, Table, slug
 from tracking.report.build import build_report
 
 
-@pytest.fixture(scope="module")
-def folder(made_up_run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("files") / "grid"
-    shutil.copytree(made_up_run, folder)
-    (folder / "tables").mkdir()
-    (folder / "tables" / "of-an-older-report.csv").write_text("a\n1\n")
-    (folder / "tables" / "mine.txt").write_text("kept")
-    build_report(folder)
-    return folder
+@pytest.fixture
+def folder(reported_run) -> Path:
+    return reported_run
 
 
 def test_every_linked_csv_file_is_there_and_no_other(folder):

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
+from made_up_run import NAMES, report_of, write_run
 
 from tracking.findings.correlation import correlate
 from tracking.labels import points
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
 from tracking.report.sections.density import density_section
 from tracking.report.sections.predictors import MOST_SENTENCES, predictors_section
 from tracking.report.sections.published import add_published_surrogates, published_density_table
@@ -51,7 +50,7 @@ def test_of_many_findings_the_first_are_listed(run):
 def test_the_first_screen_has_the_answer_the_picture_then_all_verdicts(tmp_path):
     both, three = ("second", "pointpillars"), (40, 80, 120)
     folder = write_run(tmp_path / "run", NAMES[:3], (1,), detectors=both, densities=three)
-    page = build_report(folder).read_text(encoding="utf-8")
+    page = report_of(folder, "predictors", "correlation").read_text(encoding="utf-8")
     first = page[: page.index("<nav")]
     parts = ['<div class="card">', '<div class="plot"', 'class="table verdicts tall"']
     assert sorted(map(first.index, parts)) == [first.index(part) for part in parts]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_run import report_of
 
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.mounting.outline import outline
@@ -18,7 +19,6 @@ from lidarplace.requirements.tables import Ground, case_table, worst_cases
 from tracking.findings.groups import met, verdicts
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map
-from tracking.report.build import build_report
 from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.sweep import RunFolder
 
@@ -61,7 +61,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     other = {"0": np.arange(3.0), "1": np.arange(3.0)}
     body = np.array([[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, -1.0], [np.nan, np.nan]])
     Grounds(body, np.array([NEAR, FAR]), line, other, least).write(folder)
-    build_report(folder)
+    report_of(folder, "requirements", "placements")
     return folder
 
 

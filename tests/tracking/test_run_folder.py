@@ -1,6 +1,5 @@
 """The run folder is read whole, or the error names what is wrong."""
 
-import json
 import shutil
 
 import numpy as np
@@ -10,7 +9,6 @@ from made_up_run import NAMES, write_run
 from pandas.testing import assert_frame_equal
 
 from lidarplace.logs.boxes import CLASSES
-from tests.refused import refused
 from tracking.findings.summary import (
     by_surrogate,
     deciding_surrogate,
@@ -44,15 +42,6 @@ def test_everything_is_read(made_up_run):
     assert run.frame.lidar["line"].shape == (300,)
 
 
-def test_what_is_missing_is_named(copy, tmp_path):
-    with pytest.raises(ValueError, match=r"nowhere: not a run folder; missing config.yaml, sweep"):
-        RunFolder.read(tmp_path / "nowhere")
-    results = pd.read_parquet(copy / "results.parquet")
-    results.drop(columns="iou").to_parquet(copy / "results.parquet")
-    with refused(("results.parquet", "iou", "trial")):
-        RunFolder.read(copy)
-
-
 @pytest.mark.parametrize("kind", ["Int64", "boolean", "float64", "object"])
 def test_a_column_in_which_all_is_missing_has_no_kind(copy, kind):
     trials = pd.read_parquet(copy / "trials.parquet")
@@ -61,16 +50,10 @@ def test_a_column_in_which_all_is_missing_has_no_kind(copy, kind):
     assert (RunFolder.read(copy).trials["detector"] == "").all()
 
 
-@pytest.mark.parametrize("file", ["results", "surrogates"])
-def test_infinity_is_refused_where_it_cannot_be(copy, file):
-    path, curves = copy / f"{file}.parquet", copy / "curves.parquet"
-    table = pd.read_parquet(path)
-    table.assign(value=[*table["value"][1:], -np.inf]).to_parquet(path)
-    with pytest.raises(ValueError, match=f"{file}.parquet: column value must hold finite numbers"):
-        RunFolder.read(copy)
-    table.to_parquet(path)
+def test_a_training_that_diverged_has_infinity(copy):
+    curves = copy / "curves.parquet"
     pd.read_parquet(curves).assign(value=np.inf).to_parquet(curves)
-    assert np.isinf(RunFolder.read(copy).curves["value"]).all()  # of a training that diverged
+    assert np.isinf(RunFolder.read(copy).curves["value"]).all()
 
 
 @pytest.mark.parametrize("kind", ["Int64", "Float32", "object"])
@@ -85,34 +68,18 @@ def test_missing_numbers_of_any_kind_are_nan(copy, kind):
 
 
 @pytest.mark.parametrize(("file", "column"), [("results", "value"), ("curves", "epoch")])
-def test_text_where_numbers_belong_is_named(copy, file, column):
+def test_a_column_of_numbers_may_be_empty(copy, file, column):
     table = pd.read_parquet(copy / f"{file}.parquet")
-    table.assign(**{column: "high"}).to_parquet(copy / f"{file}.parquet")
-    said = rf"{file}.parquet: column {column} must hold numbers, found .+, such as 'high'$"
-    with pytest.raises(ValueError, match=said):
-        RunFolder.read(copy)
     table.assign(**{column: None}).to_parquet(copy / f"{file}.parquet")
     assert RunFolder.read(copy).trials is not None
 
 
-@pytest.mark.parametrize(
-    ("file", "column", "said"),
-    [
-        ("results", "class", r"placement \w+, detector \w+, seed 1, class again, metric \w+"),
-        ("surrogates", "surrogate", r"placement \w+, class Car, surrogate again"),
-        ("trials", "trial", "trial again"),
-        ("sampling_error", "placement", "placement again, class Car, surrogate s_mig"),
-    ],
-)
-def test_two_rows_of_the_same_are_named(copy, file, column, said):
-    """Whole tables that are there twice, and rows that say different things of the same."""
+@pytest.mark.parametrize("file", ["results", "surrogates", "trials", "sampling_error"])
+def test_whole_tables_that_are_there_twice_are_named(copy, file):
     path = copy / f"{file}.parquet"
     table = pd.read_parquet(path)
     pd.concat([table, table]).to_parquet(path)
     with pytest.raises(ValueError, match=f"{file}.parquet: rows 0 and {len(table)} are both of "):
-        RunFolder.read(copy)
-    table.assign(**{column: "again"}).to_parquet(path)
-    with pytest.raises(ValueError, match=rf"{file}.parquet: rows \d+ and \d+ are both of {said}"):
         RunFolder.read(copy)
 
 
@@ -145,8 +112,6 @@ def test_what_is_written_is_read(made_up_run, tmp_path):
 
 def test_a_table_is_written_only_as_it_has_to_be_read(made_up_run, tmp_path):
     trials = RunFolder.read(made_up_run).trials
-    with refused(("trials.parquet", "status", "trial")):
-        TRIALS.write(trials.drop(columns="status"), tmp_path)
     with pytest.raises(ValueError, match=r"trials\.parquet: column seconds must hold numbers"):
         TRIALS.write(trials.assign(seconds="long"), tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -172,16 +137,6 @@ def test_a_sweep_without_detectors_keeps_its_axes(tmp_path):
     assert (run.trials["detector"] == "").all()
     assert run.frame is None
     assert run.maps is not None
-
-
-def test_an_axis_of_the_trials_is_one_of_the_results(copy):
-    trials = pd.read_parquet(copy / "trials.parquet")
-    trials.assign(**{"scene.density": 40}).to_parquet(copy / "trials.parquet")
-    sweep = json.loads((copy / "sweep.json").read_text())
-    sweep["axes"].append("scene.density")
-    (copy / "sweep.json").write_text(json.dumps(sweep))
-    with pytest.raises(ValueError, match=r"results.parquet has no column scene.density, an axis"):
-        RunFolder.read(copy)
 
 
 def test_means_over_seeds(made_up_run):
@@ -295,22 +250,3 @@ def test_a_damaged_file_of_arrays_is_named(made_up_run, tmp_path, name):
         path.write_bytes(data[:length])
         with pytest.raises(ValueError, match=rf"{name}\.npz: is no file of arrays, or a damaged"):
             RunFolder.read(run)
-
-
-@pytest.mark.parametrize(
-    ("name", "array", "value", "message"),
-    [
-        ("maps", "pog/Car", np.zeros(3), "pog/Car must hold numbers, 2 axes; found float64, shape"),
-        ("maps", "coverage/line", np.full((2, 2), "a"), "coverage/line must hold numbers"),
-        ("frame", "boxes", np.zeros((2, 6)), r"boxes must have shape \(n, 7\), found \(2, 6\)"),
-        ("frame", "points/line", np.zeros((2, 3)), r"points/line must have shape \(n, 4\), found"),
-        ("frame", "points/nobody", np.zeros((2, 4)), "2 in points/nobody, but 0 in lidar/nobody"),
-    ],
-)
-def test_an_array_of_another_shape_is_named(made_up_run, tmp_path, name, array, value, message):
-    run = shutil.copytree(made_up_run, tmp_path / "run")
-    with np.load(path := run / f"{name}.npz") as arrays:
-        changed = {**arrays, array: value}
-    np.savez(path, **changed)
-    with pytest.raises(ValueError, match=rf"{name}\.npz: {message}"):
-        RunFolder.read(run)

@@ -84,18 +84,3 @@ def test_a_key_that_is_missing_or_null_is_named(folder, sweep, key):
 )
 def test_what_is_no_mapping_of_json(folder, sweep, text):
     assert refused(folder, text)
-
-
-def test_a_placement_without_mounts_is_named(folder, sweep):
-    del sweep["placements"]["line"]
-    told = refused(folder, json.dumps(sweep))
-    assert "placements: has no 'line', which is in surrogates.parquet" in told
-
-
-def test_a_configuration_that_is_no_text(folder):
-    file = folder / "config.yaml"
-    text = file.read_bytes()
-    file.write_bytes(b"name: \xff")
-    with pytest.raises(ValueError, match=r"config\.yaml: not a text file: byte 6 is not UTF-8"):
-        RunFolder.read(folder)
-    file.write_bytes(text)

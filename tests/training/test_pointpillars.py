@@ -69,31 +69,6 @@ def test_range_in_the_ego_frame_grows_to_whole_cells():
     assert y1 == pytest.approx(20)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"name": "yolo", "classes": ["Car"]}, "unknown detector 'yolo'.*pointpillars"),
-        ({"name": "pointpillars", "classes": ["Tram"]}, "how large a Tram is; known are Car"),
-        ({"name": "pointpillars", "classes": ["car"]}, r"did you mean Car\?"),
-        ({"name": "pointpillars", "classes": "Car"}, "list of names, found 'Car'"),
-        ({"name": "pointpillars", "classes": []}, "classes must be"),
-        ({"name": "pointpillars", "classes": ["Car", "Car"]}, "different"),
-        ({"name": "pointpillars", "classes": ["Car"], "preset": "big"}, "unknown preset 'big'"),
-        (
-            {"name": "pointpillars_tiny", "classes": ["Car"], "preset": "openpcdet"},
-            "has preset 'tiny'",
-        ),
-        (
-            {"name": "pointpillars", "classes": ["Car"], "point_range": (0, 0, 0, 0, 1, 1)},
-            "low < high",
-        ),
-    ],
-)
-def test_build_detector_says_what_is_wrong(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        build_detector(**arguments)
-
-
 def test_grouping_keeps_the_first_points_and_pillars():
     grid = PillarGrid((0.0, 0.0, 0.0, 2.0, 1.0, 1.0), (1.0, 1.0), max_points=2, max_pillars=(1, 2))
     points = torch.tensor(

@@ -148,8 +148,3 @@ def test_backbone_in_mixed_precision_is_near_and_repeats_itself():
     assert torch.equal(results[1][0], results[2][0])
     assert torch.equal(results[1][1], results[2][1])
     assert (results[0][0] - results[1][0]).abs().mean() < 0.05 * results[0][0].abs().mean()
-
-
-def test_bad_input_is_named():
-    with pytest.raises(ValueError, match=r"odd kernel, found \(3, 2, 3\)"):
-        SubmanifoldConv3d(3, 4, (3, 2, 3))

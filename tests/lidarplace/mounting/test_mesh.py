@@ -173,13 +173,6 @@ def test_a_mount_a_millimetre_off_and_on_the_surface():
     np.testing.assert_allclose(1 / ends, 0.001 / math.sin(math.radians(89)), rtol=1e-9)
 
 
-@pytest.mark.parametrize("corner", [-1, 8, 2**32])
-def test_a_face_without_a_vertex_is_named(corner):
-    faces = np.array([[0, 1, 2], [0, 1, corner]])
-    with pytest.raises(ValueError, match=rf"vertices \[0, 1, {corner}\]; expected .* 0 to 7"):
-        Mesh(np.random.default_rng(0).uniform(size=(8, 3)), faces)
-
-
 def test_triangles_without_area_are_left_out():
     flat = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
     mesh = Mesh(np.array([*flat, [0, 1, 0]], float), np.array([[0, 1, 2], [0, 0, 1], [0, 1, 3]]))

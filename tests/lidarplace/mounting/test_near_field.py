@@ -12,7 +12,6 @@ from lidarplace.coverage import coverage
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle
 
-CAR = Vehicle.car()
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 NEAR = Roi((-3.6, 3.6), (-1.6, 1.6), (0.0, 1.6), 0.4)
 ALL_ROUND = Lidar(tuple(np.radians(np.linspace(-90, 90, 181))), azimuth_steps=3600)
@@ -92,12 +91,3 @@ def test_a_lidar_on_a_face_sees_its_side_and_one_inside_sees_nothing():
     on_face, within = Mount(0.1, 0.2, 0.5), Mount(0.1, 0.0, 0.5)
     assert near_field_coverage(Placement("p", [on_face], ALL_ROUND), wall, roi) == 0.5
     assert near_field_coverage(Placement("p", [within], ALL_ROUND), wall, roi) == 0
-
-
-def test_a_near_field_within_the_body_is_refused():
-    roi = Roi((-1, 1), (-0.4, 0.4), (0.2, 0.8), 0.2)
-    placement = Placement("p", [Mount(z=2.0)], Lidar.paper())
-    with pytest.raises(
-        ValueError, match=r"near field x \[-1\.0, 1\.0\].*vehicle 'car', found none"
-    ):
-        near_field_coverage(placement, CAR, roi)

@@ -62,24 +62,6 @@ def test_a_polygon_is_kept_as_given():
     assert polygon([(1 / 3, 0)]) == ((0.333333333, 0),)
 
 
-@pytest.mark.parametrize(
-    ("vertices", "message"),
-    [
-        ([], "at least one vertex, found none"),
-        ([(0, 0), (math.nan, 1), (1, 1)], r"finite vertices, found \(nan, 1.0\)"),
-        ([(0, 0), (1, math.inf)], "finite vertices"),
-        ([(0, 0), (1, 1), (1, 0), (0, 1)], r"found \(0.0, 0.0\) to \(1.0, 1.0\) and \(1.0, 0.0\)"),
-        ([(0, 0), (2, 0), (2, 2), (1, 0), (0, 2)], "meet at their ends only"),  # a vertex touches
-        ([(0, 0), (2, 0), (1, 0), (1, 1)], "meet at their ends only"),  # turns back
-        ([(0, 0), (3, 0), (3, 1), (2, 0), (1, 0), (0, 1)], "meet at their ends only"),  # overlap
-        ([(0, 0), (1, 0), (1, 1), (0, 0), (-1, 1), (-1, 0)], "meet at their ends only"),
-    ],
-)
-def test_refused(vertices, message):
-    with pytest.raises(ValueError, match=message):
-        polygon(vertices)
-
-
 @given(vertices=polygons, seed=st.integers(0, 10**6))
 @settings(max_examples=150, derandomize=True)
 def test_the_part_above_the_axis(vertices, seed):

@@ -70,6 +70,11 @@ def test_a_quarter_of_a_beam_s_spacing_lays_rings_between_each_other():
     assert rings(pitched).redundancy < rings(line).redundancy / 2
 
 
+def test_a_beam_at_the_border_of_two_cells_is_in_one():
+    level = rig(Mount(z=20 * CELL_M), lidar=Lidar((0.0,), azimuth_steps=360))
+    assert rings(level).all == len(DISTANCES_M) * len(AZIMUTHS)
+
+
 def test_what_is_out_of_view_or_of_range_has_no_ring():
     behind = Lidar((-0.1,), 360, azimuth=(math.radians(90), math.radians(270)))
     assert rings(rig(Mount(z=2), lidar=behind)).all == 0

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 
@@ -51,21 +50,3 @@ def test_later_changes_of_the_array_do_not_reach_the_vehicle():
     vehicle = Vehicle("cube", boxes)
     boxes[:] = 7
     assert vehicle.height == 1
-
-
-@pytest.mark.parametrize(
-    ("boxes", "message"),
-    [
-        ([[0, 0, 0], [1, 1, 1]], r"shape \(n, 2, 3\), found shape \(2, 3\)"),
-        ([[[0, 0], [1, 1]]], r"found shape \(1, 2, 2\)"),
-        (
-            [[[0, 0, 0], [1, 1, 1]], [[0, 0, 2], [1, 1, 1]]],
-            r"box 1 needs finite corners, the lower one first, found \[\[0.0, 0.0, 2.0\]",
-        ),
-        ([[[0, 0, 0], [1, 1, math.inf]]], "box 0 needs finite corners"),
-        ([[[math.nan, 0, 0], [1, 1, 1]]], "box 0 needs finite corners"),
-    ],
-)
-def test_bad_boxes(boxes, message):
-    with pytest.raises(ValueError, match=f"vehicle 'van': .*{message}"):
-        Vehicle("van", np.array(boxes))

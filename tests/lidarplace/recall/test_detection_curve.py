@@ -1,7 +1,5 @@
 """Detection curves: their shape, their fit against a plain search, their file."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -83,35 +81,6 @@ def test_a_file_is_read_as_written(tmp_path):
         ValueError, match=r"no detection curve of Cyclist at IoU 0\.7; there are Car"
     ):
         found.of("Cyclist", 0.7)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("most", 1.5, "curves.0.most: Input should be less than or equal to 1"),
-        ("rate", 0, "curves.0.rate: Input should be greater than 0"),
-        ("iou", None, "curves.0.iou: "),
-        ("slope", 1, "curves.0.slope: Extra inputs are not permitted"),
-    ],
-)
-def test_what_is_wrong_with_a_file_is_named(tmp_path, key, value, message):
-    path = tmp_path / "curves.json"
-    own = {"class": "Car", "iou": 0.5, "most": 0.9, "rate": 0.07} | {key: value}
-    path.write_text(json.dumps({"command": "", "cell": 0.2, "curves": [own]}))
-    with pytest.raises(ValueError, match=f"curves.json: {message}"):
-        read_curves(path)
-
-
-def test_two_curves_of_one_kind_and_no_json_are_refused(tmp_path):
-    path = tmp_path / "curves.json"
-    write_curves(path, "", [curve(0.9, 0.07)])
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(content | {"curves": content["curves"] * 2}))
-    with pytest.raises(ValueError, match=r"there are two curves of \('Car', 0.5\)"):
-        read_curves(path)
-    path.write_text("{")
-    with pytest.raises(ValueError, match=r"curves\.json: Invalid JSON"):
-        read_curves(path)
 
 
 def test_the_default_has_all_classes():

@@ -94,27 +94,6 @@ def test_fewer_azimuth_steps():
         one_step.of(Placement("narrow", [Mount(z=2.5)], lidar=narrow))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frames": 0}, "frames must be at least 1, found 0"),
-        ({"azimuth_share": 0.0}, "azimuth_share must be within"),
-        ({"azimuth_share": np.nan}, "azimuth_share must be within"),
-        ({"iou": 0.6}, "no detection curve of Tram at IoU 0.6"),
-    ],
-)
-def test_wrong_options_are_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Tram"], CURVES, **options)
-
-
-def test_a_lidar_under_the_ground_is_refused():
-    model = ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Bus"], CURVES)
-    low = Placement("low", [MOUNTS[0], Mount(1, 0, -0.01)], LIDAR)
-    with pytest.raises(ValueError, match=r"^'low': z of LiDAR 2 must be within 0\.0 .*-0\.01"):
-        model.of(low)
-
-
 def test_baselines_are_means_over_objects():
     model = ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Tram", "Bus"], CURVES)
     seen = model.objects.seen_by([Placement("one", MOUNTS[:1], lidar=LIDAR)])[0]

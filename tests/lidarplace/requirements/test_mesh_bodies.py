@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -93,8 +92,3 @@ def test_rays_that_a_mesh_stops_do_not_count():
         own, other = (count_points(sights_of(rig, v), boxes[far]).all for v in (MESH, BOX))
         np.testing.assert_array_equal(own, other)
         assert other.sum() > 0
-
-
-def test_a_vehicle_without_a_body_has_no_preset():
-    with pytest.raises(ValueError, match="the vehicle has none"):
-        preset("un_r151", Vehicle("none", np.empty((0, 2, 3))))

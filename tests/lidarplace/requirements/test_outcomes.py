@@ -212,13 +212,3 @@ def test_areas_of_sectors_and_lanes():
     assert behind.points.tolist() == points[np.abs(azimuth) >= 157.5].tolist()
     lanes = grid_over(Area(x=(-1.0, 1.0), y=((-5.25, -1.75), (1.75, 5.25))), CAR, 0.5)
     assert set(np.abs(lanes.points[:, 1])) == {1.75, 2.25, 2.75, 3.25, 3.75, 4.25, 4.75, 5.25}
-
-
-def test_volumes_without_a_place():
-    within = Area(x=(-1.0, 1.0), y=((-0.2, 0.2),))
-    with pytest.raises(ValueError, match="where: lies inside the vehicle"):
-        lay_out(Requirement("x", within, "coverage", 0.5, heights=(0.0, 0.5)), CAR)
-    with pytest.raises(ValueError, match="voxels, allowed are 20,000,000"):
-        lay_out(Requirement("x", Area(distance=(0.0, 9.0)), "coverage", 0.5, step=0.02), CAR)
-    with pytest.raises(ValueError, match="the vehicle has none"):
-        lay_out(Requirement("x", Area(distance=(0.0, 9.0)), "coverage", 0.5), NOTHING)
