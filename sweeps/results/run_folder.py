@@ -216,8 +216,8 @@ def _once(
             table = rows()
             tables[place] = None if table is None else with_columns(table, columns)
     # Trials may share some of their tasks: one that trains has the training frames besides.
-    rows = _stack([table for table in tables.values() if table is not None])
-    return rows.drop_duplicates(ignore_index=True)
+    every = _stack([table for table in tables.values() if table is not None])
+    return every.drop_duplicates(ignore_index=True)
 
 
 def _points(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
