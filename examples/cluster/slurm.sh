@@ -23,7 +23,7 @@ address=$ip:$((30000 + SLURM_JOB_ID % 10000))
 node=(ray start --block --disable-usage-stats
     "--num-cpus=$SLURM_CPUS_PER_TASK" "--num-gpus=${SLURM_GPUS_ON_NODE:-0}")
 
-# This script runs on the first machine: the head is there, and the driver.
+# This script runs on the first machine, with the head and the driver.
 srun --overlap --nodes=1 --ntasks=1 --nodelist="$SLURMD_NODENAME" \
     "${node[@]}" --head --node-ip-address="$ip" --port="${address##*:}" \
     --include-dashboard=false --temp-dir="/tmp/ray-$SLURM_JOB_ID" &
@@ -38,5 +38,5 @@ if ((others > 0)); then
         "${node[@]}" --address="$address" &
 fi
 
-# Machines that come later join while the sweep runs. Slurm ends Ray's processes with this script.
+# Machines that come later join the running sweep. Slurm ends Ray's processes with this script.
 lidarplace run "$config" --set "ray=$address"
