@@ -66,7 +66,7 @@ references: setup
 	$(BIN)/python docs/run_folder.py
 	$(BIN)/python docs/sensors.py
 
-# The site, in build/site: docs/, the pages of the demo, and all docstrings in python/.
+# The site, in build/site: docs/, the notebooks (they run: half a minute), the pages of the demo, docstrings in python/.
 docs: references demo
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	$(BIN)/pdoc --docformat google --output-directory build/site/python lidarplace training tracking sweeps

@@ -1,28 +1,43 @@
 """Hooks of MkDocs: files outside of docs/ that pages link to, notebooks, and the pages of the demo.
 
+Notebooks run when the site is built, and are shown with their outputs.
+
 A page of docs/ is at the root of the site, any other file of the project in `source/`. Links are
 the same in both, so GitHub shows the pages, too.
 """
 
 from __future__ import annotations
 
-import json
+import os
 import re
+import subprocess
+import sys
+from functools import cache
 from pathlib import Path, PurePosixPath
 from posixpath import normpath, relpath
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
+from plotly.offline import get_plotlyjs
 
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]*)?\)")
 FENCE = re.compile(r"(^```.*?^```)", re.M | re.S)
 DEMO = ("decision.html", "failures.html", "report.html")
+PLOTLY = "plotly.min.js"
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Add what pages of docs/ link to, and what these files link to."""
+    folder = Path(config["extra"]["demo"])
+    files.append(File.generated(config, PLOTLY, content=get_plotlyjs()))
+    for name in DEMO:
+        if not (folder / name).is_file():
+            raise PluginError(f"{folder / name}: no such file; run `make demo`")
+        path = str((folder / name).resolve())
+        files.append(File.generated(config, f"demo/{name}", abs_src_path=path))
     pending = [file for file in files if file.src_uri.endswith(".md")]
     known = {file.src_uri for file in files}
     while pending:
@@ -32,19 +47,14 @@ def on_files(files: Files, config: Any) -> Files:
             if uri in known or not (ROOT / path).is_file():
                 continue
             if path.endswith(".ipynb"):
-                file = File.generated(config, uri, content=_of_notebook(ROOT / path))
+                content = _of_notebook(path, folder.resolve())
+                file = File.generated(config, uri, content=content)
             else:
                 file = File.generated(config, uri, abs_src_path=str(ROOT / path))
             files.append(file)
             known.add(uri)
             if uri.endswith(".md"):
                 pending.append(file)
-    folder = Path(config["extra"]["demo"])
-    for name in DEMO:
-        if not (folder / name).is_file():
-            raise PluginError(f"{folder / name}: no such file; run `make demo`")
-        path = str((folder / name).resolve())
-        files.append(File.generated(config, f"demo/{name}", abs_src_path=path))
     return files
 
 
@@ -91,11 +101,20 @@ def uri_of(path: str) -> str:
     return re.sub(r"\.ipynb$", ".md", uri)
 
 
-def _of_notebook(path: Path) -> str:
-    """Its cells as Markdown; notebooks are committed without outputs."""
-    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    return "\n\n".join(
-        f"```python\n{text}\n```" if cell["cell_type"] == "code" else text
-        for cell in cells
-        for text in ["".join(cell["source"])]
-    )
+@cache
+def _of_notebook(path: str, demo: Path) -> str:
+    """Its cells and their outputs; `runs/grid` is the run folder of the demo."""
+    script = relpath(PLOTLY, PurePosixPath(uri_of(path)).parent)
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "runs").mkdir()
+        (Path(folder) / "runs/grid").symlink_to(demo)
+        done = subprocess.run(
+            [sys.executable, "-P", ROOT / "docs/notebooks.py", ROOT / path, "page.md", script],
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode:
+            raise PluginError(f"{path}: {done.stderr}")
+        return (Path(folder) / "page.md").read_text(encoding="utf-8")

@@ -12,6 +12,7 @@ import yaml
 
 from sweeps.execution.checks import SUMO_LIBRARIES
 from tests.test_docs_links import LINK, text_of
+from tests.tracking.made_up_run import write_run
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,8 +46,7 @@ def test_the_menu_is_the_index():
 
 @pytest.mark.long
 def test_the_site_builds_and_loads_nothing_from_elsewhere(tmp_path):
-    demo = tmp_path / "demo"
-    demo.mkdir()
+    demo = write_run(tmp_path / "demo")
     for name in ("decision", "failures", "report"):
         (demo / f"{name}.html").write_text(f"<p>the {name} page</p>")
     site = tmp_path / "site"
@@ -59,9 +59,16 @@ def test_the_site_builds_and_loads_nothing_from_elsewhere(tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    for page in demo.iterdir():
+    for page in demo.glob("*.html"):
         assert (site / "demo" / page.name).read_bytes() == page.read_bytes()
-    assert "PAPER_PLACEMENTS" in (site / "source/examples/notebooks/box_log.html").read_text()
+    for name, output in {
+        "quickstart": "expected_recall",
+        "box_log": "unseen (%)",
+        "sweep": "std",
+    }.items():
+        text = (site / f"source/examples/notebooks/{name}.html").read_text()
+        assert f"<th>{output}</th>" in text
+        assert "Plotly.newPlot" in text
     pages = sorted(site.rglob("*.html"))
     assert len(pages) > len(list((ROOT / "docs").glob("*.md")))
     loaded = r'<(script|img|iframe|source)[^>]* src="?(http|//)|<link[^>]*style[^>]*href="?http'
