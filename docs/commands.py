@@ -42,9 +42,9 @@ completed.
 
 ## JSON
 
-With `--json` one JSON value is on stdout and nothing else; exit codes stay. Keys keep their names
-and meanings; new ones may come. `run --schema` and `search --schema` print the JSON schema of the
-file.
+`--json` prints one JSON value to stdout and nothing else; exit codes do not change. Keys keep their
+names and meanings; new keys may be added. `run --schema` and `search --schema` print the JSON
+schema of the file.
 
 - `run --dry-run`: `name`; `stages`, by stage `tasks` and `cached`; `rungs`, each with `by`, `keep`,
   `set`; `scenes`, each with `scene`, `train_frames`, `test_frames`; `requirements`, as

@@ -19,19 +19,18 @@ PAGE = Path(__file__).with_suffix(".md")
 
 HEAD = """# Configuration
 
-Every key of the files of sweeps, searches, requirements and studios. A page that is made from the
-models (`python docs/configuration.py`), and so from what a command checks a file against.
+This page lists every key of the files of sweeps, searches, requirements and studios. `python
+docs/configuration.py` makes it from the models that validate the files.
 
-- A key path such as `scene.density` leads to a key in nested mappings. It can be an axis of `grid`,
-  a column of the results, and stand in `--set scene.density=40`.
-- A key that is not here is an error that names the nearest one; so is a value beyond the limits,
-  also where an axis of `grid` replaces it. `true` and `"3"` are no numbers.
-- Of two axes none may lead into the other: `scene` beside `scene.density` is refused.
-- A file is YAML of numbers, texts, lists and mappings, at most 16 MB; `1e-3` is a number, a date is
-  text, other tags are refused. What an alias stands for is copied, so `--set` changes one place.
-- `NAME` is a name of your own, `[]` stands for each entry of a list.
-- Ego frame: x forward, y left, z up; metres. Angles are radians, unless the key ends in `_deg`.
-- `lidarplace run --schema` prints the same as a JSON schema, for editors that complete YAML.
+- A key path such as `scene.density` names a key in nested mappings. Use it as an axis of `grid`, as
+a column of the results, and in `--set scene.density=40`. - An unknown key is an error that suggests
+the nearest one. A value out of range is an error, even if an axis of `grid` replaces it. `true` and
+`"3"` are not numbers. - Two axes may not overlap: `scene` together with `scene.density` is
+rejected. - A file is YAML of numbers, texts, lists and mappings, at most 16 MB; `1e-3` is a number,
+a date is text, other tags are rejected. Aliases are copied, so `--set` changes one place. - `NAME`
+is any name, `[]` stands for each entry of a list. - Ego frame: x forward, y left, z up; metres.
+Angles are radians, unless the key ends in `_deg`. - `lidarplace run --schema` prints the same as a
+JSON schema, for editors that complete YAML.
 
 How the keys are used: [long sweeps](sweeps.md), [search](search.md), [data](data.md),
 [detectors](detectors.md), [method](method.md), [requirements](requirements.md),

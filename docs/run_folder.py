@@ -17,12 +17,12 @@ PAGE = Path(__file__).with_suffix(".md")
 
 HEAD = """# The files of a run folder
 
-What a sweep and a search leave in `OUTPUT/NAME`, to be read without this project: tables are
-Parquet, arrays are NumPy archives (`numpy.load`), the rest is JSON and YAML. A page that is made
-from the models that write these files and check them (`python docs/run_folder.py`).
+A sweep or a search writes these files to `OUTPUT/NAME`. You can read them without lidarplace:
+tables are Parquet, arrays are NumPy archives (`numpy.load`), the rest is JSON and YAML. `python
+docs/run_folder.py` makes this page from the models that write and check these files.
 
 - Lengths are in metres, angles in radians unless the name ends in `_deg`, AP and recall in percent.
-- Any value of a table may be missing. A table for which there was no row has no columns.
+- Any value of a table may be missing. A table without rows has no columns.
 - Arrays by class or by placement are called `pog/Car`, `coverage/line`, `unseen/Car/found_1`.
 - `config.yaml` is the configuration, overrides included, without passwords.
 """

@@ -1,4 +1,4 @@
-"""The verbs of the program `lidarplace`.
+"""The commands of the program `lidarplace`.
 
 A verb's module is imported when the verb is called. Without lidarplace's packages, as
 `lidarplace doctor` has to run where some of them are missing.

@@ -1,4 +1,4 @@
-"""The program `lidarplace`: what has to happen before anything is imported."""
+"""The program `lidarplace`: set-up before other imports."""
 
 import signal
 import sys

@@ -64,8 +64,8 @@ RigsOption = Annotated[
     typer.Option(
         "--rig",
         metavar="NAME=PATH",
-        help="detections of a rig, a file or a folder; repeatable, and with the same name for "
-        "another training of its detector",
+        help="detections of a rig, a file or a folder; repeatable; the same name again is another "
+        "training of its detector",
     ),
 ]
 GeometryOption = Annotated[
@@ -94,7 +94,9 @@ CalibOption = Annotated[
 ]
 DetectionClassMapOption = Annotated[
     str,
-    typer.Option("--class-map", metavar="paper|own|FILE", help="as `convert` made the log with it"),
+    typer.Option(
+        "--class-map", metavar="paper|own|FILE", help="the one with which `convert` made the log"
+    ),
 ]
 ClassesOption = Annotated[
     list[str] | None,

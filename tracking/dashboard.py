@@ -27,12 +27,12 @@ def dashboard(
         str, typer.Argument(help="folder of a sweep, file of a database, or MLflow's tracking URI")
     ] = "runs/mlflow.db",
     port: Annotated[
-        int | None, typer.Option(help="5000, or the next one that is free", callback=within(PORT))
+        int | None, typer.Option(help="5000, or the next free one", callback=within(PORT))
     ] = None,
 ) -> None:
-    """Start MLflow on this machine alone, and print the address. Ctrl-C stops it.
+    """Start MLflow on this machine only, and print the address. Ctrl-C stops it.
 
-    Of a folder the page of its sweep is opened, else that of the latest one.
+    For a folder, the address is the page of its sweep, otherwise that of the latest sweep.
     """
     try:
         uri, name = _tracking(where)

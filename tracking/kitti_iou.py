@@ -1,4 +1,4 @@
-"""The overlap at which a class is judged."""
+"""The IoU at which a class is evaluated."""
 
 import pandas as pd
 

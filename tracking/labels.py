@@ -1,4 +1,4 @@
-"""What stands in figures and tables: names of surrogates, metrics and groups, and numbers."""
+"""Labels of figures and tables: names of surrogates, metrics and groups, and numbers."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Generalists in files: the weights of one detector for many rigs, and what it was trained on."""
+"""Generalists in files: the weights of one detector for many rigs, and its training conditions."""
 
 import math
 from collections.abc import Iterable, Sequence

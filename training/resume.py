@@ -1,4 +1,4 @@
-"""Checkpoints of a training that is under way: it goes on at the epoch after the last one.
+"""Checkpoints of a running training, which resumes after the last epoch.
 
 The randomness of an epoch follows from the seed and the epoch's number, so weights, optimiser and
 what was logged are all that has to be kept.

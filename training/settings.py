@@ -83,7 +83,7 @@ class TrainingSettings(Settings):
     checkpoint: FilePath | None = Field(
         None,
         description="weights to start from: OpenPCDet's, a file of lidarplace pretrain, or "
-        "pretrained: those of the package",
+        "pretrained: the packaged weights",
     )
     new_heads: bool = Field(
         False, description="train new heads if the checkpoint has other classes; an error if false"

@@ -1,4 +1,4 @@
-"""What objects of a class are like: the anchors of classes that a preset does not know."""
+"""Typical sizes of a class: the anchors of classes that a preset does not define."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""What everything else stands on: the ROI, ranges of numbers, names, metrics, the registry."""
+"""The base of all packages: the ROI, ranges of numbers, names, metrics, the registry."""

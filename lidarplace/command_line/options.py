@@ -13,7 +13,7 @@ ProfileOption = Annotated[
     str,
     typer.Option(
         metavar="|".join(PROFILES),
-        help="LiDAR and way to collect",
+        help="LiDAR model and collection of the clouds",
         autocompletion=lambda: list(PROFILES),
     ),
 ]

@@ -1,1 +1,1 @@
-"""The verbs of `lidarplace` that need this package alone."""
+"""The commands of `lidarplace` that need this package only."""

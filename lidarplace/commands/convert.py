@@ -91,7 +91,7 @@ ClassMapOption = Annotated[
         "--class-map",
         metavar="paper|own|FILE",
         help="paper: Car, Cyclist (with trucks) and Pedestrian, as the paper groups them; own: "
-        "road users keep the names of the data set; or a YAML file of lines `category: class`, "
+        "names of the data set; or a YAML file of lines `category: class`, "
         "where class is any name, or ignore. Other categories keep the paper's grouping.",
     ),
 ]
@@ -108,14 +108,15 @@ KeepIgnoredOption = Annotated[
 
 @verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
 def nuscenes(
-    source: Annotated[Path, typer.Argument(help="the folder v1.0-… of tables, or the one above")],
+    source: Annotated[Path, typer.Argument(help="folder v1.0-… of tables, or its parent")],
     out: Out,
     version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
     test_share: Annotated[
-        float, typer.Option(help="share of the recordings that are test", callback=within(SHARE))
+        float, typer.Option(help="share of the recordings for testing", callback=within(SHARE))
     ] = 0.2,
     test_scenes: Annotated[
-        Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
+        Path | None,
+        typer.Option(help="text file with one test scene per line, instead of --test-share"),
     ] = None,
     class_map: ClassMapOption = PAPER,
     keep_ignored: KeepIgnoredOption = False,
@@ -199,12 +200,12 @@ def waymo(
 
 @verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
 def openlabel(
-    source: Annotated[Path, typer.Argument(help="a file, or a folder of a file a drive")],
+    source: Annotated[Path, typer.Argument(help="a file, or a folder with one file per drive")],
     out: Out,
     origin: Annotated[
         tuple[float, float, float],
         typer.Option(
-            metavar="X Y Z", help="where the file's vehicle frame starts, metres of our ego frame"
+            metavar="X Y Z", help="origin of the file's vehicle frame in our ego frame, metres"
         ),
     ],
     vehicle: Annotated[
@@ -214,9 +215,7 @@ def openlabel(
     time_unit: Annotated[
         str, typer.Option(metavar="|".join(SECONDS), help="of time stamps that are numbers")
     ] = "s",
-    test: Annotated[
-        list[str] | None, typer.Option(help="drive whose frames are test; repeatable")
-    ] = None,
+    test: Annotated[list[str] | None, typer.Option(help="name of a test drive; repeatable")] = None,
     class_map: ClassMapOption = PAPER,
     rig: RigOption = None,
     lidar: LidarOption = None,
@@ -224,7 +223,7 @@ def openlabel(
     world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
-    """ASAM OpenLABEL 1.0, the cuboids in it."""
+    """Cuboids of ASAM OpenLABEL 1.0."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_openlabel(
@@ -257,10 +256,12 @@ def table(
         Path, typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames")
     ],
     out: Annotated[
-        Path | None, typer.Argument(help="folder of the box log; without it --propose or --preview")
+        Path | None,
+        typer.Argument(help="folder of the box log; not needed with --propose or --preview"),
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="table of all frames, or their number: empty ones count too")
+        str | None,
+        typer.Option(help="table of all frames, or their number; empty frames count, too"),
     ] = None,
     class_map: ClassMapOption = PAPER,
     mapping: Annotated[
@@ -281,12 +282,12 @@ def table(
     world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
-    """Tables of your own: with the columns of docs/data.md, or any others with a mapping."""
+    """Your own tables, with the columns of docs/data.md, or with any others and a mapping."""
     if propose is not None:
         if any(given is not None for given in (out, frames, mapping, preview, rig, clouds)) or (
             class_map != PAPER
         ):
-            wrong("--propose writes a mapping and nothing else: leave out OUT and other options")
+            wrong("--propose only writes a mapping; remove OUT and other options")
         _propose(source, propose)
         return
     if mapping is not None and (frames is not None or class_map != PAPER):
@@ -324,7 +325,7 @@ def table(
 
 @verb(app, "data/kitti logs/kitti --skip-bad")
 def kitti(
-    source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or the one above")],
+    source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or its parent")],
     out: Out,
     standard_calibration: Annotated[
         bool, typer.Option(help="for frames without calib, use KITTI's usual camera")

@@ -43,8 +43,8 @@ GroundOption = Annotated[
     typer.Option(
         "--ground",
         metavar=f"{KEEP}|{LEVEL}",
-        help="keep: heights of boxes as they are; level: set them on the ground of z = 0, by the "
-        "median underside of the boxes around, frame by frame",
+        help="keep: do not change heights of boxes; level: move boxes to the ground z = 0, by the "
+        "median underside of nearby boxes in each frame",
     ),
 ]
 CloudsOption = Annotated[
@@ -68,7 +68,7 @@ RigOption = Annotated[
     typer.Option(
         "--rig",
         help="YAML file of mounts with names and models: the rig that recorded the log; "
-        "`lidarplace rig` makes one of the files of other tools",
+        "`lidarplace rig` converts files of other tools",
     ),
 ]
 LidarOption = Annotated[

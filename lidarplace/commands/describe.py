@@ -68,7 +68,7 @@ def main(
 ) -> None:
     """Print frames and objects per frame of box logs.
 
-    Objects whose centre is in the paper's region of interest, and in the front half of it.
+    Counts objects with their centre in the paper's region of interest, and in its front half.
     """
     with checked_input():
         read = {str(folder): read_box_log(folder) for folder in logs}

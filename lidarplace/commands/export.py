@@ -57,7 +57,7 @@ def export(
         str,
         typer.Option(
             metavar="NAME|FILE",
-            help="the paper's by name, an own one as FILE.yaml with `mounts`",
+            help="one of the paper's, or FILE.yaml with `mounts`",
             autocompletion=lambda: list(PAPER_PLACEMENTS),
         ),
     ],
@@ -73,13 +73,17 @@ def export(
         bool, typer.Option("--all-around", help="label objects outside the image too")
     ] = False,
     images: Annotated[
-        bool, typer.Option("--images", help="black images, for tools that read the size of them")
+        bool,
+        typer.Option("--images", help="write black images, for tools that read the image size"),
     ] = False,
     seed: Annotated[
-        int, typer.Option(help="of shapes, drop-off and range noise", callback=within(SEED))
+        int, typer.Option(help="seed of shapes, drop-off and range noise", callback=within(SEED))
     ] = 0,
     recorded: Annotated[
-        bool, typer.Option("--recorded", help="clouds of LOG/clouds/PLACEMENT, none are simulated")
+        bool,
+        typer.Option(
+            "--recorded", help="use the clouds in LOG/clouds/PLACEMENT instead of simulating"
+        ),
     ] = False,
 ) -> None:
     """Write KITTI's object layout, as OpenPCDet reads it (docs/kitti.md), or FILE.mcap.

@@ -40,7 +40,7 @@ def rig(
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="of the file that is not YAML; .urdf and .launch.xml tell it",
+            help="format of the file that is not YAML; detected for .urdf and .launch.xml",
             autocompletion=lambda: list(FORMATS),
         ),
     ] = None,
@@ -48,16 +48,16 @@ def rig(
         tuple[float, float, float] | None,
         typer.Option(
             metavar="X Y Z",
-            help="where that file's vehicle frame starts, in metres of our ego frame; nuscenes and "
-            "carla have one by default",
+            help="origin of that file's vehicle frame in our ego frame, metres; nuscenes and "
+            "carla have a default",
         ),
     ] = None,
     only: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PATTERN",
-            help="sensors by name, * being any text; repeatable. urdf and ros2 have frames of all "
-            "kinds, and need it for LiDARs; of the others all are taken",
+            help="sensors by name, * matches any text; repeatable. Required for LiDARs of urdf "
+            "and ros2, which have frames of all kinds; all by default in other formats",
         ),
     ] = None,
     cameras: Annotated[
@@ -74,15 +74,15 @@ def rig(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="model of those without one, of the catalogue (`lidarplace sensors`)",
+            help="model of the catalogue (`lidarplace sensors`) for LiDARs without one",
             autocompletion=lambda: list(catalogue()),
         ),
     ] = None,
     camera: Annotated[
-        str | None, typer.Option(metavar="NAME", help="model of cameras whose angles are not known")
+        str | None, typer.Option(metavar="NAME", help="model of cameras without known angles")
     ] = None,
     radar: Annotated[
-        str | None, typer.Option(metavar="NAME", help="model of radars whose angles are not known")
+        str | None, typer.Option(metavar="NAME", help="model of radars without known angles")
     ] = None,
 ) -> None:
     """Read a rig from another tool's file, or write one; SOURCE or OUT is a YAML file of `mounts`.
@@ -130,8 +130,8 @@ def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
     found = known.origin if origin is None else origin
     if found is None:
         raise ValueError(
-            f"{path}: its vehicle frame may start anywhere; say where in metres of ours, which is "
-            "on the ground under the centre: --origin -1.4 0 0.3 is the middle of a rear axle"
+            f"{path}: unknown origin of its vehicle frame; set it in our ego frame, which is on "
+            "the ground under the centre: --origin -1.4 0 0.3 for a rear axle"
         )
     if not all(abs(value) <= 100 for value in found):
         raise ValueError(f"--origin: must be within 100 m, found {' '.join(map(str, found))}")

@@ -45,7 +45,7 @@ def main(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the LiDARs that `lidar: NAME` and `Lidar.named` take, at 10 frames a second.
+    """List the LiDARs for `lidar: NAME` and `Lidar.named`, at 10 frames per second.
 
     Angles in degrees, ranges in metres: the farthest, those at reflectivities of 10 % and 80 %, the
     nearest, and the standard deviation. A dash means unknown.

@@ -59,9 +59,7 @@ def fit(
     ] = None,
     origin: Annotated[
         tuple[float, float, float],
-        typer.Option(
-            help="x y z in metres of ours where the ego frame of the clouds starts, with --rig"
-        ),
+        typer.Option(help="with --rig: origin of the clouds' ego frame in ours, x y z in metres"),
     ] = (0.0, 0.0, 0.0),
     out: Annotated[
         Path | None, typer.Option(help="YAML file to write: `lidar`, or `mounts` of a rig")

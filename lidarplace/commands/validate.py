@@ -29,14 +29,14 @@ def main(
     ] = Path("validation"),
     correction: Annotated[
         str | None,
-        typer.Option(metavar="FILE|NAME", help="judge this correction; without it one is fitted"),
+        typer.Option(metavar="FILE|NAME", help="evaluate this correction instead of fitting one"),
     ] = None,
     vehicle: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="body of the vehicle: YAML of what the key vehicle of a sweep holds, or a mesh in "
-            "metres; by default a sedan",
+            help="body of the vehicle: YAML file with the value of a sweep's key vehicle, or a "
+            "mesh in metres; a sedan by default",
         ),
     ] = None,
     without: Annotated[
@@ -49,10 +49,10 @@ def main(
 ) -> None:
     """Compare simulated points with the real ones of a log, and fit a correction.
 
-    The log needs the points that each box had and the rig that recorded them: `convert` keeps both.
-    A static world (`convert --world`) stops simulated rays.
-    Writes validation.html, which begins with the decision whether to believe the simulator for
-    this vehicle; the tables behind it as Parquet; and correction.yaml for `lidar: {correction: …}`.
+    The log needs the real points of each box and the rig that recorded them: `convert` keeps both.
+    A static world (`convert --world`) stops simulated rays. Writes validation.html, which first
+    answers whether to trust the simulator for this vehicle; its tables as Parquet; and
+    correction.yaml for `lidar: {correction: …}`.
     """
     from lidarplace.validation.page import with_world, write_page
     from lidarplace.validation.validation import validate

@@ -49,7 +49,7 @@ def view(
         list[str] | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="the paper's by name, own ones as FILE.yaml with `mounts`; repeatable",
+            help="one of the paper's, or FILE.yaml with `mounts`; repeatable",
             autocompletion=lambda: list(PAPER_PLACEMENTS),
         ),
     ] = None,

@@ -45,14 +45,14 @@ class FurtherSensorSettings(PoseSettings):
 
     KIND: ClassVar[str]
 
-    model: Name | None = Field(
-        None, description="of the catalogue; other keys win over what it tells"
+    model: Name | None = Field(None, description="name in the catalogue; other keys override it")
+    range: Distance | None = Field(
+        None, gt=0, description="largest distance at which it sees any object, metres"
     )
-    range: Distance | None = Field(None, gt=0, description="farthest use of any object, metres")
     ranges: Ranges = Field(default={}, description="the same by class of the object, metres")
     price: Amount | None = Field(None, description="in any currency")
     power: Amount | None = Field(None, description="watts")
-    source: Text | None = Field(None, description="where its numbers are from")
+    source: Text | None = Field(None, description="source of its numbers")
 
     @model_validator(mode="before")
     @classmethod
@@ -89,7 +89,7 @@ class CameraSettings(FurtherSensorSettings):
         None, description="width and height of its images"
     )
     fov_deg: tuple[Degrees, Degrees] | None = Field(
-        None, description="angles between the edges of its images, across and up, below 180"
+        None, description="horizontal and vertical field of view, below 180"
     )
     intrinsic: tuple[Row, Row, Row] | None = Field(
         None,
@@ -100,7 +100,7 @@ class CameraSettings(FurtherSensorSettings):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         if self.fov_deg is not None and self.intrinsic is not None and self.model is None:
-            raise ValueError("fov_deg and intrinsic: name one of the two")
+            raise ValueError("fov_deg and intrinsic: set only one of the two")
         if self.fov_deg is not None and not all(0 < angle < 180 for angle in self.fov_deg):
             raise ValueError(f"fov_deg: expected angles within (0, 180), found {self.fov_deg}")
         if self.intrinsic is not None and not min(self.intrinsic[0][0], self.intrinsic[1][1]) > 0:
@@ -129,7 +129,7 @@ class RadarSettings(FurtherSensorSettings):
     azimuth_deg: Turn | None = Field(None, description="[from, to], to the left")
     elevation_deg: tuple[Elevation, Elevation] | None = Field(None, description="[lowest, highest]")
     cell: tuple[Distance, Degrees] | None = Field(
-        None, description="what it tells apart: metres of range, and degrees of azimuth"
+        None, description="resolution: metres of range, and degrees of azimuth"
     )
 
     @model_validator(mode="after")

@@ -52,7 +52,7 @@ Heights = Annotated[
 
 
 class PlaceSettings(Settings):
-    """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
+    """Where a LiDAR may be mounted: a box, or a polygon with heights; metres, ego frame."""
 
     x: Span | None = Field(None, description="a number or [min, max], metres")
     y: Span | None = Field(None, description="a number or [min, max], metres")
@@ -114,7 +114,7 @@ def mountable(zones: Mapping[str, PlaceSettings], vehicle: Vehicle) -> tuple[Zon
 
 
 class KeepOutSettings(Settings):
-    """A box in which no LiDAR may sit and through which none sees, such as a window or a mirror."""
+    """A box that may not contain a LiDAR and hides objects, such as a window or a mirror."""
 
     x: Pair = Field(description="[min, max], metres")
     y: Pair = Field(description="[min, max], metres")
@@ -150,13 +150,14 @@ class CommonViewSettings(Settings):
 
     pairs: str | tuple[tuple[CountFromOne, CountFromOne], ...] = Field(
         "chain",
-        description="all: every pair; chain: so many pairs that each sensor is connected with each "
-        "other one; or a list of pairs, numbers from 1, such as [[1, 2], [2, 3]]",
+        description="all: every pair; chain: enough pairs to connect all sensors; or a list of "
+        "pairs, numbers from 1, such as [[1, 2], [2, 3]]",
     )
     share: Probability = Field(
-        gt=0, description="least share of the smaller field of view that both see past the vehicle"
+        gt=0,
+        description="smallest share of the smaller field of view that both see past the vehicle",
     )
-    range: Distance = Field(20.0, gt=0, description="at which views are compared, metres")
+    range: Distance = Field(20.0, gt=0, description="distance at which views are compared, metres")
 
     @field_validator("pairs", mode="before")
     @classmethod
@@ -178,17 +179,17 @@ class CommonViewSettings(Settings):
 
 
 class LimitSettings(Settings):
-    """What a placement has to keep."""
+    """Limits of a placement."""
 
-    distance: Distance = Field(0.2, description="least distance between LiDARs, m; 0: any")
+    distance: Distance = Field(0.2, description="smallest distance between LiDARs, metres; 0: any")
     body_share: Probability | None = Field(
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
     price: Amount | None = Field(None, description="maximum price of all LiDARs")
     power: Amount | None = Field(None, description="maximum power of all LiDARs, watts")
     common_view: CommonViewSettings | None = Field(
-        None, description="what LiDARs have to see in common, to be calibrated against each other"
+        None, description="common view of the LiDARs, for their calibration against each other"
     )
     facing: Count | None = Field(
-        None, description="most pairs of LiDARs that may look into each other"
+        None, description="largest number of pairs of LiDARs that may face each other"
     )

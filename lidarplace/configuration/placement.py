@@ -31,8 +31,7 @@ class MountSettings(PoseSettings):
 
 
 class PlacementSettings(Settings):
-    """A placement by coordinates, as files have it: its keys are checked one by one, and mounts
-    without a LiDAR model get one later."""
+    """A placement by coordinates, as in files; mounts without a LiDAR model get one later."""
 
     convention: Literal["ego", "carla"] = Field(
         "ego",
@@ -68,7 +67,7 @@ class PlacementSettings(Settings):
 
 
 class SweptPlacementSettings(PlacementSettings):
-    """A placement of a sweep, of which LiDARs may be dead; other files have working ones alone.
+    """A placement of a sweep; only sweeps allow dead LiDARs.
 
     In place of coordinates it may name LiDARs of the rig that recorded the scene's log.
     """
@@ -79,7 +78,7 @@ class SweptPlacementSettings(PlacementSettings):
     recorded: tuple[Name, ...] = Field(
         (),
         max_length=MOST_MOUNTS,
-        description="in place of mounts: names of LiDARs of the rig that recorded the log",
+        description="instead of mounts: names of LiDARs of the rig that recorded the log",
     )
     dead: tuple[MountSettings, ...] = Field(
         (),
@@ -92,7 +91,7 @@ class SweptPlacementSettings(PlacementSettings):
         if self.recorded and (self.model_fields_set - {"recorded"}):
             other = sorted(self.model_fields_set - {"recorded"})[0]
             raise ValueError(
-                f"recorded and {other}: a recorded rig is as it was; name one of the two"
+                f"recorded and {other}: a recorded rig is as it was; set only one of the two"
             )
         if not (self.mounts or self.recorded):
             raise ValueError(
@@ -125,7 +124,7 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
     if name not in PAPER_PLACEMENTS:
         raise ValueError(
             f"--placement {name}{did_you_mean(name, PAPER_PLACEMENTS)}: expected "
-            f"{', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
+            f"{', '.join(PAPER_PLACEMENTS)} or a FILE.yaml"
         )
     return PAPER_PLACEMENTS[name].with_lidar(lidar)
 

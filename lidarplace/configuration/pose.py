@@ -12,7 +12,7 @@ from lidarplace.configuration.settings import Angle, Aside, Degrees, Height, Nam
 class PoseSettings(Settings):
     """Pose of one sensor, metres and radians or degrees, in the convention of its placement."""
 
-    name: Name | None = Field(None, description="of the sensor, for other tools")
+    name: Name | None = Field(None, description="name of the sensor, for other tools")
     x: Aside = Field(0.0, description="forward, metres")
     y: Aside = Field(0.0, description="to the left, metres")
     z: Height = Field(description="above the ground, metres")

@@ -47,13 +47,13 @@ def _beside_or_packaged(source: str, info: ValidationInfo) -> str:
 
 
 class SensorSettings(Settings):
-    """A LiDAR model: one of the catalogue by its name, alone or in a mapping whose other keys win,
-    or one's own, of which the defaults are the paper's, without noise."""
+    """A LiDAR model: a name in the catalogue, alone or in a mapping whose other keys override it,
+    or your own. The defaults are the paper's, without noise."""
 
     name: Name | None = Field(
         None,
-        description="of the catalogue (`lidarplace sensors`), such as vlp16; at 10 turns a second, "
-        "unless it names another rate: hdl32e@20hz",
+        description="name in the catalogue (`lidarplace sensors`), such as vlp16; at 10 turns per "
+        "second, unless the name has another rate: hdl32e@20hz",
     )
     beams: Annotated[CountFromOne, Field(le=MOST_BEAMS)] = Field(
         16, description="beams, evenly spread over elevation_deg"
@@ -62,7 +62,7 @@ class SensorSettings(Settings):
         (-25.0, 5.0), description="elevation of the lowest and the highest beam, degrees"
     )
     elevations_deg: Annotated[tuple[Elevation, ...], Field(max_length=MOST_BEAMS)] | None = Field(
-        None, description="elevation of every beam, degrees, in place of the two keys above"
+        None, description="elevation of every beam, degrees, instead of the two keys above"
     )
     offsets_m: Annotated[tuple[Offset, ...], Field(max_length=MOST_BEAMS)] | None = Field(
         None,
@@ -83,7 +83,7 @@ class SensorSettings(Settings):
     range_noise: Distance = Field(0.0, description="standard deviation, m")
     drop_off: Probability = Field(0.0, lt=1, description="probability that a return is lost")
     wavelength_nm: Annotated[float, Strict(), Field(gt=0, le=100_000, allow_inf_nan=False)] = Field(
-        905.0, description="of its light, nanometres; fog dims long waves less, if it is thin"
+        905.0, description="wavelength, nanometres; thin fog dims long waves less"
     )
     window: Probability = Field(
         1.0, gt=0, description="share of the light that a soiled front window lets pass, each way"
@@ -96,8 +96,8 @@ class SensorSettings(Settings):
     )
     azimuth_deg: Turn = Field(
         (-180.0, 180.0),
-        description="horizontal field of view in the sensor's frame, degrees, from min up to, not "
-        "with, max; 0 is its x axis, growing to the left, and the interval may cross 180",
+        description="horizontal field of view in the sensor's frame, degrees, without max itself; "
+        "0 is its x axis, positive angles are to the left, and the interval may cross 180",
     )
 
     pattern: FileBeside | None = Field(

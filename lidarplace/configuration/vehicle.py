@@ -37,8 +37,8 @@ class TrailerSettings(Settings):
 
 
 class VehicleSettings(Settings):
-    """A body that stops rays, and in which no LiDAR may sit: boxes, a mesh, or both; a list is
-    short for `boxes`, a text for `mesh`."""
+    """A body that stops rays and may not contain a LiDAR: boxes, a mesh, or both; a list is short
+    for `boxes`, a text for `mesh`."""
 
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
         (), description="[[x0, y0, z0], [x1, y1, z1]]: lower and upper corner, metres, ego frame"
@@ -49,10 +49,10 @@ class VehicleSettings(Settings):
         "configuration",
     )
     scale: Annotated[float, Strict(), Field(gt=0, le=1000, allow_inf_nan=False)] = Field(
-        1.0, description="metres of a unit of the mesh: 0.001 for millimetres"
+        1.0, description="metres per unit of the mesh: 0.001 for millimetres"
     )
     roll_deg: Degrees = Field(
-        0.0, description="from the axes of the mesh to ours, as of a mount; 90: its y axis is up"
+        0.0, description="rotation of the mesh, as of a mount; 90: its y axis is up"
     )
     pitch_deg: Degrees = Field(0.0, description="the same, after roll")
     yaw_deg: Degrees = Field(0.0, description="the same, after pitch; 180: its x axis is back")
@@ -60,7 +60,9 @@ class VehicleSettings(Settings):
         (0.0, 0.0, 0.0), description="where the origin of the mesh is in the ego frame, metres"
     )
 
-    trailer: TrailerSettings | None = Field(None, description="what is drawn by it and turns")
+    trailer: TrailerSettings | None = Field(
+        None, description="a trailer that turns about its hitch"
+    )
 
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:

@@ -15,12 +15,12 @@ RainRate = Annotated[float, Strict(), Field(ge=0, le=1000, allow_inf_nan=False)]
 
 
 class WeatherSettings(Settings):
-    """What is in the air: fog, rain, or both."""
+    """Fog, rain, or both."""
 
     visibility: Visibility | None = Field(
-        None, description="in fog or haze, metres: 2 % of contrast are left; null: clear air"
+        None, description="visibility in fog or haze, metres, at 2 % of contrast; null: clear air"
     )
-    rain: RainRate = Field(0.0, description="millimetres an hour")
+    rain: RainRate = Field(0.0, description="millimetres per hour")
 
     def weather(self) -> Weather:
         """In the terms of `lidarplace`."""

@@ -1,1 +1,1 @@
-"""Detections of other programs: the boxes that somebody's detector found in the frames of a log."""
+"""Detections of other programs in the frames of a log."""

@@ -1,1 +1,1 @@
-"""Files and addresses: text, JSON, CSV, tables and arrays, read with one line for what is wrong."""
+"""Files and addresses: text, JSON, CSV, tables and arrays, with one-line errors."""

@@ -15,7 +15,7 @@ def read_xml(path: Path) -> Element:
     with reading(path):
         text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ValueError(f"{path}: has a document type, which is not read; take <!DOCTYPE …> out")
+        raise ValueError(f"{path}: document types are not supported; remove <!DOCTYPE …>")
     try:
         return fromstring(text.encode())
     except ParseError as error:

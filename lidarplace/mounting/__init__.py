@@ -1,1 +1,1 @@
-"""What a vehicle allows its LiDARs: zones for mounts, its own body in view, what is near it."""
+"""Limits of mounting: zones, the view past the vehicle, and the near field."""

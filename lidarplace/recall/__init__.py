@@ -1,1 +1,1 @@
-"""Which objects a rig probably finds: cells of their surfaces that it hits, and a curve."""
+"""Expected recall: cells of object surfaces that a rig hits, and a detection curve."""

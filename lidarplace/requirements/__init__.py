@@ -1,1 +1,1 @@
-"""What LiDARs have to see around a vehicle, and whether a rig does: objects placed all over it."""
+"""Requirements: objects around a vehicle that LiDARs must see, and the check of a rig."""

@@ -75,10 +75,10 @@ Sector = Annotated[Turn, BeforeValidator(_direction)]
 
 
 class WhereSettings(Settings):
-    """The ground on which an object may stand with its middle: what all of these keys allow."""
+    """The ground on which the middle of an object may be; all keys that are set must allow it."""
 
     preset: Literal[PRESETS] | None = Field(  # type: ignore[valid-type]
-        None, description="an area that follows a regulation, in place of the other keys"
+        None, description="an area that follows a regulation, instead of the other keys"
     )
     distance: Annotated[tuple[Distance, Distance], AfterValidator(_ordered)] | None = Field(
         None, description="from the vehicle's body as seen from above, metres"
@@ -91,8 +91,7 @@ class WhereSettings(Settings):
     x: Interval | None = Field(None, description="forward, metres")
     y: Interval | None = Field(None, description="to the left, metres")
     lanes: Annotated[tuple[Literal[LANES], ...], Field(min_length=1)] | None = Field(  # type: ignore[valid-type]
-        None,
-        description="lanes along x, in place of y; the vehicle drives in the middle of its own",
+        None, description="lanes along x, instead of y; the vehicle drives in the middle of its own"
     )
     lane_width: Distance = Field(3.5, gt=0, description="metres")
     z: Interval = Field((0.0, 2.0), description="heights of a coverage, metres")
@@ -101,9 +100,9 @@ class WhereSettings(Settings):
     def _one_way(self) -> WhereSettings:
         others = self.model_fields_set - {"preset", "z"}
         if self.preset is not None and others:
-            raise ValueError(f"preset: stands alone; take out {', '.join(sorted(others))}")
+            raise ValueError(f"preset: excludes other keys; remove {', '.join(sorted(others))}")
         if self.lanes is not None and self.y is not None:
-            raise ValueError("lanes: stand in place of y; take one of them out")
+            raise ValueError("lanes: exclude y; remove one of the two")
         return self
 
     def area(self, vehicle: Vehicle) -> Area:
@@ -122,7 +121,8 @@ Side = Annotated[Distance, Field(le=MOST_SIZE_M)]
 
 
 class WhatSettings(Settings):
-    """An object: a class's standard box, a box of a given size, or the one changed by the other."""
+    """An object: a class's standard box, a box of a given size, or a standard box with some sizes
+    changed."""
 
     object_class: Literal[tuple(STANDARD)] | None = Field(  # type: ignore[valid-type]
         None, alias="class", description="its standard box, and its detection curve"
@@ -133,18 +133,18 @@ class WhatSettings(Settings):
     reflectivity: Probability | None = Field(
         None,
         gt=0,
-        description="share of the light that it sends back, 0.1 if null; every LiDAR has to have a "
-        "range_10 then",
+        description="share of the light that it reflects, 0.1 if null; if set, every LiDAR needs "
+        "a range_10",
     )
     headings: Annotated[CountFromOne, Field(le=360)] = Field(
-        4, description="so many, evenly over half a turn; the worst one counts"
+        4, description="number of headings, evenly over half a turn; the worst one counts"
     )
 
     @model_validator(mode="after")
     def _has_a_size(self) -> WhatSettings:
         missing = [key for key in ("length", "width", "height") if getattr(self, key) is None]
         if self.object_class is None and missing:
-            raise ValueError(f"name a class, or {', '.join(missing)}, too")
+            raise ValueError(f"set a class, or {', '.join(missing)}, too")
         return self
 
     def placed(self) -> PlacedObject:
@@ -155,7 +155,7 @@ class WhatSettings(Settings):
 
 
 class AtLeastSettings(Settings):
-    """How much of it is needed: one of the first four keys of LiDARs, pixels of cameras, reach of
+    """How much must be seen: one of the first four keys for LiDARs, pixels for cameras, reach for
     radars."""
 
     points: CountFromOne | None = Field(None, description="returns from the object")
@@ -163,25 +163,27 @@ class AtLeastSettings(Settings):
         None, description="distinct cells of its surface, cubes of the edge that the curves have"
     )
     probability: Probability | None = Field(
-        None, gt=0, description="that a detector finds it, by the curve of its class"
+        None, gt=0, description="probability that a detector finds it, by the curve of its class"
     )
     coverage: Probability | None = Field(
         None, gt=0, description="share of the voxels above the area that some beam crosses"
     )
     iou: Probability = Field(IOU, gt=0, lt=1, description="overlap that a detection must exceed")
     pixels: CountFromOne | None = Field(
-        None, description="pixels of a camera across or up, whichever are fewer, on what it sees"
+        None,
+        description="width or height of its visible part in a camera's image, pixels, "
+        "whichever is smaller",
     )
     reach: Annotated[Factor, Field(gt=0)] | None = Field(
         None, description="range of a radar for such objects as a multiple of the distance; 1: seen"
     )
     sensors: CountFromOne | None = Field(
         None,
-        description="so many sensors have that much, each by itself; null: all LiDARs together, or "
-        "as many as kinds",
+        description="number of sensors that each have that much; null: all LiDARs together, or as "
+        "many as kinds",
     )
     kinds: Annotated[CountFromOne, Field(le=3)] = Field(
-        1, description="of so many kinds they are: LiDARs, cameras and radars"
+        1, description="number of kinds of these sensors: LiDARs, cameras and radars"
     )
 
     @model_validator(mode="after")
@@ -189,9 +191,9 @@ class AtLeastSettings(Settings):
         named = [key for key, _ in self.needs]
         of_lidars = [key for key in named if key not in KIND_OF]
         if not named or len(of_lidars) > 1:
-            raise ValueError("name one of points, cells, probability and coverage, pixels or reach")
+            raise ValueError("set one of points, cells, probability and coverage, pixels or reach")
         if "coverage" in named and (len(named) > 1 or self.kinds > 1):
-            raise ValueError("coverage: is of LiDARs alone; take out pixels, reach and kinds")
+            raise ValueError("coverage: applies to LiDARs only; remove pixels, reach and kinds")
         if self.kinds > len(named):
             raise ValueError(
                 f"kinds: expected at most {len(named)}, as many as have a measure (a measure of "
@@ -224,7 +226,9 @@ class AtLeastSettings(Settings):
 class MountsOffSettings(OffsetSettings):
     """Rigs with every mount off, uniform and independent for each coordinate."""
 
-    draws: CountFromOne = Field(8, description="so many rigs are drawn; each has to do")
+    draws: CountFromOne = Field(
+        8, description="number of random rigs; each must meet the requirement"
+    )
 
     @model_validator(mode="after")
     def _some(self) -> MountsOffSettings:
@@ -234,21 +238,21 @@ class MountsOffSettings(OffsetSettings):
 
 
 class AlsoWhenSettings(Settings):
-    """Cases beside the rig as it is built; each by itself, not all at once."""
+    """Cases in addition to the rig as built, one at a time."""
 
     one_lidar_dead: bool = Field(False, description="any one of the LiDARs sees nothing")
     sensors_dead: CountFromOne | None = Field(
         None, description="any so many of the sensors see nothing at once"
     )
     range_factor: Probability | None = Field(
-        None, gt=0, description="every LiDAR reaches so much of its range, range_10 and range_80"
+        None, gt=0, description="every LiDAR reaches this share of its range, range_10 and range_80"
     )
     weather: WeatherSettings | None = Field(
         None,
         description="fog or rain, which shorten the range of every LiDAR; rays that end at drops "
         "are not modelled",
     )
-    mounts_off: MountsOffSettings | None = Field(None, description="mounts are not where planned")
+    mounts_off: MountsOffSettings | None = Field(None, description="rigs with mounting errors")
 
     def cases(self) -> AlsoWhen:
         """In the terms of `lidarplace`."""
@@ -265,16 +269,16 @@ class AlsoWhenSettings(Settings):
     @model_validator(mode="after")
     def _dead_once(self) -> AlsoWhenSettings:
         if self.one_lidar_dead and self.sensors_dead is not None:
-            raise ValueError("one_lidar_dead and sensors_dead: name one of the two")
+            raise ValueError("one_lidar_dead and sensors_dead: set only one of the two")
         return self
 
 
 class RequirementSettings(Settings):
-    """What has to be seen where."""
+    """What a rig must see, and where."""
 
-    name: Name = Field(description="for tables and pictures")
+    name: Name = Field(description="name in tables and pictures")
     common_view: CommonViewSettings | None = Field(
-        None, description="of pairs of sensors, in place of all other keys but name"
+        None, description="common view of pairs of sensors, instead of all other keys except name"
     )
     where: Annotated[WhereSettings, short_for("preset")] | None = Field(
         None,
@@ -282,18 +286,18 @@ class RequirementSettings(Settings):
         description="a text is short for preset; needed without common_view",
     )
     what: Annotated[WhatSettings, short_for("class")] | None = Field(
-        None, description="what stands there; a text is short for class; none for coverage"
+        None, description="the object; a text is short for class; none for coverage"
     )
     at_least: AtLeastSettings | None = Field(
         None,
         validate_default=True,
-        description="how much of it is needed; needed without common_view",
+        description="how much of it must be seen; needed without common_view",
     )
     share: Probability = Field(
         1.0, alias="for", gt=0, description="share of the positions; 1: the worst one, too"
     )
     also_when: AlsoWhenSettings = Field(
-        AlsoWhenSettings(), description="cases in which it holds, too"
+        AlsoWhenSettings(), description="further cases in which it must hold"
     )
     step: Distance = Field(
         0.25, gt=0, description="metres between positions, or edge of a voxel of coverage"
@@ -329,20 +333,18 @@ class RequirementSettings(Settings):
             others = self.model_fields_set - {"name", "common_view"}
             if others:
                 named = sorted(str(type(self).model_fields[own].alias or own) for own in others)
-                raise ValueError(
-                    f"common_view: is of pairs of sensors; take out {', '.join(named)}"
-                )
+                raise ValueError(f"common_view: excludes other keys; remove {', '.join(named)}")
             return self
         assert self.at_least is not None
         assert self.where is not None
         if self.at_least.measure == "coverage":
             if self.what is not None or "share" in self.model_fields_set:
-                raise ValueError("at_least: coverage is of all voxels; take out what and for")
+                raise ValueError("at_least: coverage counts all voxels; remove what and for")
             return self
         if "z" in self.where.model_fields_set:
-            raise ValueError("where.z: is of coverage; an object stands on the ground")
+            raise ValueError("where.z: applies to coverage only; an object is on the ground")
         if self.what is None:
-            raise ValueError(f"what: is missing; {self.at_least.measure} are of an object")
+            raise ValueError(f"what: missing; {self.at_least.measure} need an object")
         if self.at_least.probability is not None and self.what.object_class is None:
             raise ValueError("what: a probability needs a class, which has a detection curve")
         return self
@@ -354,7 +356,7 @@ class RequirementSettings(Settings):
         `also_when` may leave one no range.
         """
         if self.what is not None and self.what.reflectivity is not None and lidar.range_10 is None:
-            told = "has no range_10, by which light counts; give it one, or leave this key out"
+            told = "has no range_10; set it, or remove this key"
             return "what.reflectivity", told
         try:
             self.also_when.cases().variants(Placement("one", [Mount()], lidar))
@@ -397,7 +399,7 @@ class RequirementSettings(Settings):
 def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[RequirementSettings, ...]:
     names = [requirement.name for requirement in requirements]
     if len(set(names)) < len(names):
-        raise ValueError(f"each name once, found {', '.join(names)}")
+        raise ValueError(f"duplicate names; found {', '.join(names)}")
     return requirements
 
 
@@ -408,7 +410,7 @@ def _of_presets(value: Any) -> Any:
         return given
     unknown = [own for own in given if isinstance(own, str) and own not in PRESETS]
     if unknown:
-        raise ValueError(f"no preset {unknown[0]!r}; allowed are {', '.join(PRESETS)}")
+        raise ValueError(f"no preset {unknown[0]!r}; expected one of {', '.join(PRESETS)}")
     of_each = (preset_file(o).requirements if isinstance(o, str) else (o,) for o in given)
     return [own for several in of_each for own in several]
 

@@ -202,8 +202,8 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
         if abs(sum(lidar.azimuth)) > 1e-9:
             low, high = (math.degrees(end) for end in lidar.azimuth)
             raise ValueError(
-                f"{each.name}: azimuth_deg is [{low:g}, {high:g}]; CARLA's LiDARs see as far "
-                "to the left as to the right"
+                f"{each.name}: azimuth_deg is [{low:g}, {high:g}]; CARLA's LiDARs are symmetric "
+                "to the x axis"
             )
         fans = even_fans(lidar.elevations)
         for number, fan in enumerate(fans):

@@ -54,7 +54,7 @@ def format_of(path: Path, name: str | None) -> RigFormat:
     """
     if name is not None:
         if name not in FORMATS:
-            raise ValueError(f"--format {name}: allowed are {', '.join(FORMATS)}")
+            raise ValueError(f"--format {name}: expected one of {', '.join(FORMATS)}")
         return FORMATS[name]
     for known in FORMATS.values():
         if path.name.endswith(known.suffixes or "\n"):

@@ -89,7 +89,7 @@ def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
     names = [lidar.name for lidar in lidars]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise ValueError(f"{source}: two sensors are called {twice[0]}; names must differ")
+        raise ValueError(f"{source}: duplicate sensor name {twice[0]}; names must differ")
 
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -154,11 +154,11 @@ def lidars_of(joints: Sequence[Joint], only: Sequence[str], source: str) -> list
     roots = list(dict.fromkeys(j.parent for j in joints if j.parent not in holds))
     base = BASE if BASE in holds or BASE in roots else roots[0] if len(roots) == 1 else None
     if base is None:
-        listed = ", ".join(roots) or "none, as they hang from each other in a ring"
+        listed = ", ".join(roots) or "none, because the frames form a cycle"
         raise ValueError(f"{source}: no frame {BASE}, and not one root; found {listed}")
     if not only:
         raise ValueError(
-            f"{source}: which frames are LiDARs? Name them by --only, which takes *, too; found "
+            f"{source}: no LiDARs selected; name them with --only (* matches any text); found "
             f"{', '.join(holds)}"
         )
     names = named_like(list(holds), only, source)

@@ -60,7 +60,7 @@ def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
 def _joint(node: Element, where: str) -> Joint:
     text = node.get("args", "")
     if "$(" in text or node.get("if") or node.get("unless"):
-        raise ValueError(f"{where}: $(…), if and unless are decided by a launch; write them out")
+        raise ValueError(f"{where}: $(…), if and unless are not supported; expand them")
     try:
         words = shlex.split(text)
     except ValueError as error:

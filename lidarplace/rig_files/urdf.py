@@ -28,9 +28,9 @@ def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     """
     root = read_xml(path)
     if root.tag != "robot":
-        raise ValueError(f"{path}: is no URDF: its root is {root.tag}, not robot")
+        raise ValueError(f"{path}: not a URDF: its root is {root.tag}, not robot")
     if any("xacro" in str(element.tag) for element in root.iter()):
-        raise ValueError(f"{path}: has xacro in it; run xacro, and give what it writes")
+        raise ValueError(f"{path}: contains xacro; run xacro, and pass its output")
     joints = [_joint(element, path) for element in root.iterfind("joint")]
     return lidars_of(joints, only, str(path))
 

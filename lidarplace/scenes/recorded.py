@@ -31,13 +31,13 @@ class LogScene(Settings):
 
     source: Literal["log"] = Field(description="scene type: an existing box log")
     folder: FilePath = Field(
-        description="holds boxes.parquet, frames.parquet and, if there are any, buildings.parquet; "
-        "column split of the frames says which train and which test"
+        description="folder of boxes.parquet, frames.parquet and optionally buildings.parquet; "
+        "column split of the frames divides training and test frames"
     )
     test_folder: FilePath | None = Field(
         None,
-        description="a log whose test frames take the place of the folder's own; trainings do not "
-        "depend on it",
+        description="a log whose test frames replace those of folder; trainings do not depend on "
+        "it",
     )
     clouds: Literal["simulated", "recorded"] = Field(
         "simulated",
@@ -52,7 +52,7 @@ class LogScene(Settings):
         "for its grouping of the names of data sets; ignore leaves boxes out; null: as they are",
     )
     seed: Seed = Field(
-        default=0, description="of shapes, drop-off and range noise of simulated clouds"
+        default=0, description="seed of shapes, drop-off and range noise of simulated clouds"
     )
 
     @field_validator("folder", "test_folder")

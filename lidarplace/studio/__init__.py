@@ -1,1 +1,1 @@
-"""The studio: place LiDARs on a page of the browser and see at once what the rig sees."""
+"""The studio: place LiDARs in the browser and see immediately what the rig sees."""

@@ -31,7 +31,7 @@ def studio(
     frames: Annotated[
         int,
         typer.Option(
-            help="numbers are of at most so many, evenly over the log", callback=within(FRAMES)
+            help="most frames for the numbers, spread evenly over the log", callback=within(FRAMES)
         ),
     ] = MOST_FRAMES,
     roi: RoiOption = (*PAPER_ROI.x, *PAPER_ROI.y, *PAPER_ROI.z),
@@ -39,12 +39,12 @@ def studio(
         float, typer.Option(help="edge of a voxel, metres", callback=within(RESOLUTION))
     ] = PAPER_ROI.resolution,
     port: Annotated[
-        int | None, typer.Option(help="8080, or the next one that is free", callback=within(PORT))
+        int | None, typer.Option(help="8080, or the next free one", callback=within(PORT))
     ] = None,
 ) -> None:
-    """Open a page on this machine alone on which LiDARs are placed by hand. Ctrl-C ends it.
+    """Place LiDARs by hand in the browser. The page is on this machine only; Ctrl-C stops it.
 
-    What moves changes clouds, blind spots and numbers at once. Nothing is written unless asked.
+    Clouds, blind spots and numbers follow every move. Files are written only on request.
     """
     import viser  # noqa: F401 - whether it is there is told before anything is read
 

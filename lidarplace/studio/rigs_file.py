@@ -53,14 +53,15 @@ class RigsSettings(Settings):
         default={"mine": RigSettings()}, min_length=1, description="rigs by name"
     )
     zones: dict[Name, PlaceSettings] = Field(
-        default={}, description="by name: where a LiDAR may sit; anywhere without zones"
+        default={},
+        description="zones by name: where a LiDAR may be mounted; anywhere without zones",
     )
     keep_out: KeepOuts = Field(default={})
     prices: dict[Name, Amount] = Field(
-        default={}, description="of LiDARs by their name in the catalogue, in any currency"
+        default={}, description="prices of LiDARs by their name in the catalogue, in any currency"
     )
-    constraints: LimitSettings = Field(LimitSettings(), description="what a rig has to keep")
-    requirements: Requirements = Field((), description="what has to be seen around the vehicle")
+    constraints: LimitSettings = Field(LimitSettings(), description="limits of a rig")
+    requirements: Requirements = Field((), description="what a rig must see around the vehicle")
     allow_blind_lidars: bool = Field(
         False, description="whether LiDARs may see neither ground nor objects in the ROI"
     )

@@ -1,1 +1,1 @@
-"""Compare the simulator with what a log's own LiDARs returned, and fit what corrects it."""
+"""Compare the simulator with the returns of a log's own LiDARs, and fit a correction."""

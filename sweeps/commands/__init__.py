@@ -1,1 +1,1 @@
-"""The verbs of `lidarplace` that need sweeps."""
+"""The commands of `lidarplace` that need sweeps."""

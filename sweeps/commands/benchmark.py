@@ -23,14 +23,15 @@ def benchmark(
         str | None,
         typer.Argument(
             help="a surrogate's name, a generalist's checkpoint, or module:function that maps a "
-            "placement and a box log to a number, high for good rigs; without, all built-in ones"
+            "placement and a box log to a number, high for good rigs; by default all built-in "
+            "predictors"
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare a predictor with the results of detectors trained for each of 41 rigs.
 
-    Prints Spearman's rho with intervals, regret, and how many pairs of rigs it orders rightly, by
+    Prints Spearman's rho with intervals, regret, and how many pairs of rigs it orders correctly, by
     metric and by the rigs' origin, and the tables of docs/benchmark.md with its row. Surrogates
     take a minute, a checkpoint as long as its detections in 41 times 1,120 frames.
     """

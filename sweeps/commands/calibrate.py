@@ -46,7 +46,7 @@ def calibrate(
     ] = None,
     set_: SetOption = None,
     log: Annotated[
-        Path | None, typer.Option(help="box log of the detections, in place of a sweep")
+        Path | None, typer.Option(help="box log of the detections, instead of a sweep")
     ] = None,
     rig: RigsOption = None,
     geometry: GeometryOption = None,
@@ -60,8 +60,8 @@ def calibrate(
 ) -> None:
     """Fit the curves of expected_recall to the detections of a sweep, or to those of --log.
 
-    Trains nothing: trials without detections are skipped. Rigs, routes and objects are left
-    out of a fit in turn, and predicted.
+    Trains nothing: trials without detections are skipped. Rigs, routes and objects are held out of
+    the fit in turn, and predicted.
     """
     from lidarplace.recall.detection_curve import write_curves
     from sweeps.calibration.left_out import check

@@ -28,10 +28,10 @@ def cheapest(
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Choose the rig with fewest LiDARs, least price, power or height that meets all requirements.
+    """Find the cheapest rig that meets all requirements, by LiDARs, price, power or height.
 
-    From the grid of candidates of a search, with a proof; then refined between them. Needs no
-    traffic, unless search.cheapest.recall asks a detector, too. Writes placement.yaml.
+    Solves the grid of candidates of a search, with a proof or a bound, then refines the rig off the
+    grid. Needs no traffic, unless search.cheapest.recall is set. Writes placement.yaml.
     """
     from sweeps.search.cheapest.choose import cheapest as choose
     from sweeps.search.cheapest.choose import check

@@ -59,7 +59,7 @@ def clean(
 
     with checked_input():
         if dry_run and forget:
-            raise ValueError("--forget: not with --dry-run, which changes nothing")
+            raise ValueError("--forget: cannot be combined with --dry-run")
         limit = None if quota is None else _bytes(quota)
         opened = _store_of(store)
         with nullcontext() if unlocked or dry_run else opened.exclusive():

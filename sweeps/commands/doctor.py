@@ -91,7 +91,7 @@ def doctor(
     set_: SetOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check that everything is installed that a sweep needs, and print how to install it.
+    """Check whether everything that a sweep needs is installed, and print how to install the rest.
 
     Servers are contacted only if the configuration names them.
     """

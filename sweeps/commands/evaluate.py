@@ -67,7 +67,7 @@ def evaluate(
         typer.Option(
             "--generalist",
             help="one network made the detections of all rigs: intervals include only the test "
-            "objects alone",
+            "objects",
         ),
     ] = False,
     out: Annotated[

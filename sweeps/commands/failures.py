@@ -37,12 +37,12 @@ def failures(
             help="detector or value of a further axis, such as judge=generalist; repeatable",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="of page and tables")] = Path(
-        "failures"
-    ),
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="folder of the page and the tables")
+    ] = Path("failures"),
 ) -> None:
-    """Count the objects that one rig finds and another one misses, and show the frames that tell
-    most.
+    """Count the objects that one rig finds and another one misses, and show the frames with the
+    largest differences.
 
     Trains and detects nothing. Writes OUT/failures.html, OUT/tables/failures.csv with the counts
     and OUT/objects.parquet and .csv with the result of each object. The frames need the

@@ -21,8 +21,7 @@ def init(
 ) -> None:
     """Write example files: a sweep, a search, requirements, a studio, the paper's experiment.
 
-    They are the examples that the help of other verbs names. What is there already stays, unless
-    you say yes to the question.
+    The help of other commands refers to these examples. Existing files are kept unless you confirm.
     """
     with checked_input():
         folder.mkdir(parents=True, exist_ok=True)

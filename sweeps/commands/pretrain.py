@@ -40,12 +40,12 @@ def pretrain(
 ) -> None:
     """Train one detector on the training clouds of many rigs together.
 
-    Of a sweep these are all its placements, of a search the rigs of its generalist, drawn from its
+    The rigs are all placements of a sweep, or the generalist's rigs of a search, drawn from its
     zones. Several files add vehicles, towns and traffic; network, classes and training must agree.
-    A sweep then starts every training from the same weights, which favour no placement, with
-    `training.checkpoint: base.pt`. All classes of the configuration are trained; where it names
-    the file to be written already, the base starts from scratch. Scenes and clouds come from the
-    store of the first file and stay there; a training that is stopped goes on at its last epoch.
+    With `training.checkpoint: base.pt`, a sweep then starts every training from these weights,
+    which favour no placement. All classes of the configuration are trained. If it already names the
+    file to be written, the training starts from scratch. Scenes and clouds are kept in the store of
+    the first file; a stopped training resumes at its last epoch.
     """
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks

@@ -37,7 +37,7 @@ def requirements(
     set_: SetOption = None,
     dry_run: DryRunOption = False,
     out: Annotated[
-        Path, typer.Option(metavar="PATH", help="of the results, without suffix")
+        Path, typer.Option(metavar="PATH", help="path of the results, without suffix")
     ] = Path("requirements"),
     as_json: JsonOption = False,
 ) -> None:

@@ -46,8 +46,8 @@ def run(
 ) -> None:
     """Run a sweep: scenes, surrogates, point clouds, detectors, MLflow, report.
 
-    The same command continues a sweep that was stopped. What failed because of its data or
-    settings is not tried again without --rerun-failed; what a machine was to blame for is.
+    The same command resumes a stopped sweep. Failures of the machine are retried, failures by data
+    or settings only with --rerun-failed.
     """
     if schema:
         print_json(SweepFile.model_json_schema())

@@ -35,13 +35,13 @@ app = new_app()
 def status(
     config: Annotated[Path, typer.Argument(help="YAML file of a sweep or a search")],
     set_: SetOption = None,
-    all_: Annotated[bool, typer.Option("--all", help="list every trial, however many")] = False,
+    all_: Annotated[bool, typer.Option("--all", help="list all trials")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the progress of a sweep or a search, also while it runs. Runs nothing.
+    """Show the progress of a sweep or a search, even while it runs. Runs nothing.
 
-    Of a sweep the tasks by stage and the trials; of many trials, without --all, those that run or
-    failed. Of a search its trials, the best so far and the trainings of `verify`.
+    For a sweep: tasks by stage, and trials; a long list has only running and failed ones without
+    --all. For a search: trials, the best so far and the trainings of `verify`.
     """
     from sweeps.execution.interrupted import until_whole
     from sweeps.plan.plan import read_plan

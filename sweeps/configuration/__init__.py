@@ -1,1 +1,1 @@
-"""What a user writes: the settings of a sweep and of a search, their files and the grid."""
+"""Configuration: the settings of a sweep and of a search, their files and the grid."""

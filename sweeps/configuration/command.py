@@ -19,18 +19,21 @@ JUDGES = ("specialist", "generalist", "finetuned", "pretrained")
 
 
 class CommandJudge(Settings):
-    """A program of the user's own that detects objects in the clouds of each rig.
+    """A program of the user that detects objects in the clouds of each rig.
 
     What is left out where it is dumped decides nothing about its detections.
     """
 
     command: settings.Text = Field(
         description="program and arguments, run without a shell; {clouds}: folder of the frames, "
-        "{detections}: folder for its detections; {rig}, {seed}, {python}: ours"
+        "{detections}: folder for its detections; {rig}, {seed}, {python}: set by the sweep"
     )
-    format: LayoutName = Field(description="of clouds and detections; parquet: plain files")
+    format: LayoutName = Field(description="format of clouds and detections; parquet: plain files")
     name: settings.Name = Field(
-        "command", exclude=True, pattern=r"^\w[\w.-]*$", description="of the detector, in tables"
+        "command",
+        exclude=True,
+        pattern=r"^\w[\w.-]*$",
+        description="name of the detector in tables",
     )
     folder: FileBeside = Field(
         Path(),
@@ -44,8 +47,10 @@ class CommandJudge(Settings):
         description="files and folders, relative to the folder of the configuration: it runs again "
         "if their content changes",
     )
-    cpus: CountFromOne = Field(1, exclude=True, description="that it uses")
-    gpus: Count = Field(0, exclude=True, description="that it uses, where there are some")
+    cpus: CountFromOne = Field(1, exclude=True, description="number of CPUs that it uses")
+    gpus: Count = Field(
+        0, exclude=True, description="number of GPUs that it uses, if there are any"
+    )
     time_limit: Seconds = Field(
         86_400.0, exclude=True, gt=0, description="seconds before it is killed"
     )

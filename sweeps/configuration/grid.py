@@ -239,7 +239,7 @@ def refuse_overlaps(
     key_paths: Collection[str],
     where: str,
     others: Collection[str] = (),
-    whose: str = "which is given too",
+    whose: str = "which is also set",
 ) -> None:
     """Refuse a key path inside of another: which of the two counts would depend on their order.
 
@@ -251,7 +251,7 @@ def refuse_overlaps(
         ConfigError: the key path that is inside of another, or that has another inside.
     """
     for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
-        what = "which is given too" if outer in key_paths else whose
+        what = "which is also set" if outer in key_paths else whose
         raise ConfigError(f"{where}.{inner}: is inside {outer}, {what}")
     for outer, inner in _nested(key_paths, others):
         raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")

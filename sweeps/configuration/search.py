@@ -59,18 +59,18 @@ _OF_COUNTED_ZONES = {"models", "mirrored", "facing_deg", "roll_deg", "pitch_deg"
 
 
 class ZoneSettings(PlaceSettings):
-    """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
+    """Where a LiDAR may be mounted: a box, or a polygon with heights; metres, ego frame."""
 
     lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] | None = Field(
-        None, description="number of LiDARs in it, or [min, max]; for all zones, or none"
+        None, description="number of LiDARs in it, or [min, max]; set it for all zones or for none"
     )
     models: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
-        None, description="which of `search.models` it carries, all by default; with `lidars`"
+        None, description="allowed models of `search.models`, all by default; needs `lidars`"
     )
     mirrored: bool = Field(
         False,
         description="each of its LiDARs has a mirror image right of y = 0, and the two count as "
-        "one; with `lidars`",
+        "one; needs `lidars`",
     )
     facing_deg: Degrees = Field(
         0.0, description="heading that yaw_deg is relative to: 45 faces the front left"
@@ -89,11 +89,11 @@ class ZoneSettings(PlaceSettings):
         if self.lidars is None:
             own = self.model_fields_set & _OF_COUNTED_ZONES
             if own:
-                raise ValueError(f"{min(own)}: is for zones that say how many `lidars` they have")
+                raise ValueError(f"{min(own)}: needs `lidars` in the zone")
         elif self.lidars[0] > self.lidars[1]:
             raise ValueError("lidars: expected a number, or [min, max] with min <= max")
         if self.mirrored and any(y < 0 for _, y in self.zone("any").polygon):
-            raise ValueError("mirrored: give the zone left of y = 0 alone")
+            raise ValueError("mirrored: define only the part left of y = 0")
         return self
 
 
@@ -111,9 +111,9 @@ class ModelSettings(SensorSettings):
 
 
 class FixedSettings(MountSettings):
-    """A LiDAR that stays where it is; metres and radians as in `placements`."""
+    """A LiDAR with a fixed mount; metres and radians as in `placements`."""
 
-    model: Name | None = Field(None, description="of `models`; the first one by default")
+    model: Name | None = Field(None, description="name in `models`; the first one by default")
 
 
 FAMILIES = 16
@@ -138,16 +138,17 @@ _SURROGATES = SURROGATES.where(
 
 
 class ObjectiveSettings(Settings):
-    """What is searched for; `expected_ig.Car` is short for one class."""
+    """What the search optimises; `expected_ig.Car` is short for one class."""
 
     by: Annotated[str, OneOf((_SURROGATES, RANKING), OF_RIG)] = Field(
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
-        "or the margin: the least that a requirement has of what it needs, as a factor"
+        "or the margin: the smallest ratio of found to needed over all requirements"
     )
     judge: Literal["generalist", "pretrained"] | None = Field(
         None,
         description="who measures a measured value: "
-        "generalist: one detector, trained on many rigs of the space, judges a trial in seconds; "
+        "generalist: one detector, trained on many rigs of the space, evaluates a trial in "
+        "seconds; "
         "generalist.recall is short for it, and generalist for that; pretrained: the generalist of "
         "the package, or of training.checkpoint, without a training; pretrained.recall likewise",
     )
@@ -246,7 +247,7 @@ def _several(value: Any) -> Any:
 
 
 class GreedySettings(Settings):
-    """A grid of candidate mounts, from which greedy choice takes the best, one after the other."""
+    """A grid of candidate mounts, from which greedy choice selects the best, one by one."""
 
     position_step: Annotated[Distance, Field(ge=1e-6)] = Field(
         0.25, description="metres between candidates"
@@ -263,17 +264,17 @@ class GreedySettings(Settings):
 
 
 class CheapestSettings(Settings):
-    """What `lidarplace cheapest` looks for; a search does not look at it."""
+    """Settings of `lidarplace cheapest`; a search ignores them."""
 
     by: Literal["lidars", "price", "power", "height"] = Field(
         "lidars",
-        description="what is to be least: the number of LiDARs, their price with mounts, their "
-        "power, or the height of the highest mount and, of equal ones, the number",
+        description="what to minimise: the number of LiDARs, their price with mounts, their "
+        "power, or the height of the highest mount and then the number of LiDARs",
     )
     recall: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(
         None,
-        description="percent that the objective, such as pretrained.recall, has to have at least "
-        "on the traffic of the choice; null: not asked",
+        description="smallest percent of the objective, such as pretrained.recall, on the traffic "
+        "of the choice; null: any",
     )
     seconds: Seconds = Field(60.0, gt=0, description="time for the choice from the grid")
 
@@ -283,7 +284,7 @@ Tests = Annotated[tuple[dict[str, Any], ...], BeforeValidator(_several), Field(m
 
 
 class TrafficSettings(Settings):
-    """Test traffic for a search by a generalist; verify has that of the scene itself.
+    """Test traffic for a search by a generalist; verify uses that of the scene itself.
 
     What the generalist is trained on stays as the scene has it. Whatever chooses a rig and whatever
     judges it see different traffic: the best of hundreds is also the luckiest.
@@ -306,7 +307,7 @@ class SearchSettings(Settings):
     """What may be mounted where, and how it is searched."""
 
     lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] = Field(
-        (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
+        (4, 4), description="number of LiDARs, or [min, max], in addition to `fixed` ones"
     )
     zones: dict[Name, ZoneSettings] = Field(min_length=1, description="by name")
     models: dict[Name, Annotated[ModelSettings, short_for("name")]] = Field(
@@ -320,7 +321,9 @@ class SearchSettings(Settings):
     )
     fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs with a fixed mount")
     cameras: tuple[CameraSettings, ...] = Field(
-        (), description="of every rig, which count in requirements, common view, price and power"
+        (),
+        description="cameras of every rig; they count in requirements, common view, price and "
+        "power",
     )
     radars: tuple[RadarSettings, ...] = Field((), description="the same")
     start: tuple[Name, ...] = Field(
@@ -328,20 +331,20 @@ class SearchSettings(Settings):
     )
     adapt: CountFromOne | None = Field(
         None,
-        description="trials of a first round, NAME_first, by the weights of objective: pretrained; "
-        "they are then trained further on rigs near the best, as `generalist` says, and evaluate "
-        "the other trials, which start from these rigs",
+        description="trials of a first round, NAME_first, with the weights of objective: "
+        "pretrained. They are then trained further on rigs near the best, with the settings of "
+        "`generalist`, and evaluate the other trials, which start from these rigs",
     )
     near_start: bool = Field(
         False,
         description="a generalist is trained on rigs near those of `start`, off by up to a tenth "
-        "of a zone and 5 degrees, in place of rigs anywhere in the zones",
+        "of a zone and 5 degrees, instead of rigs anywhere in the zones",
     )
     families: Count | None = Field(
         None,
-        description="trials to begin with that have few numbers: LiDARs around the middle of a "
-        "zone, across, in a stack, with pitches that lay rings between each other or a roll "
-        "outwards; null: 16 where a generalist evaluates, else none",
+        description="first trials, from families with few parameters: LiDARs around the middle of "
+        "a zone, across, in a stack, with pitches that interleave rings or a roll outwards; null: "
+        "16 where a generalist evaluates, else none",
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     keep_out: KeepOuts = Field(default={})
@@ -362,11 +365,13 @@ class SearchSettings(Settings):
     sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
         "tpe", description="Optuna sampler"
     )
-    trials: CountFromOne = Field(400, description="rigs that are evaluated; more continue a search")
+    trials: CountFromOne = Field(
+        400, description="number of rigs to evaluate; a larger number continues a search"
+    )
     batch_size: CountFromOne = Field(8, description="trials per batch; the result depends on it")
     seed: Seed = Field(0, description="of the sampler")
     azimuth_stride: CountFromOne = Field(
-        8, description="rays of expected_points and expected_ig: every so many azimuth steps"
+        8, description="expected_points and expected_ig use every n-th azimuth step"
     )
     seeds: tuple[Seed, ...] = Field(
         (0,), min_length=1, description="generalists, whose mean counts"
@@ -376,8 +381,8 @@ class SearchSettings(Settings):
     )
     vehicles: CountFromOne | None = Field(
         None,
-        description="a generalist judges so many vehicles of a rig, each with mounting errors of "
-        "its own in all frames; null: every frame is of another vehicle",
+        description="number of vehicles of a rig that a generalist evaluates, each with its own "
+        "mounting errors in all frames; null: every frame has another vehicle",
     )
     over: Literal["mean", "worst"] = Field(
         "mean", description="how values over traffic and vehicles are combined"
@@ -386,7 +391,7 @@ class SearchSettings(Settings):
         GreedySettings(), description="greedy choice and upper bound; null: none"
     )
     cheapest: CheapestSettings = Field(
-        CheapestSettings(), description="what `lidarplace cheapest` looks for, from this grid"
+        CheapestSettings(), description="settings of `lidarplace cheapest`, which uses this grid"
     )
 
     def said_of(self, tests: Tests) -> str:
@@ -419,11 +424,11 @@ class SearchSettings(Settings):
         if judged:
             tests = max(len(self.traffic.search), len(self.traffic.choice))
             if self.over == "worst" and tests * (self.vehicles or 1) == 1:
-                raise ValueError("over: worst needs several, in traffic or by vehicles")
+                raise ValueError("over: worst needs several kinds of traffic, or vehicles")
         else:
             for key in ("traffic", "vehicles", "over"):
                 if getattr(self, key) != type(self).model_fields[key].default:
-                    raise ValueError(f"{key}: is for an objective that a generalist measures")
+                    raise ValueError(f"{key}: applies only to objectives of a generalist")
         if self.adapt is not None:
             if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
                 raise ValueError("adapt: is for an objective that begins with pretrained")
@@ -437,7 +442,7 @@ class SearchSettings(Settings):
         self.further()
         for fixed in self.fixed:
             if fixed.lidar is not None:
-                raise ValueError("fixed: lidar: name it in `models`, and the model here")
+                raise ValueError("fixed: lidar: define it in `models`, and set `model` here")
             if fixed.model is not None and fixed.model not in self.models:
                 raise ValueError(
                     f"fixed: unknown model {fixed.model!r}; expected one of "
@@ -506,14 +511,14 @@ class SearchSettings(Settings):
                 raise ValueError(
                     f"models.{unknown[0]}.power: not in the catalogue; set it"
                     if unknown
-                    else "models: name the LiDARs there, so that their power is known"
+                    else "models: define the LiDARs there, so that their power is known"
                 )
             for own in self.further_settings:
                 if own.power is None:
                     key = "cameras" if own in self.cameras else "radars"
                     raise ValueError(f"{key}: power of {own.name or key}: is missing; say it")
         if any(o.by == "margin" for o in self.objective) and not self.requirements:
-            raise ValueError("objective: margin is that of search.requirements; there are none")
+            raise ValueError("objective: margin needs search.requirements")
 
     def _check_sampler(self) -> None:
         if self.sampler not in ("cmaes",):
@@ -528,14 +533,14 @@ class SearchSettings(Settings):
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
         if limits and not self.objective[0].judged:
             raise ValueError(
-                f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would look where "
-                "nothing is allowed; take tpe, gp, nsga2 or nsga3, or lift them "
+                f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would search "
+                "infeasible rigs; use tpe, gp, nsga2 or nsga3, or remove the constraints "
                 "(constraints.distance: 0)"
             )
 
 
 class RobustnessSettings(Settings):
-    """How far the winner depends on what it was searched on."""
+    """How much the winner depends on the conditions of the search."""
 
     draws: CountFromOne = Field(32, description="number of rigs with mounting errors")
     offset: Distance = Field(0.01, description="largest offset of a mount, metres, each axis")
@@ -552,7 +557,7 @@ class VerifySettings(Settings):
 
     top: CountFromOne = Field(3, description="number of placements to train")
     seeds: tuple[Seed, ...] = Field((1, 2, 3), min_length=1, description="trainings of each")
-    set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep alone")
+    set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep only")
 
 
 class SearchFile(Common, Point):

@@ -89,7 +89,7 @@ class LidarSettings(SensorSettings):
         "faster; surrogates use all steps",
     )
     tilt_in_degrees: bool = Field(
-        False, description="quirk: clouds are collected with roll and pitch taken for degrees"
+        False, description="quirk: clouds are collected with roll and pitch interpreted as degrees"
     )
     misaligned_heights: bool = Field(
         False, description="quirk: clouds are merged without regard to the height of each sensor"
@@ -126,7 +126,9 @@ class SurrogateSettings(Settings):
         gt=0,
         description="q of expected_ig: probability that a ray detects an object that it crosses",
     )
-    occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
+    occlusion: bool = Field(
+        False, description="weaken the rays of expected_ig by the occupancy on their way"
+    )
     curves: FilePath | None = Field(
         None,
         description="detection curves of expected_recall, a file of lidarplace calibrate; "
@@ -134,8 +136,8 @@ class SurrogateSettings(Settings):
     )
     mount_draws: Count = Field(
         0,
-        description="vehicles whose mounts are off by mounting_errors, over which expected_recall "
-        "and other surrogates of objects are the mean; 0: of exact mounts",
+        description="number of vehicles with mounting_errors over which expected_recall and other "
+        "surrogates of objects are averaged; 0: exact mounts",
     )
     accuracy: bool = Field(
         True, description="study error against run time: methods, resolutions, azimuth steps"
@@ -145,18 +147,18 @@ class SurrogateSettings(Settings):
     )
     studied_placements: CountFromOne = Field(
         12,
-        description="number of placements, spread over the grid, for accuracy and "
-        "sampling_error; with promote of all that are trained",
+        description="number of placements, spread over the grid, for accuracy and sampling_error; "
+        "with promote, all that are trained",
     )
 
 
 class GeneralistSettings(Settings):
-    """A detector that is trained on the clouds of many rigs, none of which it judges."""
+    """A detector trained on the clouds of many rigs, which evaluates other rigs."""
 
     rigs: CountFromOne | tuple[Name, ...] = Field(
         32,
         description="number of random rigs, in and around the space of the placements of the "
-        "sweep; or names of placements, which are not judged then",
+        "sweep; or names of placements, which are then not evaluated",
     )
     rigs_per_frame: CountFromOne = Field(8, description="rigs per training frame")
     epochs: CountFromOne = Field(4, description="passes over frames and rigs")
@@ -177,9 +179,9 @@ class Point(Settings):
 
     placement: Name = Field(description="one of the paper's eight or of `placements`")
     detector: Annotated[str, DETECTORS] | None = Field(
-        "pointpillars_tiny", description="null: surrogates alone, nothing is trained"
+        "pointpillars_tiny", description="null: surrogates only, without training"
     )
-    seed: Seed = Field(0, description="of a training: weights, order of frames, augmentation")
+    seed: Seed = Field(0, description="seed of a training: weights, order of frames, augmentation")
     scene: Scene = Field(SumoScene(), description="traffic, simulated or recorded")
     roi: RoiSettings = Field(RoiSettings(), description="where objects count")
     classes: tuple[ClassName, ...] = Field(
@@ -331,7 +333,7 @@ class TrackingSettings(Settings):
 
 
 class StoreSettings(Settings):
-    """Where results are kept, for all machines that take part."""
+    """Where results are kept, for all machines of a sweep."""
 
     url: Text | None = Field(
         None,
@@ -374,11 +376,13 @@ class Rung(Settings):
         if self.by in RANKING and not self.set:
             raise ValueError(f"set: a rung by {self.by} needs shorter trainings than the full ones")
         if self.by not in RANKING and self.set:
-            raise ValueError(f"set: nothing is trained for a rung by {self.by}")
+            raise ValueError(
+                f"set: does not apply, because nothing is trained for a rung by {self.by}"
+            )
         if self.direction is None and self.by in SURROGATES and SURROGATES[self.by].contested:
             raise ValueError(
-                f"direction: {self.by} is highest for a placement that sees nothing; say maximize "
-                "(the paper to the letter) or minimize"
+                f"direction: {self.by} is highest for a placement that sees nothing; set maximize "
+                "(as in the paper) or minimize"
             )
         return self
 
@@ -393,15 +397,15 @@ class Common(Settings):
 
     name: Name = Field(
         pattern=NAME,
-        description="names the run folder and the experiment; the file's own name by default",
+        description="name of the run folder and the experiment; the file's name by default",
     )
     placements: dict[Name, SweptPlacementSettings] = Field(
         default={}, description="own placements by name, in addition to the paper's eight"
     )
     allow_blind_lidars: bool = Field(
         False,
-        description="whether LiDARs may see neither ground nor objects in the ROI, as rear ones do "
-        "of a ROI in front; an error by default",
+        description="allow LiDARs that see neither ground nor objects in the ROI, such as rear "
+        "ones with a front ROI; an error by default",
     )
     ray: Annotated[RaySettings, short_for("address")] = Field(
         RaySettings(), description="where the tasks run; a string is short for address"
@@ -417,8 +421,8 @@ class Common(Settings):
     )
     requirements: Requirements = Field(
         (),
-        description="what every placement must see around the vehicle (a car by default), as in "
-        "a file of requirements; nothing is left out for it",
+        description="what every placement must see around the vehicle (a car by default), as in a "
+        "file of requirements; placements that fail are kept",
     )
 
     @property

@@ -1,1 +1,1 @@
-"""Detections from elsewhere: what they are worth on the test frames of a log."""
+"""Evaluation of detections from elsewhere on the test frames of a log."""

@@ -42,9 +42,8 @@ def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> D
                 known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)
                 raise ValueError(
                     f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
-                    f"{known}; leave expected_recall out of surrogate.names, say whose curve it "
-                    f"takes with class_settings.{name}.curve, or make its own with lidarplace "
-                    "calibrate"
+                    f"{known}; remove expected_recall from surrogate.names, borrow a curve with "
+                    f"class_settings.{name}.curve, or fit one with lidarplace calibrate"
                 )
     return curves
 

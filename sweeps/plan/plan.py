@@ -108,7 +108,7 @@ def make_plan(sweep: Sweep) -> Plan:
         same = known.setdefault(trial.key, trial)
         if same is not trial:
             raise ConfigError(
-                f"grid: '{same.label}' and '{trial.label}' are the same work, which does not "
+                f"grid: '{same.label}' and '{trial.label}' are the same trial, which does not "
                 f"depend on {_difference(same, trial)}; exclude one{_hint(trial)}"
             )
     laid = builder.laid(sweep.points[0].point)
@@ -425,7 +425,7 @@ class _Builder:
         if point.lidar.misaligned_heights:
             raise ConfigError(
                 f"judge: {point.judge}: lidar.misaligned_heights crops the clouds of each rig "
-                "otherwise; expected specialist"
+                "differently; expected specialist"
             )
         settings = point.generalist
         rigs = self._training_rigs(point)
@@ -451,12 +451,12 @@ class _Builder:
                 return self._random_rigs(tuple(around), rigs, point.seed)
             judged = sorted(set(rigs) & set(self._placements))
             if judged:
-                raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
+                raise ValueError(f"{judged[0]} is evaluated, so it cannot be a training rig")
             own = [self._rigs.of(point, name) for name in rigs]
             if has_other_lidar(self._rigs.of(point), own):
                 raise ValueError(
-                    f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
-                    "models that are judged"
+                    f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs with "
+                    "the evaluated LiDAR models"
                 )
             return own
 

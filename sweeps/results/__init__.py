@@ -1,1 +1,1 @@
-"""What became of a plan: tables, pictures, promotion, the run folder and the state."""
+"""Results of a plan: tables, pictures, promotion, the run folder and the state."""

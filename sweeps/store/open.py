@@ -71,7 +71,7 @@ def store_of(sweep: Sweep) -> AnyStore:
         raise ConfigError(str(error)) from None
     remote = isinstance(store, RemoteStore)
     if remote and settings.quota_gb is not None:
-        raise ConfigError("store.quota_gb: is for folders; a URL has no lock")
+        raise ConfigError("store.quota_gb: applies to folders only; a URL has no lock")
     folder = store.local.folder
     if folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
         raise ConfigError(f"name: the run folder would be the store {folder}; choose another name")

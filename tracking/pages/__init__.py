@@ -1,1 +1,1 @@
-"""Pages that open without a network: sections, tables, Markdown and CSV files."""
+"""Pages that work offline: sections, tables, Markdown and CSV files."""

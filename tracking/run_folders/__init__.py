@@ -1,1 +1,1 @@
-"""The folders that sweeps and searches leave: one model for each file, read and checked."""
+"""The run folders of sweeps and searches: one model for each file, read and checked."""

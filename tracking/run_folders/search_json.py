@@ -167,78 +167,78 @@ class SearchResult(ResultFile):
     FILE: ClassVar[str] = "search.json"
 
     name: str
-    """Of the search."""
+    """Name of the search."""
     command: str
-    """The line that ran the search."""
+    """Command that ran the search."""
     commands: tuple[Command, ...]
-    """What can be done with what was found."""
+    """Commands for the found rigs."""
     seconds: float
-    """Of the last command alone."""
+    """Duration of the last command."""
     objectives: tuple[Objective, ...]
-    """What is made large or small, with the unit, and the weights of the classes."""
+    """Objectives, with direction, unit and the weights of the classes."""
     over: str = ""
-    """What a generalist's values of trials are over several tests; empty of one."""
+    """How values over several tests are combined; empty for one test."""
     chosen_over: str = ""
-    """The same of the traffic of the choice."""
+    """The same for the traffic of the choice."""
     sampler: str
-    """Of Optuna, in words of the configuration."""
+    """Optuna's sampler, by its name in the configuration."""
     seed: int
-    """Of the sampler."""
+    """Seed of the sampler."""
     batch_size: int
-    """Trials that were asked for at a time."""
+    """Trials per batch."""
     trials: int
-    """That were asked for."""
+    """Number of trials."""
     evaluations: int
-    """Rigs that were evaluated."""
+    """Number of evaluated rigs."""
     repeated: int
-    """Duplicates that were not."""
+    """Number of duplicates, which were not evaluated."""
     feasible: int
-    """Trials that kept every constraint."""
+    """Number of trials that meet every constraint."""
     sampler_seconds: float
-    """Of the last command alone."""
+    """Duration of the sampler in the last command."""
     evaluation_seconds: float
-    """Of the last command alone."""
+    """Duration of evaluations in the last command."""
     constraints: tuple[Constraint, ...]
-    """With their limits and units."""
+    """Constraints, with limits and units."""
     classes: tuple[str, ...]
-    """Of objects, in the order of the configuration."""
+    """Object classes, in the order of the configuration."""
     roi: Roi
     """The region of interest."""
     frames: int
-    """In the POG."""
+    """Number of frames in the POG."""
     zones: tuple[Zone, ...]
-    """Where LiDARs may sit."""
+    """Zones for LiDARs."""
     vehicle: Boxes
     """Boxes, lowest and highest corner."""
     vehicle_mesh: Triangles | None = None
     """Its mesh, if it has one, in so few triangles that it can be drawn."""
     models: dict[str, Model]
-    """LiDAR models that the search could choose, by name."""
+    """LiDAR models of the search, by name."""
     bound: Bound | None
-    """How good the first objective can be, or why that is not known."""
+    """Upper bound of the first objective, or why there is none."""
     best: tuple[str, ...]
-    """Names of `rigs`, best first; several are of a Pareto front; empty if none is feasible."""
+    """Names of `rigs`, best first; several for a Pareto front; empty if none is feasible."""
     front: int | None
     """Number of rigs of the whole Pareto front; null for one objective."""
     parameters: int
     """The largest number of parameters of a trial."""
     baseline: str | None
-    """The best of the paper's eight by the first objective, null if they are no peers."""
+    """Best of the paper's eight by the first objective; null if they are not comparable."""
     rigs: dict[str, Rig]
-    """Placements by name, with what they measure."""
+    """Placements by name, with their results."""
     importance: dict[str, float] | None
     """Share of each parameter in reaching good values (PED-ANOVA)."""
     stride: Stride | None
-    """How rays were thinned, and the error of that; null where no objective fires rays."""
+    """How rays were thinned, and its error; null if no objective uses rays."""
     cautions: tuple[str, ...] = ()
-    """What is to be known of the best rig and of those that it began with."""
+    """Warnings about the best rig and the first trials."""
     linear_share: float | None = None
     """Of `expected_ig` of the best rig, see `lidarplace.pog.surrogates.evaluate.linear_share`; the
     largest of the classes that the search weighs, null if it is no objective."""
     tracking_uri: str | None
-    """Where MLflow has the runs, without passwords."""
+    """MLflow's tracking URI, without passwords."""
     versions: dict[str, str]
-    """Of Python and of the libraries."""
+    """Versions of Python and of the libraries."""
 
     @property
     def body(self) -> Vehicle:

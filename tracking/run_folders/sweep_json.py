@@ -71,44 +71,44 @@ class SweepResult(ResultFile):
     model_config = ConfigDict(extra="allow")  # the report shows all that the file says
 
     name: str
-    """Of the sweep."""
+    """Name of the sweep."""
     command: str
-    """The line that ran the sweep."""
+    """Command that ran the sweep."""
     axes: tuple[str, ...]
-    """Of the grid, beyond placement, detector and seed."""
+    """Axes of the grid, beyond placement, detector and seed."""
     placements: dict[str, tuple[Pose, ...]]
     """x, y, z, roll, pitch, yaw of every mount, by the placement's name."""
     lidars: dict[str, tuple[LidarModel, ...]] = Field({})
     """The LiDAR model of every mount, by the placement's name; none where an axis varies it."""
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
-    """Of objects, in the order of the configuration."""
+    """Object classes, in the order of the configuration."""
     anchors: tuple[Anchor, ...] = ()
-    """Of classes that have not those of the detector's preset."""
+    """Anchors of classes that the detector's preset does not define."""
     colours: dict[str, str] = Field({})
-    """That the configuration names, by class."""
+    """Colours of classes in the configuration."""
     roi: Roi
     """The region of interest."""
     frames: Frames
-    """How many there are of each split."""
+    """Number of frames of each split."""
     cautions: tuple[str, ...] = ()
-    """What is to be known of its rigs."""
+    """Warnings about its rigs."""
     promote: tuple[Rung, ...] = ()
     """What each rung ranked by, kept and set."""
     judge: str = "specialist"
-    """Which detector evaluates a placement, where `judge` is no axis."""
+    """Which detector evaluates a placement, unless `judge` is an axis."""
     detections: dict[str, tuple[str, ...]] = Field({})
     """Files of detections from elsewhere by placement, which `lidarplace evaluate` read; none of a
     sweep."""
     tracking_uri: str | None = None
-    """Where MLflow has the runs, without passwords."""
+    """MLflow's tracking URI, without passwords."""
     cores: CountFromOne | None = None
-    """Tasks that could run at once; none where no task ran."""
+    """Number of tasks that could run at once; null if no task ran."""
     seconds: Annotated[FiniteFloat, Field(ge=0)] | None = None
-    """Of the last command."""
+    """Duration of the last command."""
     versions: dict[str, str] = Field({})
-    """Of Python and of the libraries."""
+    """Versions of Python and of the libraries."""
     pictured: dict[str, str | int | float | bool | None] = Field({})
-    """Of which setting maps, frames and clouds are, and the vehicle is, by axis."""
+    """Setting, by axis, of the maps, frames, clouds and vehicle shown."""
     vehicle: Boxes | None = None
     """Boxes of the vehicle, lowest and highest corner; null: a sedan."""
     vehicle_mesh: Triangles | None = None

@@ -10,13 +10,13 @@ _SCENE_AXES = ("scene", "roi")
 _SURROGATE_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "surrogate")
 _CLOUD_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "mounting_errors")
 
-_TRIAL = Column("trial", "str", "its key, as in `--dry-run` and MLflow")
+_TRIAL = Column("trial", "str", "key of the trial, as in `--dry-run` and MLflow")
 _PLACEMENT = Column("placement", "str", "its name")
 _DETECTOR = Column("detector", "str", "its name; empty without one", unknown="")
-_SEED = Column("seed", "int64", "of the training")
+_SEED = Column("seed", "int64", "seed of the training")
 _CLASS = Column("class", "str", "object class")
 _SURROGATE = Column("surrogate", "str", "its name in the configuration")
-_METHOD = Column("method", "str", "of coverage or of the rays: `cone`, `dda`, `bresenham`")
+_METHOD = Column("method", "str", "method of coverage or of rays: `cone`, `dda`, `bresenham`")
 _FROM = Column("from_m", "float64", "inner bound of the ring around the vehicle, m")
 _TO = Column("to_m", "float64", "outer bound, m")
 
@@ -57,7 +57,7 @@ SURROGATES = Table(
         Column(
             "seconds",
             "float64",
-            "of all surrogates of the placement that start from the POG, or from objects, s",
+            "duration for all surrogates of the placement from the POG, or from objects, s",
             needed=False,
         ),
         Column(
@@ -146,8 +146,8 @@ LEFT_OUT = Table(
     (
         *_OF_TRIAL,
         Column("unit", "str", "`route`, `individual`, `half` or `nothing`"),
-        Column("left_out", "str", "which one; `0a` and `0b` are the halves of one split"),
-        Column("ground_truths", "int64", "boxes of the ground truth that are left out with it"),
+        Column("left_out", "str", "name of the unit; `0a` and `0b` are the halves of one split"),
+        Column("ground_truths", "int64", "ground-truth boxes of the unit"),
         Column(
             "value",
             "float64",
@@ -168,7 +168,7 @@ POINTS = Table(
         Column("objects", "int64", "in the ring"),
         Column("mean", "float64", "points an object"),
         Column("median", "float64", "points an object"),
-        Column("p10", "float64", "points that a tenth of the objects do not exceed"),
+        Column("p10", "float64", "10 % quantile of the points per object"),
         Column("unseen", "float64", "share of the objects without a point"),
     ),
     axes=_CLOUD_AXES,
@@ -206,11 +206,11 @@ OBJECTS = Table(
 )
 FOUND = Table(
     "found",
-    "an object and a trial whose detector was to find it",
+    "an object and a trial",
     (
         _TRIAL,
         Column("object", "int64", "its number in `objects.parquet`"),
-        Column("points", "int64", "of the clouds on it, where they are known", False, math.nan),
+        Column("points", "int64", "points on it, if known", False, math.nan),
         Column("found", "bool", "whether `class_recall_3D` counts it at KITTI's strict IoU"),
     ),
 )
@@ -227,9 +227,9 @@ ACCURACY = Table(
         Column("frames", "int64", "in the POG"),
         Column("value", "float64", "in the surrogate's unit", needed=False),
         Column("comparable", "float64", "in units that the resolution does not change"),
-        Column("reference", "bool", "whether it is the most accurate way"),
+        Column("reference", "bool", "whether it is the most accurate setting"),
         Column("seconds", "float64", "of the evaluation, s"),
-        Column("pog_seconds", "float64", "of the POG and of what depends on it alone, s"),
+        Column("pog_seconds", "float64", "duration for the POG and its dependent values, s"),
     ),
     axes=_SURROGATE_AXES,
 )
@@ -271,16 +271,18 @@ REQUIREMENTS = Table(
         _PLACEMENT,
         Column("requirement", "str", "its name"),
         Column("measure", "str", "`points`, `cells`, …, and by how many sensors"),
-        Column("at_least", "float64", "so much is needed"),
-        Column("for", "float64", "at so large a share of the positions"),
+        Column("at_least", "float64", "required value"),
+        Column("for", "float64", "share of the positions that need it"),
         Column("case", "str", "`as built`, a dead LiDAR, a shorter range, weather, mounts off"),
-        Column("met", "bool", "whether there is enough in this case; all cases have to have it"),
-        Column("value", "float64", "what that share of the positions has at least"),
+        Column("met", "bool", "whether the rig passes in this case; it must pass in all"),
+        Column("value", "float64", "value that this share of the positions reaches"),
         Column("short_by", "float64", "missing part of `at_least`; 0 if it is met"),
         Column("enough", "float64", "share of the positions that have enough"),
-        Column("x", "float64", "of the worst position, m; none for a common view", needed=False),
-        Column("y", "float64", "of the worst position, m; none for a common view", needed=False),
-        Column("heading_deg", "float64", "of the object there, degrees; none for a coverage"),
+        Column("x", "float64", "worst position, m; missing for a common view", needed=False),
+        Column("y", "float64", "worst position, m; missing for a common view", needed=False),
+        Column(
+            "heading_deg", "float64", "heading of the object there, degrees; missing for a coverage"
+        ),
         Column("at_worst", "float64", "the worst value found"),
     ),
     axes=("lidar", "vehicle", "weather", "surrogate"),
@@ -296,7 +298,7 @@ PROMOTIONS = Table(
         Column("class", "str", "of that value; `all` for a sum over classes"),
         Column("value", "float64", "that it was ranked by"),
         Column("rank", "int64", "1 is best"),
-        Column("kept", "bool", "whether it went on"),
+        Column("kept", "bool", "whether it was kept"),
         Column("seconds", "float64", "of this rung alone, s"),
         Column("setting", "str", "what the rung's trainings change"),
     ),

@@ -1,1 +1,1 @@
-"""The result of a search: one HTML file that opens without a network."""
+"""The result of a search: one HTML file that works offline."""

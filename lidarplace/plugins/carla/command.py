@@ -71,12 +71,15 @@ class Collection(Settings):
 def carla(
     config: Annotated[Path, typer.Argument(help="YAML file of scene, placements, lidar")],
     out: Annotated[Path, typer.Argument(help="folder of the box log and the clouds")],
-    host: Annotated[str | None, typer.Option(help="of the server, before the file's")] = None,
+    host: Annotated[
+        str | None, typer.Option(help="address of the server; overrides the file")
+    ] = None,
     port: Annotated[
-        int | None, typer.Option(help="of the server, before the file's", callback=within(PORT))
+        int | None,
+        typer.Option(help="port of the server; overrides the file", callback=within(PORT)),
     ] = None,
     timeout: Annotated[
-        float | None, typer.Option(help="s, before the file's", callback=within(TIMEOUT))
+        float | None, typer.Option(help="seconds; overrides the file", callback=within(TIMEOUT))
     ] = None,
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.

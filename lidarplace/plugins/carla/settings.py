@@ -71,11 +71,11 @@ class CarlaScene(RouteSettings):
     test_towns: tuple[Text, ...] | None = Field(
         default=None,
         min_length=1,
-        description="those of the test routes; the same towns with other starts if null",
+        description="CARLA's maps of the test routes; the same towns with other starts if null",
     )
     density: CountFromOne = Field(
         default=80,
-        description="vehicles in each town, the ego among them; the paper's are 40, 80 and 120",
+        description="vehicles in each town, including the ego; the paper's are 40, 80 and 120",
     )
     pedestrians: Count = Field(default=60, description="pedestrians in each town")
     routes: CountFromOne = Field(default=8, description="routes in each training town")

@@ -53,7 +53,7 @@ class PresetFile(Settings):
 def preset_file(name: str) -> PresetFile:
     """What a preset says. Raises ValueError: there is none of that name."""
     if name not in PRESETS:
-        raise ValueError(f"where.preset: found {name!r}; allowed are {', '.join(PRESETS)}")
+        raise ValueError(f"where.preset: found {name!r}; expected one of {', '.join(PRESETS)}")
     text = files(__package__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return PresetFile.model_validate(yaml.safe_load(text))
 
@@ -66,9 +66,7 @@ def preset(name: str, vehicle: Vehicle) -> Area:
     """
     area = preset_file(name).area
     if not len(vehicle.extents):
-        raise ValueError(
-            f"where.preset: {name} lies around the vehicle's body, and the vehicle has none"
-        )
+        raise ValueError(f"where.preset: {name} needs the vehicle's body, and the vehicle has none")
     rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
     front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
     ends = {

@@ -1,1 +1,1 @@
-"""Box logs from label files in a company's manner: a mapping says what their columns mean."""
+"""Box logs from a company's label files, with a mapping of their columns."""

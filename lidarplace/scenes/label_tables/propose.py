@@ -34,11 +34,11 @@ def propose_mapping(path: Path) -> str:
     error.
 
     Raises:
-        ValueError: the file cannot be read, or has no row.
+        ValueError: the file cannot be read, or no rows.
     """
     table = read_table(path)
     if table.empty:
-        raise ValueError(f"{path}: has no row")
+        raise ValueError(f"{path}: no rows")
     table.columns = table.columns.map(str)
     columns = guess_columns(list(table.columns))
     if "time" in columns:

@@ -78,7 +78,7 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     names = {f"poses.{key}": getattr(poses, key) for key in ("x", "y", "z", "yaw")}
     check_mapped(table, names | {"poses.drive": drive, "poses.stamp": stamp}, source)
     if table.empty:
-        raise ValueError(f"{source}: has no row")
+        raise ValueError(f"{source}: no rows")
     of_time = mapping.columns.time is not None
     pose = np.zeros((len(table), 4))
     for column, name in enumerate(names.values()):
@@ -121,7 +121,7 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     table = read_table(path, [columns.drive, columns.object, columns.category])
     check_mapped(table, {f"columns.{key}": name for key, name in columns}, source)
     if table.empty:
-        raise ValueError(f"{source}: has no row")
+        raise ValueError(f"{source}: no rows")
     stamps = read_stamps(table, columns.drive, mapping.stamp, columns.time is None, source)
     frames, frame = frames_of(stamps, mapping, source)
     boxes = pd.DataFrame(_geometry(table, mapping, source), columns=list(GEOMETRY))

@@ -75,18 +75,18 @@ class SumoScene(RouteSettings):
     test_towns: tuple[Town, ...] | None = Field(
         default=None,
         min_length=1,
-        description="towns of the test routes; those of towns if null, a generated one made anew",
+        description="towns of the test routes; those of towns if null, with newly generated ones",
     )
     test_seed: Seed | None = Field(
         default=None,
-        description="decides towns and traffic of the test routes alone; as seed does if null. "
+        description="decides towns and traffic of the test routes only; seed decides if null. "
         "Trainings do not depend on it",
     )
     density: CountFromOne = Field(
         default=80, description="vehicles in each town; the paper's are 40, 80 and 120"
     )
     pedestrians: Count = Field(default=60, description="pedestrians in each town")
-    buildings: bool = Field(True, description="whether buildings stand along the roads")
+    buildings: bool = Field(True, description="whether there are buildings along the roads")
     routes: CountFromOne = Field(default=8, description="egos recorded in each training town")
     test_routes: Count = Field(default=4, description="egos recorded in each test town")
     egos_per_run: CountFromOne | None = Field(

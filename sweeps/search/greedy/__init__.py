@@ -1,1 +1,1 @@
-"""Greedy choice from a grid of mounts, and the bound that no choice exceeds."""
+"""Greedy choice from a grid of mounts, and an upper bound on every choice."""

@@ -1,1 +1,1 @@
-"""What a search has found, how robust it is, and whether detectors agree."""
+"""The answer of a search: the winner, its robustness, and whether detectors agree."""

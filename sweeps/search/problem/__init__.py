@@ -1,1 +1,1 @@
-"""The question of a search: space, constraints, and what a rig is worth."""
+"""The problem of a search: space, constraints and the objective value of a rig."""

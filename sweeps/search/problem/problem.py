@@ -310,10 +310,10 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
         ("vehicle", "search.vehicle"),
     ):
         if key in source:
-            raise ConfigError(f"{path}: {key}: is for sweeps; a search has {own}")
+            raise ConfigError(f"{path}: {key}: key of a sweep; a search has {own}")
     if "judge" in source:
         raise ConfigError(
-            f"{path}: judge: is for sweeps; a search says it in its objective, such as "
+            f"{path}: judge: key of a sweep; in a search the objective selects it, such as "
             "generalist.recall"
         )
     for name, scene in (file.robustness.scenes if file.robustness else {}).items():
@@ -323,7 +323,7 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
         refuse_overlaps(file.verify.set, where)
         for key in ("placement", "seed"):
             if key in file.verify.set:
-                raise ConfigError(f"{where}.{key}: is what the verification varies; see verify")
+                raise ConfigError(f"{where}.{key}: the verification varies it; set verify.seeds")
     if OWN_MODEL in settings.models:
         raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
     for objective in settings.objective:
@@ -338,7 +338,7 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
         if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
             raise ConfigError(
-                f"{path}: search.objective: {objective.name} is of mounts as they are; leave out "
+                f"{path}: search.objective: {objective.name} uses the declared mounts; remove "
                 "lidar.tilt_in_degrees"
             )
 
@@ -394,7 +394,7 @@ def _check_traffic(problem: Problem) -> None:
             refuse_overlaps(changes, where)
             if not changes:
                 raise ConfigError(
-                    f"{where}: name a log for it, such as {{scene.test_folder: other_log}}: "
+                    f"{where}: name another log, such as {{scene.test_folder: other_log}}: "
                     "trials, the choice of the best and their verification need different traffic"
                 )
             for key in changes:
@@ -405,9 +405,11 @@ def _check_traffic(problem: Problem) -> None:
             said = {key: f"search.traffic.{name}: {key}" for key in changes}
             problem.point(changes, said)
         if any(changes in every[:number] for number, changes in enumerate(every)):
-            raise ConfigError(f"{where}: each traffic once")
+            raise ConfigError(f"{where}: duplicate traffic")
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
-        raise ConfigError(f"{path}: search.vehicles: all are alike without mounting_errors")
+        raise ConfigError(
+            f"{path}: search.vehicles: needs mounting_errors, without which all are equal"
+        )
     with named(f"{path}: generalist.rigs"):
         known = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
     unseen = [name for name in problem.space.models if problem.models[name] not in known]

@@ -1,1 +1,1 @@
-"""The loop of a search: a study that asks, and surrogates or detectors that answer."""
+"""The loop of a search: a study suggests trials, and surrogates or detectors evaluate them."""

@@ -167,7 +167,7 @@ def test_a_symmetric_rig_has_a_symmetric_result():
 def test_presets_lie_around_the_body():
     truck = Vehicle("truck", np.array([[[-6.0, -1.25, 0.4], [3.0, 1.25, 3.5]]]))
     assert preset("un_r158", truck) == Area(x=(-9.5, -6.2), y=((-1.25, 1.25),))
-    with pytest.raises(ValueError, match=r"allowed are fmvss_111, un_r151, .*, un_r167$"):
+    with pytest.raises(ValueError, match=r"expected one of fmvss_111, un_r151, .*, un_r167$"):
         preset("un_r79", truck)
     with pytest.raises(ValueError, match="has none"):
         preset("un_r158", NOTHING)

@@ -1,1 +1,1 @@
-"""The page that decides: which rig, how sure, what each finds and where it is blind."""
+"""The decision page: which rig, how certain, what each finds and where it is blind."""
