@@ -20,6 +20,7 @@ from lidarplace.validation.simulation import SECTORS
 from lidarplace.validation.subsets import WHAT
 from lidarplace.validation.validation import Validation
 from lidarplace.validation.verdict import Verdict
+from lidarplace.viewing.page import as_json
 from lidarplace.viewing.style import COLOURS, OUTLINE, theme
 
 _MODELS = {"shipped": "as shipped", "corrected": "corrected"}
@@ -157,7 +158,7 @@ def _by_distance(found: Validation) -> Section:
     return Section(
         "By distance and route",
         (),
-        (_json(ratio), _json(share)),
+        (as_json(ratio), as_json(share)),
         (_score_table(found, "distance", "By distance"), _score_table(found, "route", "By route")),
     )
 
@@ -245,7 +246,7 @@ def _shadow(found: Validation) -> Section:
         figure, colour = _figure(f"{name}: share of returns"), COLOURS[number % len(COLOURS)]
         bars = {"width": 360 / SECTORS, "marker_color": colour, "showlegend": False}
         figure.add_barpolar(theta=middle, r=row, **bars)
-        figures.append(_json(figure.update_layout(margin={"t": 75}, polar=polar)))
+        figures.append(as_json(figure.update_layout(margin={"t": 75}, polar=polar)))
         closed.append(f"{name} {(row < 1).mean():.0%}")
     notes = [
         "Returns of each azimuth sector compared with open sectors, in the frame of the LiDAR "
@@ -284,8 +285,3 @@ def _figure(title: str) -> go.Figure:
             "legend": {"orientation": "h", "y": -0.3},
         }
     )
-
-
-def _json(figure: go.Figure) -> str:
-    """A figure as JSON that no text in it can end the script element around it."""
-    return str(figure.to_json()).replace("<", "\\u003c")

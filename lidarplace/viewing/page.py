@@ -36,7 +36,7 @@ def write_page(
         title=html.escape(title),
         notes="\n".join(f"<p>{html.escape(note)}</p>" for note in notes),
         plots="\n".join(
-            f'<div class="plot"><script type="application/json">{_json(figure)}</script></div>'
+            f'<div class="plot"><script type="application/json">{as_json(figure)}</script></div>'
             for figure in figures
         ),
         plotlyjs=get_plotlyjs(),
@@ -47,6 +47,6 @@ def write_page(
     write_text(path, page)
 
 
-def _json(figure: go.Figure) -> str:
+def as_json(figure: go.Figure) -> str:
     """A figure as JSON that no text in it can end the script element around it."""
     return str(figure.to_json()).replace("<", "\\u003c")
