@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from lidarplace.base.roi import Roi
-from tracking.figures.kit.named_points import label_places
+from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import (
     COLOURS,
     SYMBOLS,
@@ -103,6 +103,15 @@ def test_a_label_keeps_off_the_bar_of_its_neighbour():
     # Its bar reaches down beside the first point.
     bars = np.array([np.nan, 3.0, 0.0])
     assert label_places(x, y, ["one", "", ""], bars)[0] != "middle right"
+
+
+@pytest.mark.parametrize(("count", "mode"), [(20, "markers+text"), (21, "markers")])
+def test_points_are_labelled_while_there_are_few(count, mode):
+    names, at = [f"p{i}" for i in range(count)], np.arange(float(count))
+    plot = figure("Car", 400)
+    add_placements(plot, at, at, at, names, names)
+    assert plot.data[0].mode == mode
+    assert plot.data[0].text == tuple(names), "a pointer shows it"
 
 
 def test_series_differ_by_their_markers_too():

@@ -9,7 +9,7 @@ from tracking.findings.evidence import LEAST_INDIVIDUALS
 from tracking.findings.individuals import count_individuals
 from tracking.report.analysis import Analysis
 from tracking.report.cautions import cautions
-from tracking.report.sections.best import best_section
+from tracking.report.sections.best import by_class_section
 from tracking.report.sections.objects import individuals_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -78,7 +78,7 @@ def test_the_report_tells_the_spread_of_the_test_objects(made_up_run):
     new = RunFolder.read(made_up_run)
     tables, notes = [], []
     for run in (new, replace(new, left_out=None)):
-        section = best_section(Analysis(run))
+        section = by_class_section(Analysis(run))
         tables.append(section.tables[0].data)
         notes.append(section.notes)
     ours, before = tables

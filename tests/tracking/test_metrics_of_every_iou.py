@@ -81,8 +81,8 @@ def test_the_summary_has_them_of_the_first_class(run):
 
 def test_the_report_names_them_without_an_iou(folder):
     text = build_report(folder).read_text(encoding="utf-8")
-    assert "Car · 3D AP @ 0.3–0.8 (%)" in text
-    assert "All objects · mean overlap (%)" in text or "all objects · mean overlap" in text
+    assert ">3D AP @ 0.3–0.8 (%)<" in text
+    assert ">mean overlap (%)<" in text
     assert "@ 0 " not in text
     assert "@ 0<" not in text
 
@@ -149,9 +149,6 @@ def test_the_report_tells_how_reliable_each_metric_is(run):
     assert [row[-1] for row in table.rows] == [f"{value:.2f}" for value in values]
     assert len(set(values)) == 3
     assert len(table.data) == 4, "both IoUs"
-    assert section.notes[1].startswith(
-        f"Car: {shown[1]} is most reliable, {values[1]:.2f}; 3D AP @ 0.7 has {values[0]:.2f}"
-    )
     assert reliability_section(Analysis(run)) is None, "without halves"
     means = [seed_means(r.results, r.axes, r.left_out) for r in (run, together)]
     pd.testing.assert_frame_equal(*means)  # halves are no units of the jackknife

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tracking.figures.kit.style import OUTLINE, colour, error_bars, symbol, text
 
+MOST_NAMED = 20
+"""Points of a figure with labels; of more each would hide another, and a pointer shows its name."""
 _PLOT = (280.0, 215.0)  # pixels of the plotting area on a narrow page
 _LETTER = (6.5, 14.0)  # pixels
 _GAP = 8.0  # from the middle of a point to its label
@@ -29,6 +31,8 @@ def label_places(
         x, y, labels: of the points; a point with the label "" is an obstacle alone.
         bars: lengths of the error bars along y to each side, NaN or 0 for none.
     """
+    if len(labels) > MOST_NAMED:
+        return ["middle right"] * len(labels)
     across = _pixels(x, _PLOT[0])
     low, middle, high = _ends(y, bars, _PLOT[1])
     at = np.stack([across, middle], axis=1)
@@ -102,7 +106,7 @@ def add_placements(
     placements: Sequence[str],
     **trace: Any,
 ) -> None:
-    """Draw a named point for each placement, its label where it hides no other.
+    """Draw a named point for each placement, its label, of few, where it hides no other.
 
     Args:
         x, y: of every point, shape (n,).
@@ -115,7 +119,7 @@ def add_placements(
         x=across,
         y=up,
         error_y=error_bars(np.nan_to_num(bar), thickness=1.5, color=OUTLINE),
-        mode="markers+text",
+        mode="markers+text" if len(names) <= MOST_NAMED else "markers",
         text=[text(name) for name in names],
         textposition=label_places(across, up, names, bar),
         textfont={"size": 11},
