@@ -161,7 +161,7 @@ def _sections(found: Analysis) -> Iterator[tuple[str, Section]]:
 
 def _picture(by_name: Mapping[str, Section]) -> Section:
     """For the first screen: the first figure of what is decided by, of which it is taken."""
-    own = by_name["best" if "best" in by_name else "rigs"]
+    own = by_name.get("best") or by_name.get("rigs") or Section("")
     figures, own.figures = own.figures[:1], own.figures[1:]
     return Section(own.title, own.notes[:1], figures, top=True)
 
