@@ -45,7 +45,7 @@ def test_paths_types_limits_and_defaults():
     assert "| `scene.density` | whole number 1 to 10,000,000 | `80` |" in page
     assert "| `training.checkpoint` | path or null | `null` |" in page
     assert "| `lidar.drop_off` | number ≥ 0, < 1 | `0` |" in page
-    assert "| `search.constraints.common_view.share` | number 0 to 1 |" in page
+    assert "| `search.constraints.common_view.share` | number > 0, ≤ 1 | needed |" in page
     assert "| `promote[].class` | text or null | `null` |" in page
     assert "`placements.NAME.mounts[].yaw`" in page
 

@@ -56,7 +56,7 @@ class TestFrames:
                 point of the rig that recorded the log.
 
         Raises:
-            InputError: there is no such frame or object, or the log knows no real points.
+            InputError: there is no such frame or object, or the log has no real points.
         """
         frames = whole.frames[whole.frames["split"] == split].reset_index(drop=True)
         if frames.empty:
@@ -64,7 +64,7 @@ class TestFrames:
             raise InputError("no frame of the split", place="--split", expected=split, found=found)
         if counted == "points" and POINTS not in whole.boxes:
             fix = "`lidarplace convert --clouds` counts them"
-            raise InputError("the log knows no real points", place="--counted points", fix=fix)
+            raise InputError("the log has no real points", place="--counted points", fix=fix)
         boxes = whole.boxes[whole.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
         log = replace(whole, boxes=boxes, frames=frames)
         there = [str(name) for name in boxes["class"].unique() if name != OTHER]

@@ -202,7 +202,7 @@ MISTAKES = {
     "NaN": ({}, cell("heading", math.nan), "row 5: heading: "),
     "text": ({}, cell("posY", "left"), "row 5: posY: "),
     "negative": ({}, cell("wid", -1800), "row 5: wid: "),
-    "no row": ({}, lambda t: t[:0], "has no row"),
+    "no row": ({}, lambda t: t[:0], "no rows"),
     "both splits": ({"drives": {"train": ["drive 0"], "test": ["drive 0"]}}, None, "and in test"),
     "unlisted": ({"drives": {"train": ["drive 0"]}}, None, "'drive 1' is neither in drives.train"),
     "time and frame": (columns(frame="n"), None, "columns: needs one of `time` and `frame`"),

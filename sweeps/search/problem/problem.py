@@ -331,8 +331,8 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
         missing = [name for name in named if name not in file.classes]
         if missing:
             raise ConfigError(
-                f"{path}: search.objective: {objective.name}: {missing[0]} is none of the classes "
-                f"{', '.join(file.classes)}{did_you_mean(missing[0], file.classes)}"
+                f"{path}: search.objective: {objective.name}: {missing[0]} is not among the "
+                f"classes {', '.join(file.classes)}{did_you_mean(missing[0], file.classes)}"
             )
         if objective.measured and file.detector is None:
             raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
