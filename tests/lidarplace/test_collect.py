@@ -193,10 +193,12 @@ def returns(mount: Mount, lidar: Lidar, seed: int = 0, parts=None) -> np.ndarray
     return points[: sample_points(mount, lidar, hits, white, everywhere, (seed, 0, 0), points)]
 
 
-def test_range_noise_has_its_standard_deviation_along_the_ray():
+@pytest.mark.parametrize("lost", [0.0, 0.6])
+def test_range_noise_has_its_standard_deviation_along_the_ray(lost):
+    """Also where the same ray draws whether it returns at all."""
     sd = 0.05
     mount = Mount(z=2.2)
-    noisy = replace(LIDAR, range_noise=sd, azimuth_steps=5625)
+    noisy = replace(LIDAR, range_noise=sd, azimuth_steps=5625, drop_off=lost)
     exact = returns(mount, replace(noisy, range_noise=0))
     error = (returns(mount, noisy) - exact)[:, :3].astype(np.float64)
     ray = (exact[:, :3] - mount.position) / np.linalg.norm(
