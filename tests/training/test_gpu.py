@@ -13,6 +13,7 @@ import pytest
 import torch
 from other_device import MEMORY, other_device
 from synthetic_scenes import scenes
+from test_overfit import LIKE_ANOTHER
 
 from training import NETWORKS, build_detector
 from training.batch_size import MEMORY_SHARE, batch_size_for, step_bytes
@@ -37,6 +38,9 @@ from training.settings import TrainingSettings
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 CPU = torch.device("cpu")
+SOME = [
+    pytest.param(name, marks=pytest.mark.long if name in LIKE_ANOTHER else ()) for name in NETWORKS
+]
 NEEDS_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
 GEOMETRY = (2, 2, 2), (2, 2, 2), (0, 0, 0)
 SHAPE = (6, 20, 20)
@@ -288,7 +292,7 @@ def test_networks_are_those_of_the_cpu(network, dtype, device):
         ), name
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", SOME)
 def test_frames_without_points_or_objects(network, device):
     points, boxes, labels = some_frames()
     points = [points[0], points[0][:0], torch.full((5, 4), torch.nan), points[1]]
@@ -306,7 +310,7 @@ def test_frames_without_points_or_objects(network, device):
     assert found[1] == found[0]
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", SOME)
 def test_mixed_precision(network, device):
     """Losses and gradients are finite, and so are the boxes."""
     model = untrained(network).to(device)
