@@ -58,7 +58,7 @@ def page(tmp_path_factory) -> Page:
         if name in SHOWN
     }
     (folder / "sweep.json").write_text(json.dumps(sweep))
-    built = report_of(folder, "published", "detectors", "tilts", "density")
+    built = report_of(folder, "published", "sensitivity", "tilts", "density")
     page = Page(built.read_text(encoding="utf-8"))
     page.folder = folder
     return page

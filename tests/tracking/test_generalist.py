@@ -141,7 +141,7 @@ def test_one_generalist_has_intervals_of_the_test_objects(tmp_path, axis):
 
 def test_the_page_says_it(tmp_path):
     folder = write_run(tmp_path / "run", NAMES, judges=("generalist", "specialist"))
-    text = report_of(folder, "generalist", "correlation").with_suffix(".md").read_text()
+    text = report_of(folder, "generalist", "predictors").with_suffix(".md").read_text()
     assert "## Does one detector for all rigs rank them as their own do?" in text
     assert "one training, 250 s together" in text
     assert re.search(r"\| generalist's 3D AP \|", text)

@@ -50,7 +50,7 @@ def test_of_many_findings_the_first_are_listed(run):
 def test_the_first_screen_has_the_answer_the_picture_then_all_verdicts(tmp_path):
     both, three = ("second", "pointpillars"), (40, 80, 120)
     folder = write_run(tmp_path / "run", NAMES[:3], (1,), detectors=both, densities=three)
-    page = report_of(folder, "predictors", "correlation").read_text(encoding="utf-8")
+    page = report_of(folder, "best", "predictors").read_text(encoding="utf-8")
     first = page[: page.index("<nav")]
     parts = ['<div class="card">', '<div class="plot"', 'class="table verdicts tall"']
     assert sorted(map(first.index, parts)) == [first.index(part) for part in parts]
