@@ -49,7 +49,7 @@ def test_nothing_of_it_is_left(folder):
 
 def test_the_report_counts_it_once_and_says_so(folder, tmp_path):
     path = shutil.copytree(folder, tmp_path / "run")
-    page = report_of(path, "best").read_text(encoding="utf-8")
+    page = report_of(path, "best", "by_class").read_text(encoding="utf-8")
     assert "The same rig under two names is counted once: again is b." in page
     table = pd.read_csv(next((path / "tables").glob("best-*car*.csv")))
     assert sorted(table["placement"]) == ["a", "b", "c"]

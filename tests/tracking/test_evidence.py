@@ -1,5 +1,6 @@
 """What a headline may claim: weaknesses of the evidence, and what to run against them."""
 
+import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -171,6 +172,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
         assert "Reasons for doubt: " in page.text
         first = page.text[: page.text.index("Reasons for doubt")]
         assert "likely to be the best" not in first
+        assert "be the best" not in json.dumps(page.figures[0])
         assert "Recommended" not in first
         assert "--set 'grid.seed=[1,2,3]'" in first
     terminal = headline(RunFolder.read(folder))

@@ -9,6 +9,7 @@ from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import text
 from tracking.findings.best_placement import BestPlacement
+from tracking.findings.evidence import weaknesses
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import DASH, metric_label, percent, plus_minus, span
@@ -58,7 +59,8 @@ def _section(
             high=(table["mean"] + table["half"]).clip(upper=100),
         )
         sure = best.sure.head(MOST_DRAWN)
-        odds = sure.map(percent).tolist() if sure.notna().all() else []
+        weak = any(name in weakness.classes for weakness in weaknesses(run, group))
+        odds = [] if weak or sure.isna().any() else sure.map(percent).tolist()
         heading, axis = text(title[0].upper() + title[1:]), f"{label} (%)"
         plot = side_by_side({label: compared}, sure.index.tolist(), heading, axis, odds)
         section.figures.append(plot.update_traces(showlegend=False))
