@@ -166,9 +166,7 @@ class SearchWork:
             certificate=certificate,
             no_certificate=none,
             judged=judged,
-            robustness=self._robustness(judged, pool, backend)
-            if trials and traffic.grids
-            else None,
+            robustness=self._robustness(judged, pool, backend, traffic) if trials else None,
             grids=traffic.grids,
             timing=timing,
             linear_share=best_linear_share(judged, traffic.grids, question),
@@ -214,12 +212,21 @@ class SearchWork:
         return timing
 
     def _robustness(
-        self, judged: Mapping[str, Judged], pool: Pool, backend: Backend
+        self, judged: Mapping[str, Judged], pool: Pool, backend: Backend, traffic: Traffic
     ) -> pd.DataFrame | None:
-        """The best rigs with other mounts and in other scenes; None if it is not asked for."""
+        """The best rigs with other mounts and in other scenes; None if it is not asked for, or no
+        objective is a surrogate."""
         problem = self.problem
         settings, question = problem.file.robustness, exact(problem.question)
         if settings is None:
+            return None
+        if not traffic.grids:
+            if "robustness" in problem.file.model_fields_set:
+                self.console.print(
+                    "robustness: not computed: no objective is a surrogate; the clouds of a "
+                    "generalist have mounting_errors, and search.traffic may list other scenes",
+                    soft_wrap=True,
+                )
             return None
         rigs = {name: judged[name].rig for name in ("found_1", baseline_of(judged))}
         tables = [robustness(rigs, question, pool, settings, problem.file.search.seed)]

@@ -152,6 +152,7 @@ def search(folder, **changes):
         folder,
         {k: v for k, v in TRAINED.items() if k != "grid"}
         | {"training": {"checkpoint": str(folder / "base.pt")}, "verify": None}
+        | {"robustness": {"draws": 2}}
         | {"search": own | changes},
     )
 
@@ -160,6 +161,7 @@ def test_a_search_is_judged_by_the_file(folder):
     path = search(folder)
     done = CliRunner().invoke(app, ["search", str(path)])
     assert done.exit_code == 0, done.output
+    assert "robustness: not computed: no objective is a surrogate" in done.output
     assert "pretrained.recall" in done.output
     assert (folder / "runs" / "search" / "search.html").exists()
 
