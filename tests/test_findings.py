@@ -17,6 +17,7 @@ OF_THE_DESIGN = {
     *("4", "8", "16", "560", "1,120", "1"),  # LiDARs, beams, frames, and centimetres of mounts
     *("10", "30", "40"),  # bounds of distances, metres
     "0.1",  # q of expected IG by default
+    "0.4",  # metres between the rigs of a controlled pair
 }
 """Numbers that the words may hold: the configuration says them."""
 

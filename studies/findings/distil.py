@@ -46,16 +46,24 @@ SOURCES = {
     "released": ("released",),
     "anchors": ("anchors",),
     "second_own": ("second_own",),
+    "random": ("random",),
+    "shipped": ("shipped",),
+    "quarter": ("quarter",),
 }
 """Of each table the run folders, `findings_` before their names."""
-MEANS_ALONE = ("exact", "second", "finetuned", "longer", "carla", "sparse", "second_own")
+MEANS_ALONE = (
+    *("exact", "second", "finetuned", "longer", "carla", "sparse", "second_own"),
+    *("random", "shipped", "quarter"),
+)
 """Tables whose values without a route or an individual nothing asks for."""
 BY_DISTANCE = ("controlled",)
 """Tables of which Car AP over IoU is asked for by distance, too."""
 OTHER_SCENES = ("carla", "sparse")
 """Other towns or traffic."""
-OWN_SURROGATES = (*OTHER_SCENES, "products")
+OWN_SURROGATES = (*OTHER_SCENES, "products", "random")
 """Of other scenes or rigs than the main table."""
+DRAWN = ("drawn", "random_drawn")
+"""Expected recall over drawn mounts, of the rigs of the main table and of the random ones."""
 BESIDES = ("candidates", "findings_occluded")
 """Run folders without detectors, which took their time, too."""
 _ONLY_OF_RUNS = ("trial", "detector", "difficulty")
@@ -77,6 +85,8 @@ def main() -> None:
             _write(f"{name}_distance", rings)
         if name in OWN_SURROGATES:
             _write(f"{name}_surrogates", [run.surrogates[_SURROGATES] for run in found])
+        if name == "random":
+            _write("random_individuals", [_of_tests(run.individuals) for run in found])
         if name in MEANS_ALONE:
             continue
         left_out = [_of_units(_wanted(_judged(run, run.left_out), wanted)) for run in found]
@@ -90,7 +100,19 @@ def main() -> None:
     if (occluded / "surrogates.parquet").exists():
         own = RunFolder.read(occluded).surrogates[_SURROGATES]
         _write("occluded", [own.assign(surrogate="expected_ig, occluded")])
+    for name in DRAWN:
+        folder = runs / f"findings_{name}"
+        if (folder / "surrogates.parquet").exists():
+            _write(name, [RunFolder.read(folder).surrogates[_SURROGATES]])
     _write("hours", _hours(runs))
+
+
+def _of_tests(individuals: pd.DataFrame | None) -> pd.DataFrame:
+    """How many test objects there are of each class."""
+    if individuals is None:
+        raise ValueError("the run has no individuals.parquet")
+    rows = individuals.query("split == 'test'").drop_duplicates()
+    return rows.groupby("class", as_index=False).size()
 
 
 def _hours(runs: Path) -> list[pd.DataFrame]:

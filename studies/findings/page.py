@@ -97,17 +97,17 @@ def _wrapped(block: str) -> str:
 def _facts() -> dict[str, Any]:
     """What the words may use, by name."""
     every, aside = Judged(_trained()), Judged(set_aside())
-    told = [name for name in _four().rigs if name != "optimum_m_sog"]
+    typical = [name for name in _four().rigs if name != "optimum_m_sog"]
     return {
         "every": every,
         "four": _four(),
-        "told": Judged(told),
+        "typical": Judged(typical),
         "aside": aside,
         "aside_four": Judged(equal_budget(set_aside())),
         "whole": Judged(equal_budget([*every.rigs, *aside.rigs])),
         "aside_table": aside_table(every, aside),
         "errors_table": errors_table(every, aside),
-        "fitted_table": fitted_table(Judged(told)),
+        "fitted_table": fitted_table(Judged(typical)),
         "controlled": controlled_table,
         "exact": exact,
         "otherwise": otherwise,
@@ -122,7 +122,11 @@ def _facts() -> dict[str, Any]:
         "counts": _counts(),
         "hours": _hours(),
         "population": population,
+        "old": population.OLD,
+        "new": population.NEW,
         "proof": contrast,
+        "upright": contrast.PAIRS[1],
+        "lower": contrast.PAIRS[2],
         "proof_table": _proof_table(),
         "proof_cars": contrast.individuals("Car"),
     }
