@@ -159,7 +159,7 @@ def test_a_file_that_is_not_there_is_one_line(here):
 def test_seeds_need_a_seed(here):
     path = write_sweep(here, {}, grid={"seed": [1, 2]})
     shown = run("run", str(path), "--dry-run", code=2)
-    assert "the same work, which does not depend on seed (1 and 2)" in " ".join(shown.split())
+    assert "the same trial, which does not depend on seed (1 and 2)" in " ".join(shown.split())
     assert "or name {seed} in judge.command" in " ".join(shown.split())
     seeded = {"command": "{python} toy.py {clouds} {detections} {seed}"}
     assert len(keys(write_sweep(here, seeded, grid={"seed": [1, 2]}))) == 2

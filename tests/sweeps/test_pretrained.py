@@ -120,7 +120,7 @@ MINE = {"mounts": [{"x": x / 10, "y": 0, "z": 2.2} for x in range(9)]}
         ({"detector": "second_tiny"}, "detector: .*base.pt has weights of another network; "
          "expected pointpillars_tiny, found second_tiny"),
         ({"training": {"checkpoint": "none.pt"}}, "training.checkpoint: none.pt: No such file"),
-        ({"grid": {"placement": ["line"], "seed": [1, 2]}}, "are the same work, which does not "
+        ({"grid": {"placement": ["line"], "seed": [1, 2]}}, "are the same trial, which does not "
          r"depend on seed \(1 and 2\)"),
     ],
 )  # fmt: skip

@@ -74,7 +74,7 @@ def test_what_one_machine_saves_another_loads(machine):
     assert other.has(TASK)
     assert other.finished([TASK, Task("finetune", "b", Toy())]) == {TASK.key}
     assert other.record(TASK) == Record(label="a", seconds=1.5, node="n1")
-    assert other.seconds(TASK) == 1.5
+    assert other.record(TASK).seconds == 1.5
     assert not other.path(TASK).exists(), "what is asked about a result is not copied"
     found = other.load(TASK)
     assert isinstance(found.large, np.memmap)
@@ -121,7 +121,7 @@ def test_two_machines_that_save_at_once_leave_one_whole_result(machine, monkeypa
     n = found.n
     assert found.array.tolist() == [n] * 4
     assert found.table["a"].tolist() == [1, n]
-    assert machine("third").seconds(TASK) == n
+    assert machine("third").record(TASK).seconds == n
 
 
 @pytest.mark.parametrize("cut", [True, False])
@@ -180,7 +180,7 @@ def test_a_damaged_copy_is_replaced(machine, caplog):
     assert "array.npy is not what was written" in caplog.text
     assert machine("third").has(TASK)
     flip_bit(other.path(TASK) / "result.json", 0.5)
-    assert other.seconds(TASK) == 0.0
+    assert other.record(TASK).seconds == 0.0
 
 
 def test_a_damaged_copy_is_not_handed_on(machine, url):
