@@ -179,7 +179,6 @@ def _trials(
             columns[f"lidar_{i}.{axis}_m"] = rng.uniform(low, high, n)
         for axis in ("roll", "pitch", "yaw"):
             columns[f"lidar_{i}.{axis}_deg"] = rng.uniform(-20, 20, n)
-    columns["param.training.lr"] = 10 ** rng.uniform(-4, -2, n)
     return pd.DataFrame(columns)
 
 

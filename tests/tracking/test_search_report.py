@@ -293,6 +293,12 @@ def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
     assert "The best rig is not better than line, the best of the paper's eight." in page.words
     assert "−0.1 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
 
+    for key in ("mounts", "models", "zones"):
+        search["rigs"]["found_1"][key] = search["rigs"]["found_1"][key][:1]
+    (folder / "search.json").write_text(json.dumps(search))
+    words = "The best rig is not better than line, the best of the paper's eight, with 4 LiDARs."
+    assert words in page_of(folder).words
+
 
 def test_the_history_draws_everything_as_searched(page):
     plot = drawn(page, "expected_ig")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
@@ -88,7 +88,6 @@ class Rig(Part):
         values: by objective, with all rays; None or absent if it was not evaluated.
         searched: by objective, as the search computes it, see `Stride`.
         measures: by constraint.
-        params: by key path of the configuration, of a trial that varied some.
     """
 
     role: Literal["found", "greedy", "paper"]
@@ -99,7 +98,6 @@ class Rig(Part):
     values: dict[str, float | None]
     searched: dict[str, float | None]
     measures: dict[str, float | None]
-    params: dict[str, Any] = Field({})
 
     def value(self, objective: Objective) -> float:
         """With all rays; NaN if it was not evaluated."""

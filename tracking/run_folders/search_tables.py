@@ -27,7 +27,6 @@ TRIALS = Table(
         ),
         Column("seconds", "float64", "of the evaluation, s"),
         Column("failure", "str", "why it has no value", needed=False),
-        Column("param.KEY", None, "of the configuration, where it is searched", needed=False),
         Column("lidars", "int64", "how many the rig has", needed=False),
         Column("lidar_N.model", "str", "of LiDAR N, from 1", needed=False),
         Column("lidar_N.zone", "str", "where it sits; empty where it is fixed", needed=False),

@@ -97,8 +97,12 @@ def _found(run: SearchFolder) -> Card:
 
 def best_of_paper(search: SearchResult) -> str:
     """What the baseline is, to follow its name."""
-    kept = search.baseline is not None and search.rigs[search.baseline].feasible
-    return f", the best of the paper's eight{'' if kept else ', which breaks a constraint'}"
+    base = search.rigs[search.baseline] if search.baseline is not None else None
+    best = search.rigs[search.best[0]] if search.best else base
+    broken = "" if base is not None and base.feasible else ", which breaks a constraint"
+    if base is None or best is None or len(base.mounts) == len(best.mounts):
+        return f", the best of the paper's eight{broken}"
+    return f", the best of the paper's eight, with {len(base.mounts)} LiDARs{broken}"
 
 
 def of_front(search: SearchResult) -> str:
