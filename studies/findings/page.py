@@ -127,6 +127,7 @@ def _facts() -> dict[str, Any]:
         "proof": contrast,
         "upright": contrast.PAIRS[1],
         "lower": contrast.PAIRS[2],
+        "two": contrast.PAIRS[3],
         "proof_table": _proof_table(),
         "proof_cars": contrast.individuals("Car"),
     }

@@ -23,6 +23,7 @@ PAIRS = (
     ("found", "center"),  # the planned contrast
     ("found", "found_upright"),  # what the rolls are worth
     ("found", "found_lower"),  # what the height is worth
+    ("two", "two_stack"),  # planned as well: two LiDARs
 )
 """Rigs, and what they are compared with."""
 METRICS = {
