@@ -15,7 +15,7 @@ def refused(expected: str | tuple[str, str, str], source: str = "") -> Iterator[
 
     Place and what was found may be parts of the error's; "" fits all. The line names `source`.
     """
-    with pytest.raises(ValueError) as caught:  # noqa: PT011
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - compared below
         yield
     error = caught.value
     assert source in str(error)

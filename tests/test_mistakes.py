@@ -127,6 +127,6 @@ def test_commands(case, world):
 @pytest.mark.parametrize("call", cases("python "))
 def test_python(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError) as error:  # noqa: PT011
+    with pytest.raises(ValueError) as error:  # noqa: PT011 - the whole line is compared
         eval(call, dict(names()))
     check(f"python {call}", str(error.value))

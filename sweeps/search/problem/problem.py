@@ -454,7 +454,7 @@ def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed
 
 
 def _without_paths(value: Any) -> Any:
-    """Settings without the files of LiDARs; what is called like such a key is no text."""
+    """Settings without the files of LiDARs; only text under these keys is a file."""
     if isinstance(value, dict):
         return {
             key: _without_paths(own)
