@@ -1,12 +1,16 @@
-"""The commands of the program `lidarplace`.
+"""The commands of the program `lidarplace`; packages add theirs as entry points.
 
 A verb's module is imported when the verb is called. Without lidarplace's packages, as
 `lidarplace doctor` has to run where some of them are missing.
 """
 
+import ast
+import sys
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import entry_points, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -19,14 +23,27 @@ class Verb:
 
     Attributes:
         module: has its app.
-        line: of help.
+        line: of help; "" is the first line of the module's docstring.
         extra: what has to be installed in addition to the base, by the name of an extra; "" for
             nothing.
     """
 
     module: str
-    line: str
+    line: str = ""
     extra: str = ""
+
+    def help(self) -> str:
+        """Its line in the list of verbs, with the extra that it needs."""
+        line = self.line
+        if not line:
+            try:
+                if (spec := find_spec(self.module)) is None or spec.origin is None:
+                    raise ModuleNotFoundError(f"no module {self.module}")
+                text = ast.get_docstring(ast.parse(Path(spec.origin).read_bytes()))
+                line = (text or "").partition("\n")[0]
+            except Exception as error:  # a plug-in can raise anything
+                line = f"broken: {type(error).__name__}: {error}"
+        return f"{line} [{self.extra}]" if self.extra else line
 
 
 VERBS = {
@@ -46,9 +63,6 @@ VERBS = {
     "dashboard": Verb("tracking.dashboard", "Open MLflow with the runs of sweeps.", "sweeps"),
     "record": Verb("sweeps.commands.record", "Record the scenes of a sweep as box logs.", "sweeps"),
     "convert": Verb("lidarplace.commands.convert", "Convert a data set or a table to a box log."),
-    "carla": Verb(
-        "lidarplace.plugins.carla.command", "Collect box logs and clouds from CARLA.", "carla"
-    ),
     "sensors": Verb("lidarplace.commands.sensors", "List the LiDAR models of the catalogue."),
     "describe": Verb(
         "lidarplace.commands.describe", "Print frames and objects per frame of box logs."
@@ -73,7 +87,17 @@ VERBS = {
         "sweeps.commands.benchmark", "Compare a predictor with the results of trained detectors."
     ),
 }
-"""By name, in the order of help."""
+"""By name, in the order of help; those of packages follow."""
+
+for _point in sorted(entry_points(group="lidarplace.commands")):
+    VERBS.setdefault(_point.name, Verb(_point.module, extra=" ".join(_point.extras)))
+
+
+class _Listed(TyperCommand):
+    """A verb in the list of verbs."""
+
+    def get_short_help_str(self, limit: int = 0) -> str:
+        return VERBS[str(self.name)].help()
 
 
 class _Verbs(TyperGroup):
@@ -81,14 +105,21 @@ class _Verbs(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        for name, verb in VERBS.items():
-            needed = f" [{verb.extra}]" if verb.extra else ""
-            self.add_command(TyperCommand(name, short_help=verb.line + needed))
+        for name in VERBS:
+            self.add_command(_Listed(name))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
         if name in VERBS:
-            command = typer.main.get_command(import_module(VERBS[name].module).app)
+            verb = VERBS[name]
+            try:
+                command = typer.main.get_command(import_module(verb.module).app)
+            except Exception as error:  # a plug-in can raise anything
+                if verb.line:
+                    raise
+                why = f"cannot be imported: {type(error).__name__}: {error}"
+                print(f"{name} ({verb.module}): {why}; mend or uninstall it", file=sys.stderr)
+                raise typer.Exit(2) from None
         return name, command, rest
 
 

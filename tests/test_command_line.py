@@ -92,8 +92,7 @@ def test_the_list_of_verbs_has_all_modules():
 def test_the_list_of_verbs_says_what_they_do():
     text = lidarplace("--help").stdout
     for name, verb in VERBS.items():
-        line = f"{verb.line} [{verb.extra}]" if verb.extra else verb.line
-        assert re.search(rf"^  {name} +{re.escape(line)}$", text, re.MULTILINE)
+        assert re.search(rf"^  {name} +{re.escape(verb.help())}$", text, re.MULTILINE)
 
 
 def test_the_version():

@@ -1,4 +1,4 @@
-"""What docs/extending.md adds from outside works: each of the six kinds, installed and not."""
+"""What docs/extending.md adds from outside works: each of the seven kinds, installed and not."""
 
 import json
 
@@ -181,3 +181,33 @@ def test_a_section(installed, tmp_path):
     rows = (run / "tables/trainings.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0] == "placement,trainings"
     assert [row.rpartition(",")[2] for row in rows[1:]] == ["3"] * len(NAMES)
+
+
+def test_a_command(installed, tmp_path):
+    listed = python(tmp_path, "-c", PROGRAM, "--help", path=installed)
+    assert "\n  beams          Print the elevations of a LiDAR model.\n" in listed
+    beams = ("-c", PROGRAM, "beams")
+    assert len(python(tmp_path, *beams, "vlp16", path=installed).split()) == 16
+    told = python(tmp_path, *beams, "vlp17", path=installed, code=2)
+    assert told.count("\n") == 1
+    assert "vlp16" in told
+
+
+def test_a_broken_command_leaves_others_alone(tmp_path):
+    info = tmp_path / "bad-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[lidarplace.commands]\nbad = bad_commands:app\nrun = bad_commands:app\n"
+        "none = nowhere:app\n"
+    )
+    (tmp_path / "bad_commands.py").write_text('"""Do it."""\n1 / 0\n')
+    listed = python(tmp_path, "-c", PROGRAM, "--help", path=tmp_path)
+    assert "\n  run            Run a sweep. [sweeps]\n" in listed
+    assert "\n  bad            Do it.\n" in listed
+    assert "\n  none           broken: ModuleNotFoundError: no module nowhere\n" in listed
+    told = python(tmp_path, "-c", PROGRAM, "bad", path=tmp_path, code=2)
+    assert told == (
+        "bad (bad_commands): cannot be imported: ZeroDivisionError: division by zero; "
+        "mend or uninstall it\n"
+    )

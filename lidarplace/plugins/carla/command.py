@@ -1,4 +1,4 @@
-"""Collect box logs and clouds from CARLA: `lidarplace carla SETTINGS OUT`."""
+"""Collect box logs and clouds from CARLA."""
 
 from pathlib import Path
 from typing import Annotated, Self
