@@ -62,6 +62,7 @@ class Forked:
         out: file that gets what it prints.
         err: file that gets its errors, None for `out`.
         environment: variables, None for those of this process.
+        site: folder of installed packages.
     """
 
     def __init__(
@@ -71,9 +72,11 @@ class Forked:
         out: Path,
         err: Path | None = None,
         environment: Mapping[str, str] | None = None,
+        site: Path | None = None,
     ) -> None:
         variables = dict(os.environ if environment is None else environment)
-        variables |= ONE_THREAD | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+        path = os.pathsep.join(map(str, filter(None, (ROOT, site))))
+        variables |= ONE_THREAD | {"PYTHONPATH": path, "COLUMNS": "200"}
         arguments = (command, folder, (out, err or out), variables)
         self._process = _context().Process(target=_run, args=arguments)
         self._process.start()
@@ -92,13 +95,17 @@ class Forked:
 
 
 def run_forked(
-    command: list[str], folder: Path, logs: Path, environment: Mapping[str, str] | None = None
+    command: list[str],
+    folder: Path,
+    logs: Path,
+    environment: Mapping[str, str] | None = None,
+    site: Path | None = None,
 ) -> subprocess.CompletedProcess[str]:
     """Run it to its end; what it prints goes through files in `logs`."""
     out, err = logs / "out.log", logs / "err.log"
     for file in (out, err):
         file.unlink(missing_ok=True)
-    code = Forked(command, folder, out, err, environment).wait(GUARD_S)
+    code = Forked(command, folder, out, err, environment, site).wait(GUARD_S)
     return subprocess.CompletedProcess(command, code, out.read_text(), err.read_text())
 
 
@@ -108,6 +115,7 @@ def _run(
     gc.freeze()  # what was imported is no garbage: to look through it copies its pages
     os.environ.clear()
     os.environ.update(environment)
+    sys.path[:0] = environment["PYTHONPATH"].split(os.pathsep)
     for number, file in enumerate(files, start=1):
         os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)  # both may be one
     sys.stdout, sys.stderr = (os.fdopen(number, "w", 1, closefd=False) for number in (1, 2))

@@ -53,7 +53,7 @@ SMALLER = {
     "init": "begin",
     "pretrain": "--set training.epochs=1",
     "export": "--roi 0 20 -10 10 0 4",
-    "examples/labels/sweep.yaml": "--set ray=debug --set training.epochs=1 --set grid.seed=[1] "
+    "examples/labels/sweep.yaml": "--set ray=debug --set detector=null --set grid.seed=[1] "
     "--set lidar.cloud_share=0.02 --set surrogate.resolution=0.8",
     "examples/command_judge/sweep.yaml": "--set ray=debug --set lidar.cloud_share=0.05 "
     "--set scene.routes=1 --set scene.test_routes=1 --set scene.frames_per_route=4 "

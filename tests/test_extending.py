@@ -8,11 +8,19 @@ import yaml
 
 from lidarplace.logs.box_log import read_box_log
 from tests.extending import install, python, write_package
+from tests.forked import run_forked
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
 from tests.tracking.made_up_run import NAMES, write_run
 
 PROGRAM = "from sweeps.main import main; main()"
+
+
+def lidarplace(folder, *words, site=None, code=0):
+    """Run a command there; what it prints."""
+    done = run_forked(list(words), folder, folder, site=site)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout + done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +53,7 @@ def test_a_surrogate(package, installed, tmp_path, name):
         (tmp_path / "mypkg").symlink_to(package / "mypkg")
     surrogate = {"resolution": 0.8, "names": ["s_mig", name]}
     write_sweep(tmp_path, surrogate=surrogate, promote=[{"by": name, "keep": 2}])
-    python(tmp_path, "-c", PROGRAM, "run", "new.yaml", path=None if ":" in name else installed)
+    lidarplace(tmp_path, "run", "new.yaml", site=None if ":" in name else installed)
     run = tmp_path / "runs/new"
     found = pd.read_parquet(run / "surrogates.parquet").pivot(
         index="placement", columns="surrogate", values="value"
@@ -75,7 +83,7 @@ def test_a_search_by_a_surrogate(installed, tmp_path):
         "ray": "debug",
     }
     (tmp_path / "new.yaml").write_text(yaml.safe_dump(config))
-    python(tmp_path, "-c", PROGRAM, "search", "new.yaml", path=installed)
+    lidarplace(tmp_path, "search", "new.yaml", site=installed)
     trials = pd.read_parquet(tmp_path / "runs/new/trials.parquet")
     best = trials[trials["feasible"]]["value.crossed_voxels"].max()
     found = json.loads((tmp_path / "runs/new/search.json").read_text())
@@ -139,17 +147,16 @@ def test_a_reader(installed, tmp_path):
     frames = [[car, car | {"class": "Tram"}], *([[]] * 9)]
     text = "\n".join(json.dumps(frame) for frame in frames)
     (tmp_path / "boxes.json").write_text(text, encoding="utf-8")
-    convert = ("-c", PROGRAM, "convert")
-    assert "json-lines" in python(tmp_path, *convert, "--help", path=installed)
-    told = python(tmp_path, *convert, "json-lines", "boxes.json", "log", path=installed)
+    convert = ("convert", "json-lines", "boxes.json", "log")
+    assert "json-lines" in lidarplace(tmp_path, "convert", "--help", site=installed)
+    told = lidarplace(tmp_path, *convert, site=installed)
     assert "Tram" in told
     log = read_box_log(tmp_path / "log")
     assert log.frames["split"].tolist() == ["train"] * 9 + ["test"]
     assert log.boxes[["frame", "class", "x"]].to_numpy().tolist() == [[0, "Car", 9.0]]
 
     (tmp_path / "boxes.json").write_text("[", encoding="utf-8")
-    wrong = (*convert, "json-lines", "boxes.json", "log")
-    assert len(python(tmp_path, *wrong, path=installed, code=2).splitlines()) == 1
+    assert len(lidarplace(tmp_path, *convert, site=installed, code=2).splitlines()) == 1
 
 
 def test_a_live_scene(installed, tmp_path):
@@ -158,23 +165,23 @@ def test_a_live_scene(installed, tmp_path):
         scene={"source": "platoon", "frames": 20},
         grid={"placement": ["line"], "scene.gap_m": [8.0, 12.0]},
     )
-    python(tmp_path, "-c", PROGRAM, "record", "new.yaml", "logs", path=installed)
+    lidarplace(tmp_path, "record", "new.yaml", "logs", site=installed)
     log = read_box_log(tmp_path / "logs/scene.gap_m=8.0")
     assert log.frames["split"].value_counts().to_dict() == {"train": 18, "test": 2}
     assert set(log.boxes["x"]) == {8.0, 16.0, 24.0}
 
-    run = ("-c", PROGRAM, "run", "new.yaml", "--dry-run", "--set")
-    told = python(tmp_path, *run, "scene.frames=9", path=installed, code=2)
+    run = ("run", "new.yaml", "--dry-run", "--set")
+    told = lidarplace(tmp_path, *run, "scene.frames=9", site=installed, code=2)
     assert "no frame is in the test split; frames is 9, allowed is at least 10" in told
-    told = python(tmp_path, *run, "scene.gap=9", path=installed, code=2)
+    told = lidarplace(tmp_path, *run, "scene.gap=9", site=installed, code=2)
     assert "scene.gap: unknown key (did you mean gap_m?)" in told
-    told = python(tmp_path, *run, "scene.source=platon", path=installed, code=2)
+    told = lidarplace(tmp_path, *run, "scene.source=platon", site=installed, code=2)
     assert "(did you mean platoon?)" in told
 
 
 def test_a_section(installed, tmp_path):
     run = write_run(tmp_path / "made_up", seeds=(1, 2, 3), points=10)
-    python(tmp_path, "-c", PROGRAM, "report", "made_up", path=installed)
+    lidarplace(tmp_path, "report", "made_up", site=installed)
     page = (run / "report.html").read_text(encoding="utf-8")
     assert 'href="#trainings"' in page
     assert "## Trainings" in (run / "report.md").read_text(encoding="utf-8")

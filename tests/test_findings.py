@@ -32,7 +32,7 @@ def _scripts_of_the_study():
 PAGES = ["findings.md", "findings_tables.md"]
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", ["findings.md", pytest.param(PAGES[1], marks=pytest.mark.long)])
 def test_every_number_of_the_page_is_in_the_tables(name):
     from page import rendered
 
