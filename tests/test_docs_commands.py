@@ -206,7 +206,7 @@ def check(kind: str, content: dict, path: Path) -> None:
 
     from lidarplace.configuration.correction import read_correction
     from lidarplace.plugins.carla.command import Collection
-    from lidarplace.scenes.datasets.class_maps import read_class_map
+    from lidarplace.scenes.datasets.class_maps import named_class_map
     from lidarplace.scenes.label_tables.mapping import read_mapping
     from sweeps.configuration.grid import read_sweep
     from sweeps.configuration.question import read_question
@@ -230,7 +230,7 @@ def check(kind: str, content: dict, path: Path) -> None:
     readers = {
         "search": read_problem,
         "sweep": read_sweep,
-        "class map": read_class_map,
+        "class map": lambda path: named_class_map(str(path)),
         "mapping": read_mapping,
         "correction": read_correction,
     }

@@ -41,6 +41,7 @@ from lidarplace.logs.boxes import (
     check_boxes,
     check_classes,
     count_columns,
+    first,
     points_of,
 )
 from lidarplace.logs.world import StaticWorld, read_worlds, write_worlds
@@ -52,8 +53,8 @@ _RIGS = TypeAdapter(dict[str, RecordedRig])
 
 
 def _no_buildings() -> pd.DataFrame:
-    columns = {"scene": pd.Series(dtype=str)}
-    return pd.DataFrame(columns | {c: pd.Series(dtype=float) for c in BUILDING_COLUMNS[1:]})
+    types = {"scene": str} | dict.fromkeys(GEOMETRY, float)
+    return pd.DataFrame(columns=[*BUILDING_COLUMNS]).astype(types)
 
 
 @dataclass(frozen=True)
@@ -92,12 +93,9 @@ class BoxLog:
         of = ", ".join(f"{count:,} {split}" for split, count in splits.items())
         boxes = ", ".join(f"{name} {count:,}" for name, count in counts.items())
         text = f"{len(self.frames):,} frames ({of}), {len(self.boxes):,} boxes ({boxes})"
-        if len(self.buildings):
-            text += f", {len(self.buildings):,} buildings"
-        if self.rigs:
-            text += f", rigs of {len(self.rigs):,} scenes"
-        if self.world:
-            text += f", static world of {len(self.world):,} scenes"
+        text += f", {len(self.buildings):,} buildings" if len(self.buildings) else ""
+        text += f", rigs of {len(self.rigs):,} scenes" if self.rigs else ""
+        text += f", static world of {len(self.world):,} scenes" if self.world else ""
         return f"BoxLog({text.replace(' ()', '')})"
 
 
@@ -113,28 +111,26 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     if len(logs) == 1:
         return logs[0]
     rigs: dict[str, RecordedRig] = {}
-    for scene, rig in (item for log in logs for item in log.rigs.items()):
-        if rigs.setdefault(scene, rig) != rig:
-            raise ValueError(f"scene {scene}: two of the logs have different rigs for it")
     world: dict[str, StaticWorld] = {}
-    for scene, own in (item for log in logs for item in log.world.items()):
-        if world.setdefault(scene, own) is not own:
-            raise ValueError(f"scene {scene}: two of the logs have a static world of it")
+    for log in logs:
+        for scene, rig in log.rigs.items():
+            if rigs.setdefault(scene, rig) != rig:
+                raise ValueError(f"scene {scene}: two of the logs have different rigs for it")
+        for scene, own in log.world.items():
+            if world.setdefault(scene, own) is not own:
+                raise ValueError(f"scene {scene}: two of the logs have a static world of it")
     boxes, frames, buildings = (
         pd.concat([getattr(log, name) for log in logs], ignore_index=True)
         for name in ("boxes", "frames", "buildings")
     )
-    joined = BoxLog(boxes, frames, buildings, rigs, world)
-    twice = joined.frames["frame"].duplicated()
-    if twice.any():
-        frame = joined.frames.loc[twice, "frame"].iloc[0]
+    if (row := first(frames["frame"].duplicated())) is not None:
+        frame = frames["frame"].iloc[row]
         raise ValueError(f"frame {frame} is in two of the logs; frame numbers must differ")
-    return joined
+    return BoxLog(boxes, frames, buildings, rigs, world)
 
 
 def write_box_log(folder: Path, log: BoxLog) -> None:
-    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`, rigs as `rig.json`
-    and static worlds as `world.npz`.
+    """Write `boxes.parquet`, `frames.parquet`, `buildings.parquet`, `rig.json` and `world.npz`.
 
     They are renamed into place when all of them are written.
     """
@@ -170,31 +166,23 @@ def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
 
 
 def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
-    """Read what `write_box_log` wrote; `buildings.parquet`, `rig.json` and
-    `world.npz` may be missing.
+    """Read what `write_box_log` wrote; `buildings.parquet`, `rig.json`, `world.npz` may be missing.
 
     Args:
         most_frames: read at most so many frames, spread evenly over the log; the boxes of others
             are not kept in memory.
 
     Raises:
-        ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
-            (a class no name, a split none of `SPLITS`), a box is in no frame of `frames`, or a
-            LiDAR has counts but is none of its scene's rig, or there is a world without poses;
-            names file and row.
+        ValueError: a table cannot be read, lacks a column or has an invalid value, a box is in no
+            frame of `frames`, a LiDAR has counts but is none of its scene's rig, or there are
+            buildings or a world without poses; names file and row.
     """
     if most_frames is None:
         boxes, frames = read_boxes(folder), read_frames(folder)
     else:
         frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
         boxes = read_boxes(folder, frames["frame"].tolist())
-    unlisted = ~boxes["frame"].isin(frames["frame"]).to_numpy()
-    if unlisted.any():
-        row = int(unlisted.argmax())
-        raise ValueError(
-            f"{folder / 'boxes.parquet'}: row {row}: frame {boxes['frame'].iloc[row]} is not in "
-            "frames.parquet, which lists every frame"
-        )
+    check_listed(boxes, frames, str(folder / "boxes.parquet"), "frames.parquet")
     rigs = read_rigs(folder)
     _check_counted(rigs, boxes, folder / RIG_FILE)
     world = read_worlds(folder / WORLD_FILE) if is_there(folder / WORLD_FILE) else {}
@@ -202,12 +190,21 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     if is_there(path):
         buildings = checked_buildings(read_parquet(path), str(path))
     if (len(buildings) or world) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
+        need = "buildings need" if len(buildings) else "a static world needs"
         raise ValueError(
-            f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; "
-            f"{'buildings need' if len(buildings) else 'a static world needs'} the pose of the "
-            "vehicle"
+            f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; {need} the pose "
+            "of the vehicle"
         )
     return BoxLog(boxes, frames, buildings, rigs, world)
+
+
+def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: str) -> None:
+    """Raise ValueError for the first box, of `source`, in no frame of the table `name`."""
+    if (row := first(~boxes["frame"].isin(frames["frame"]))) is not None:
+        raise ValueError(
+            f"{source}: row {row}: frame {boxes['frame'].iloc[row]} is not in {name}, which lists "
+            "every frame"
+        )
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:
@@ -249,9 +246,7 @@ def read_frames(folder: Path) -> pd.DataFrame:
     for name in ("timestamp_s", *poses):
         frames[name] = numbers_if_known(frames, name, source)
     frames = _with_texts(frames, ("scene", *([SOURCE] if SOURCE in frames else [])), source)
-    twice = frames["frame"].duplicated().to_numpy()
-    if twice.any():
-        row = int(twice.argmax())
+    if (row := first(frames["frame"].duplicated())) is not None:
         raise ValueError(
             f"{source}: row {row}: frame {frames['frame'].iloc[row]} is there twice; a frame has a "
             "number of its own in the whole log, whatever its scene"
@@ -278,11 +273,7 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
 
 
 def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
-    """The table of buildings, its numbers and names as such.
-
-    Raises:
-        ValueError: a column is missing, or a value is wrong.
-    """
+    """The table of buildings, numbers and names as such. Raises ValueError for what is wrong."""
     check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
     buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, source)
     sizes(buildings, SIZE, source)

@@ -1,15 +1,15 @@
-"""The box log: which objects were around the vehicle in every frame.
+"""The box log: columns of its tables, and checks of boxes; metres and radians.
 
-Columns of its tables, and checks of boxes; metres and radians. `boxes` has one row a box, in the
-ego frame; `frames` lists every frame, so that frames without a box count too. `frame` is unique
-within a log. `lidarplace.logs.box_log` holds the tables together.
+`boxes` has one row a box, in the ego frame; `frames` lists every frame, so that frames without a
+box count too. `frame` is unique within a log. `lidarplace.logs.box_log` holds the tables together.
 """
 
 import reprlib
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.base.class_names import fault_of_name
 from lidarplace.files.columns import check_columns, numbers, sizes
@@ -70,9 +70,8 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
         raise ValueError(f"{source}: is a DataFrame, found {reprlib.repr(boxes)}")
     check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)
     for name in frame_keys(boxes):
-        missing = boxes[name].isna().to_numpy(bool)
-        if missing.any():
-            raise ValueError(f"{source}: row {int(np.argmax(missing))}: {name} is missing")
+        if (row := first(boxes[name].isna())) is not None:
+            raise ValueError(f"{source}: row {row}: {name} is missing")
     numbers(boxes, GEOMETRY, source)
     sizes(boxes, SIZE, source)
 
@@ -81,11 +80,20 @@ def check_classes(boxes: pd.DataFrame, source: str) -> None:
     """Raise ValueError that names the first row whose class is no name of one."""
     for name in boxes["class"].unique():
         if (fault := fault_of_name(name)) is not None:
-            own = boxes["class"].isna() if pd.isna(name) else boxes["class"] == name
-            raise ValueError(
-                f"{source}: row {int(np.argmax(own.to_numpy(bool)))}: {fault}; convert table "
-                "--class-map names classes"
-            )
+            row = first(boxes["class"].isna() if pd.isna(name) else boxes["class"] == name)
+            fix = "convert table --class-map names classes"
+            raise ValueError(f"{source}: row {row}: {fault}; {fix}")
+
+
+def first(bad: ArrayLike) -> int | None:
+    """The first row that is `bad`; (rows,), bool. None if none is."""
+    rows = np.flatnonzero(np.asarray(bad, bool))
+    return int(rows[0]) if len(rows) else None
+
+
+def rows_of(source: object) -> Callable[[int], str]:
+    """Names rows of a file, for messages."""
+    return lambda row: f"{source}: row {row}"
 
 
 def points_of(boxes: pd.DataFrame) -> dict[str, str]:
@@ -100,15 +108,11 @@ def count_columns(boxes: pd.DataFrame) -> list[str]:
 
 
 def frame_ids(table: pd.DataFrame) -> np.ndarray:
-    """One integer a row, equal where `scene` (if there is one) and `frame` are equal.
-
-    Shape (rows,), int64, numbered from 0 in sorted order.
-    """
+    """Number of the frame of each row, from 0 by order of `frame_keys`; shape (rows,), int64."""
     groups = table.groupby(frame_keys(table), sort=True, observed=True)
     return groups.ngroup().to_numpy(np.int64)
 
 
 def frame_keys(*tables: pd.DataFrame) -> list[str]:
     """Columns that name a frame in all of `tables`: `scene`, where they have it, and `frame`."""
-    scene = all("scene" in table.columns for table in tables)
-    return ["scene", "frame"] if scene else ["frame"]
+    return ["scene"] * all("scene" in table.columns for table in tables) + ["frame"]

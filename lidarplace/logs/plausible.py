@@ -1,7 +1,4 @@
-"""Which boxes can be meant: beyond these limits they look like other units.
-
-`lidarplace.scenes.sanity_checks` reports what is beyond them, and the surrogates warn of it.
-"""
+"""Which boxes can be meant: beyond these limits they look like other units."""
 
 import math
 from collections.abc import Iterator
@@ -20,11 +17,7 @@ STEP_S = (0.008, 15.0)
 
 
 def implausible(boxes: pd.DataFrame) -> Iterator[str]:
-    """What looks wrong, with the share of rows that it concerns; nothing if all can be meant.
-
-    Args:
-        boxes: with the columns of `lidarplace.logs.boxes.GEOMETRY`, finite.
-    """
+    """What looks wrong in boxes (finite `GEOMETRY`), and in which share of rows."""
     sizes = boxes[["length", "width", "height"]].to_numpy(np.float64)
     too_large = (sizes > MOST_SIZE_M).any(axis=1)
     longest = np.median(sizes[too_large].max(axis=1)) if too_large.any() else 0.0

@@ -5,7 +5,7 @@ and 16 by 16 columns a tile. The ground is known where there are tiles, at point
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -91,9 +91,9 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 def write_worlds(path: Path, worlds: Mapping[str, StaticWorld]) -> None:
     """Write the worlds of scenes to a `.npz` file."""
     arrays = {
-        f"{number}/{item.name}": getattr(world, item.name)
+        f"{number}/{name}": getattr(world, name)
         for number, world in enumerate(worlds.values())
-        for item in fields(StaticWorld)
+        for name in _ARRAYS
     }
     with path.open("wb") as file:
         np.savez_compressed(file, scenes=np.array(list(worlds), dtype=str), **arrays)
@@ -102,9 +102,7 @@ def write_worlds(path: Path, worlds: Mapping[str, StaticWorld]) -> None:
 def read_worlds(path: Path) -> dict[str, StaticWorld]:
     """Read what `write_worlds` wrote, by the names of the scenes.
 
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no such file, or a damaged one.
+    Raises OSError for a file that cannot be read, ValueError for another or a damaged one.
     """
     arrays, worlds = read_npz(path), {}
     scenes = arrays.get("scenes", np.empty(0, str))
@@ -113,13 +111,9 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
     for number, scene in enumerate(scenes.tolist()):
         for name, (dtype, shape) in _ARRAYS.items():
             found = arrays.get(f"{number}/{name}")
-            if (
-                found is None
-                or found.dtype != dtype
-                or found.ndim != len(shape)
-                or any(
-                    have != want for have, want in zip(found.shape, shape, strict=True) if want >= 0
-                )
+            lengths = () if found is None or found.dtype != dtype else found.shape
+            if len(lengths) != len(shape) or any(
+                want not in (-1, have) for have, want in zip(lengths, shape, strict=True)
             ):
                 raise ValueError(f"{path}: scene {scene}: {name} is missing or of another shape")
         world = StaticWorld(**{name: arrays[f"{number}/{name}"] for name in _ARRAYS})

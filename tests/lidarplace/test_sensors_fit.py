@@ -22,7 +22,8 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.rig_files.own import read_own
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.scenes.datasets.recorded_rig import KITTI_STEPS, NUSCENES_STEPS
+from lidarplace.scenes.datasets.nuscenes import STEPS as NUSCENES_STEPS
+from lidarplace.scenes.kitti.read import STEPS as KITTI_STEPS
 from tests.lidarplace.recall.small_scenes import log_of
 
 MOUNT = Mount.degrees(z=2.0, roll=4.0, pitch=3.0)

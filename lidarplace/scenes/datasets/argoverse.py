@@ -10,16 +10,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.class_names import IGNORE
 from lidarplace.files.columns import counts_if_known, integers, numbers, sizes, texts
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_feather
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS, SOURCE, count_columns
+from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, rows_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, ClassMap, classify, merged
-from lidarplace.scenes.datasets.recorded_rig import argoverse_lidar, recorded_rig
+from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.850 / 2, 0.0, -0.33)
@@ -58,14 +57,13 @@ def read_argoverse(
     A frame is a LiDAR sweep: the time of an annotation, or of a file
     `sensors/lidar/<timestamp_ns>.feather`, of which only the name is read. A sweep without a box is
     missing unless its file is there. Frames count through the logs, split by split, in the order of
-    their names; `route` numbers the logs. All boxes are kept, however far away; their pitch and
-    roll are lost. Boxes have their number of interior points as `POINTS`, and a log with
-    `calibration/egovehicle_SE3_sensor.feather` has its rig.
+    their names; `route` numbers the logs. Pitch and roll of boxes are lost. Boxes have their number
+    of interior points as `POINTS`, and a log with `calibration/egovehicle_SE3_sensor.feather` has
+    its rig.
 
     Args:
         folder: the data set.
-        splits: of `SPLITS`; empty: `train` and `val`, or the one that is there. The boxes of the
-            public `test` are secret.
+        splits: of `SPLITS`; empty: `train` and `val`, or the one that is there.
         class_map: entries that differ from `class_maps.ARGOVERSE`.
         ignored: gets the number of boxes left out by category.
         lidar: model of both LiDARs; None: VLP-32C.
@@ -74,37 +72,52 @@ def read_argoverse(
     Raises:
         ValueError: a file is missing or wrong, a time has no pose, or a category is unknown.
     """
-    for split in splits:
-        if split not in SPLITS:
-            raise ValueError(f"split {split!r}: allowed are {', '.join(SPLITS)}")
-    class_map = merged(ARGOVERSE, class_map, keep_ignored)
-    logs: list[tuple[Path, str]] = []
-    for split in splits or [name for name in ("train", "val") if (folder / name).is_dir()]:
-        paths = sorted((folder / split).glob("*/"))
-        if not paths:
-            raise ValueError(f"{folder / split}: must hold a folder for each log")
-        logs.extend((path, SPLITS[split]) for path in paths)
-    if not logs:
-        raise ValueError(f"{folder}: must hold a folder train or val")
-    boxes: list[pd.DataFrame] = []
-    frames: list[pd.DataFrame] = []
-    rigs: dict[str, RecordedRig] = {}
-    first = 0
-    counter: Counter[str] = Counter() if ignored is None else ignored
-    for route, (path, split) in enumerate(logs):
-        own_boxes, own_frames = _log(path, first, class_map, counter)
-        boxes.append(own_boxes)
-        frames.append(own_frames.assign(route=route, split=split))
-        first += len(own_frames)
-        calibration = path / "calibration" / "egovehicle_SE3_sensor.feather"
-        if is_there(calibration):
-            rigs[path.name] = _rig(calibration, lidar or argoverse_lidar())
-    table = pd.concat(boxes, ignore_index=True)
-    return BoxLog(
-        table[[*BOX_COLUMNS, *count_columns(table)]],
-        pd.concat(frames, ignore_index=True),
-        rigs=rigs,
+    drives = drives_in(folder, splits, SPLITS, "*/", "a folder for each log")
+    classes = merged(ARGOVERSE, class_map, keep_ignored)
+    return join_drives(drives, lambda path, start: _log(path, start, classes, ignored, lidar))
+
+
+def _log(
+    path: Path, start: int, class_map: ClassMap, ignored: Counter[str] | None, lidar: Lidar | None
+) -> Drive:
+    """One log; its frames have numbers from `start`."""
+    source = path / "annotations.feather"
+    table = read_feather(
+        source,
+        ("timestamp_ns", "track_uuid", "category", *SIZE, *QUATERNION, *TRANSLATION),
+        (COUNT,),
     )
+    time_ns = integers(table, "timestamp_ns", str(source))
+    frame_ns = np.union1d(time_ns, _sweeps(path / "sensors" / "lidar"))
+    frame = pd.Index(frame_ns).get_indexer(pd.Index(time_ns))
+    seconds = (frame_ns - frame_ns[:1]) / 1e9
+    boxes = pd.DataFrame(
+        {
+            "scene": path.name,
+            "frame": start + frame,
+            "timestamp_s": seconds[frame],
+            "object_id": texts(table, "track_uuid", str(source)),
+            "class": classify(table["category"], class_map, rows_of(source), ignored),
+            **in_ego(table, str(source)),
+        }
+    )
+    if COUNT in table:
+        boxes[POINTS] = counts_if_known(table, COUNT, str(source))
+    ego = _vehicle(path / "city_SE3_egovehicle.feather", frame_ns).moved(ORIGIN)
+    sweeps = f"{path.parent.name}/{path.name}/sensors/lidar"
+    frames = pd.DataFrame(
+        {
+            "scene": path.name,
+            "frame": start + np.arange(len(frame_ns)),
+            "timestamp_s": seconds,
+            **ego.ego_columns(),
+            CLOUD: [f"{sweeps}/{ns}.feather" for ns in frame_ns],
+            SOURCE: [f"{path.name}/{ns}" for ns in frame_ns],
+        }
+    )
+    calibration = path / "calibration" / "egovehicle_SE3_sensor.feather"
+    rig = _rig(calibration, lidar or Lidar.named("vlp32c")) if is_there(calibration) else None
+    return boxes, frames, rig
 
 
 def _rig(path: Path, lidar: Lidar) -> RecordedRig:
@@ -115,54 +128,16 @@ def _rig(path: Path, lidar: Lidar) -> RecordedRig:
         if names.count(name) != 1:
             raise ValueError(f"{path}: expected one sensor {name}, found {names.count(name)}")
     table = table.iloc[[names.index(name) for name in LIDARS]]
-    position, quaternion = (numbers(table, own, str(path)) for own in (TRANSLATION, QUATERNION))
+    position, quaternion = _transforms(table, path)
     sensors = poses(position - ORIGIN, quaternion, lambda row: f"{path}: {LIDARS[row]}")
     return recorded_rig("argoverse", LIDARS, sensors, [lidar] * len(LIDARS))
 
 
-def _log(
-    path: Path, first_frame: int, class_map: ClassMap, ignored: Counter[str]
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Boxes and frames of one log; its frames have numbers from `first_frame`."""
-    source = path / "annotations.feather"
-    table = read_feather(
-        source,
-        ("timestamp_ns", "track_uuid", "category", *SIZE, *QUATERNION, *TRANSLATION),
-        (COUNT,),
-    )
-
-    time_ns = integers(table, "timestamp_ns", str(source))
-    frame_ns = np.union1d(time_ns, _sweeps(path / "sensors" / "lidar"))
-    frame = pd.Index(frame_ns).get_indexer(pd.Index(time_ns))
-    seconds = (frame_ns - frame_ns[:1]) / 1e9
-    boxes = pd.DataFrame(
-        {
-            "scene": path.name,
-            "frame": first_frame + frame,
-            "timestamp_s": seconds[frame],
-            "object_id": texts(table, "track_uuid", str(source)),
-            "class": classify(
-                table["category"], class_map, lambda row: f"{source}: row {row}", ignored
-            ),
-            **in_ego(table, str(source)),
-        }
-    )
-    if COUNT in table:
-        boxes[POINTS] = counts_if_known(table, COUNT, str(source))
-    ego = _vehicle(path / "city_SE3_egovehicle.feather", frame_ns).moved(ORIGIN)
-    frames = pd.DataFrame(
-        {
-            "scene": path.name,
-            "frame": first_frame + np.arange(len(frame_ns)),
-            "timestamp_s": seconds,
-            **ego.ego_columns(),
-            CLOUD: [
-                f"{path.parent.name}/{path.name}/sensors/lidar/{ns}.feather" for ns in frame_ns
-            ],
-            SOURCE: [f"{path.name}/{ns}" for ns in frame_ns],
-        }
-    )
-    return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable"), frames
+def _transforms(
+    table: pd.DataFrame, source: object
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions, (rows, 3), and quaternions, (rows, 4)."""
+    return numbers(table, TRANSLATION, str(source)), numbers(table, QUATERNION, str(source))
 
 
 def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
@@ -171,8 +146,7 @@ def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
     Raises ValueError that names file, row and value.
     """
     size = sizes(table, SIZE, source)
-    position, quaternion = (numbers(table, names, source) for names in (TRANSLATION, QUATERNION))
-    pose = poses(position, quaternion, lambda row: f"{source}: row {row}")
+    pose = poses(*_transforms(table, source), rows_of(source))
     return {
         **dict(zip("xyz", (pose.position - ORIGIN).T, strict=True)),
         **dict(zip(("length", "width", "height"), size.T, strict=True)),
@@ -192,12 +166,9 @@ def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
     """Pose of the vehicle in the city at these times, in Argoverse's own ego frame."""
     table = read_feather(path, ("timestamp_ns", *QUATERNION, *TRANSLATION))
     table = table.drop_duplicates("timestamp_ns")
-    position, quaternion = (numbers(table, names, str(path)) for names in (TRANSLATION, QUATERNION))
+    position, quaternion = _transforms(table, path)
     index = pd.Index(integers(table, "timestamp_ns", str(path))).get_indexer(pd.Index(time_ns))
-    if (index < 0).any():
-        raise ValueError(f"{path}: no pose at timestamp_ns {time_ns[int(np.argmax(index < 0))]}")
-
-    def row(index: int) -> str:
-        return f"{path}: timestamp_ns {time_ns[index]}"
-
-    return poses(position[index], quaternion[index], row)
+    if (row := first(index < 0)) is not None:
+        raise ValueError(f"{path}: no pose at timestamp_ns {time_ns[row]}")
+    where = f"{path}: timestamp_ns"
+    return poses(position[index], quaternion[index], lambda row: f"{where} {time_ns[row]}")

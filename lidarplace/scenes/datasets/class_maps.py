@@ -1,8 +1,8 @@
 """Which category of a data set is which class of the box log: the paper's grouping, or its own.
 
-In the paper's grouping Car is everything of a car's size: sedans, pickups, SUVs. Cyclist is its
-*Van and Cyclist*: bicycles, motorcycles, box trucks and what is like them. What its towns do not
-have (buses, trailers, construction machines, scooters) is ignored, and so is what is no road user.
+In the paper's, Car is everything of a car's size: sedans, pickups, SUVs. Cyclist is its *Van and
+Cyclist*: bicycles, motorcycles, box trucks and the like. What its towns do not have (buses,
+trailers, construction machines, scooters) is ignored, and so is what is no road user.
 """
 
 import reprlib
@@ -19,7 +19,7 @@ from lidarplace.base.class_names import IGNORE, fault_of_name
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import found
 from lidarplace.configuration.yaml import read_yaml_file
-from lidarplace.logs.boxes import CLASSES
+from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, count_columns, first
 
 ClassMap = Mapping[str, str]
 """Category -> class, or `IGNORE`."""
@@ -66,17 +66,13 @@ class OwnNames(Mapping[str, str]):
 def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = False) -> ClassMap:
     """The class map of a data set, `known`, with what `class_map` says in its place.
 
-    Args:
-        keep_ignored: ignored categories are `OTHER`, but for `NO_OBSTACLES`.
-
-    Raises:
-        ValueError: a category is no text, or a class no name.
+    With `keep_ignored` ignored categories are `OTHER`, but for `NO_OBSTACLES`. Raises ValueError if
+    a category is no text, or a class no name.
     """
+    result = {**known, **(class_map or {})}
     if isinstance(class_map, OwnNames):
-        result: ClassMap = class_map
-    else:
-        result = {**known, **(class_map or {})}
-        check_class_map(result)
+        result = class_map
+    check_class_map(result)
     if not keep_ignored:
         return result
     names = {*NO_ROAD_USERS, *result}.difference(NO_OBSTACLES)
@@ -85,25 +81,13 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
 
 
 def named_class_map(name: str) -> ClassMap | None:
-    """What a user calls a class map: "paper" is None, "own" `OwnNames`, else a YAML file's path.
+    """The class map of a name: None for "paper", `OwnNames` for "own", else that of a YAML file.
 
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is no YAML, or no class map.
+    Raises OSError if the file cannot be read, ValueError if it is no YAML, or no class map.
     """
-    if name == PAPER:
-        return None
-    return OwnNames() if name == OWN else read_class_map(Path(name))
-
-
-def read_class_map(path: Path) -> dict[str, str]:
-    """A class map from a YAML file of lines `category: class`.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is no YAML, or no class map.
-    """
-    content = read_yaml_file(path)
+    if name in (PAPER, OWN):
+        return None if name == PAPER else OwnNames()
+    content = read_yaml_file(path := Path(name))
     if not isinstance(content, dict):
         raise ValueError(f"{path}: must have lines `category: class`, found {found(content)}")
     check_class_map(content, str(path))
@@ -120,22 +104,20 @@ def check_class_map(class_map: ClassMap, source: str = "class map") -> None:
 
 
 def classify(
-    categories: pd.Series, class_map: ClassMap, row: Callable[[int], str], ignored: Counter[str]
+    categories: pd.Series,
+    class_map: ClassMap,
+    row: Callable[[int], str],
+    ignored: Counter[str] | None,
 ) -> NDArray[np.object_]:
     """The class of every row of `categories`, or `IGNORE`; shape (rows,), text.
 
-    Adds to `ignored` how many rows of each ignored category there are.
-
-    Raises:
-        ValueError: a row has no category, or one not in `class_map`; `row` names the row.
+    Adds to `ignored` how many rows of each ignored category there are. Raises ValueError if a row
+    has no category, or one not in `class_map`; `row` names the row.
     """
     values = categories.astype(object)
-    missing = values.isna().to_numpy(bool)
-    if missing.any():
-        raise InputError("the category is missing", place=row(int(np.argmax(missing))))
-    hashable = values.map(lambda value: isinstance(value, Hashable)).to_numpy(bool)
-    if not hashable.all():
-        index = int(np.argmin(hashable))
+    if (index := first(values.isna())) is not None:
+        raise InputError("the category is missing", place=row(index))
+    if (index := first(values.map(lambda value: not isinstance(value, Hashable)))) is not None:
         found = reprlib.repr(values.iloc[index])
         raise InputError(f"the category must be text, found {found}", place=row(index))
     codes, names = pd.factorize(values)
@@ -146,9 +128,13 @@ def classify(
                 place=row(int(np.argmax(codes == code))),
                 fix=f"name its class in a class map, or {IGNORE}",
             )
-    classes = np.array([class_map[name] for name in names], dtype=object)
-    counts = np.bincount(codes, minlength=len(names)).tolist()
-    for name, count, object_class in zip(names, counts, classes, strict=True):
-        if object_class == IGNORE:
-            ignored[name] += count
-    return classes[codes]
+    classes = np.array([class_map[name] for name in names], dtype=object)[codes]
+    if ignored is not None:
+        ignored.update(values[classes == IGNORE].tolist())
+    return classes
+
+
+def classified(boxes: pd.DataFrame) -> pd.DataFrame:
+    """The boxes of a log: the columns that it has, by frame, without those to `IGNORE`."""
+    boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
+    return boxes[[*BOX_COLUMNS, *count_columns(boxes)]]

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.class_names import IGNORE
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, POINTS, SOURCE
+from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classify, merged
+from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classified, classify, merged
+from lidarplace.scenes.datasets.drives import recorded_rig
 from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
-from lidarplace.scenes.datasets.recorded_rig import nuscenes_lidar, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.588 / 2, 0.0, 0.0)
@@ -30,6 +30,8 @@ vehicles are Renault Zoes, whose wheelbase is 2.588 m.
 
 LIDAR = "LIDAR_TOP"
 """The annotations of a sample belong to the sweep of this sensor, so its pose is the ego's."""
+STEPS = 1084
+"""Of its HDL-32E, which turns at 20 Hz; the data sheet's steps are those of 10 Hz."""
 
 
 def read_nuscenes(
@@ -45,9 +47,8 @@ def read_nuscenes(
     """The annotated samples (key frames) of nuScenes as a box log.
 
     Frames count through the log, scene by scene in the order of their names; `route` numbers the
-    scenes. All boxes are kept, however far away. Their pitch and roll, and those of the road
-    against the vehicle, are lost: a box has only a yaw. Boxes have `num_lidar_pts` as `POINTS`, and
-    a scene has the rig of its first sample: `LIDAR`, as calibrated.
+    scenes. Pitch and roll of boxes and of the road are lost. Boxes have `num_lidar_pts` as
+    `POINTS`, and a scene has the rig of its first sample: `LIDAR`, as calibrated.
 
     Args:
         folder: where the tables are (`v1.0-mini`, …), or the folder above.
@@ -69,10 +70,8 @@ def read_nuscenes(
     sweep = _sweeps(folder, sample)
     frames, frame_of, ego = _frames(folder, scene, sample, sweep, test_scenes)
 
-    box = read_table(
-        folder / "sample_annotation.json",
-        (*("sample_token", "instance_token", "translation", "size", "rotation"), "num_lidar_pts"),
-    )
+    names = ("sample_token", "instance_token", "translation", "size", "rotation", "num_lidar_pts")
+    box = read_table(folder / "sample_annotation.json", names)
     if not len(box):
         raise ValueError(f"{box.path}: has no boxes; those of the public test set are secret")
     frame = frame_of[box.rows_in(sample, "sample_token")]
@@ -82,38 +81,30 @@ def read_nuscenes(
             "frame": frame,
             "timestamp_s": frames["timestamp_s"].to_numpy()[frame],
             "object_id": box.columns["instance_token"],
-            "class": _classes(folder, box, class_map, Counter() if ignored is None else ignored),
+            "class": classify(_categories(folder, box), class_map, box.row, ignored),
             **in_ego(box, ego[frame]),
             POINTS: box.numbers("num_lidar_pts"),
         }
     )
-    if (boxes[POINTS] < 0).any():
-        row = int(np.argmax(boxes[POINTS] < 0))
+    if (row := first(boxes[POINTS] < 0)) is not None:
         raise ValueError(f"{box.row(row)}: num_lidar_pts must be at least 0")
-    rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated().to_numpy())]
-    sensors = _calibrated(folder, sweep.take(rows))
+    rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated())]
+    sensors = _poses(folder, "calibrated_sensor", sweep.take(rows), ORIGIN)
+    lidar = lidar or replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)
     rigs = {
-        name: recorded_rig(
-            "nuscenes", (LIDAR,), sensors[np.array([n])], [lidar or nuscenes_lidar()]
-        )
+        name: recorded_rig("nuscenes", (LIDAR,), sensors[np.array([n])], [lidar])
         for n, name in enumerate(frames["scene"].unique())
     }
-    boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
-    return BoxLog(boxes[[*BOX_COLUMNS, POINTS]], frames, rigs=rigs)
+    return BoxLog(classified(boxes), frames, rigs=rigs)
 
 
 def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
     """Columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world.
 
-    Args:
-        ego: our ego frame of every row.
-
-    Raises:
-        ValueError: a value is wrong; names file and row.
+    `ego` is our ego frame of every row. Raises ValueError that names file, row and value.
     """
     size = box.numbers("size", 3)
-    if (size < 0).any():
-        row = int(np.argmax((size < 0).any(axis=1)))
+    if (row := first((size < 0).any(axis=1))) is not None:
         raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
     pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
     return {
@@ -125,16 +116,15 @@ def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
 
 def _tables(folder: Path, version: str | None) -> Path:
     """The folder of the tables."""
-    if version is not None:
-        folder = folder / version
+    folder = folder / (version or "")
     if (folder / "scene.json").exists():
         return folder
     found = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
     if len(found) != 1:
         versions = ", ".join(path.name for path in found) or "none"
+        fix = "; name a version" if found else ""
         raise ValueError(
-            f"{folder}: must hold scene.json or one folder v1.0-*, found {versions}"
-            + ("; name a version" if found else "")
+            f"{folder}: must hold scene.json or one folder v1.0-*, found {versions}{fix}"
         )
     return found[0]
 
@@ -145,20 +135,13 @@ def _frames(
     """The table of frames, the frame of every sample, and our ego pose by frame."""
     names = np.array(scene.columns["name"], dtype=object)
     order = np.argsort(names, kind="stable")
-    route_of = np.empty(len(scene), np.int64)
-    route_of[order] = np.arange(len(scene))
-    in_scene = sample.rows_in(scene, "scene_token")
+    route_of = np.argsort(order)[sample.rows_in(scene, "scene_token")]
     timestamp = sample.numbers("timestamp")
-    in_order = np.lexsort((timestamp, route_of[in_scene]))
-    frame_of = np.empty(len(sample), np.int64)
-    frame_of[in_order] = np.arange(len(sample))
-
-    route = route_of[in_scene][in_order]
-    test = _test(scene, order, test_scenes)[order]
-    time_us = timestamp[in_order]
+    in_order = np.lexsort((timestamp, route_of))
+    route, time_us = route_of[in_order], timestamp[in_order]
     start_us = pd.Series(time_us).groupby(route).transform("first").to_numpy()
-    ego = _vehicle(folder, sweep)[in_order].moved(ORIGIN)
-    files = np.array(sweep.columns["filename"], dtype=object)
+    test = _test(scene, order, test_scenes)[order]
+    ego = _poses(folder, "ego_pose", sweep)[in_order].moved(ORIGIN)
     frames = pd.DataFrame(
         {
             "scene": names[order][route],
@@ -167,45 +150,38 @@ def _frames(
             "route": route,
             "split": np.where(test, "test", "train")[route],
             **ego.ego_columns(),
-            CLOUD: files[in_order],
+            CLOUD: np.array(sweep.columns["filename"], dtype=object)[in_order],
             SOURCE: np.array(sample.columns["token"], dtype=object)[in_order],
         }
     )
-    return frames, frame_of, ego
+    return frames, np.argsort(in_order), ego
 
 
 def _test(
     scene: Table, order: NDArray[np.int64], test_scenes: Sequence[str] | float
 ) -> NDArray[np.bool_]:
     """Whether each row of `scene` is test; a share takes recordings at even distances."""
+    names, logs = scene.columns["name"], scene.columns["log_token"]
     if not isinstance(test_scenes, float | int):
-        names = scene.columns["name"]
-        unknown = [name for name in test_scenes if name not in names]
-        if unknown:
+        if unknown := [name for name in test_scenes if name not in names]:
             raise ValueError(f"{scene.path}: test scene {unknown[0]!r} is not there")
-        return np.isin(np.array(names, dtype=object), list(test_scenes))
+        return np.array([name in test_scenes for name in names], bool)
     if not 0 <= test_scenes <= 1:
         raise ValueError(
             f"the share of test recordings must be within 0 and 1, found {test_scenes}"
         )
-    logs = scene.columns["log_token"]
     recordings = list(dict.fromkeys(logs[i] for i in order))
     steps = [math.floor(i * test_scenes + 1e-9) for i in range(len(recordings) + 1)]
     test = {log for i, log in enumerate(recordings) if steps[i + 1] > steps[i]}
-    return np.array([log in test for log in logs], dtype=bool)
+    return np.array([log in test for log in logs], bool)
 
 
 def _sweeps(folder: Path, sample: Table) -> Table:
     """The rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
     sensor = read_table(folder / "sensor.json", ("channel",))
     calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
-    sweep = read_table(
-        folder / "sample_data.json",
-        (
-            *("sample_token", "ego_pose_token", "calibrated_sensor_token", "is_key_frame"),
-            "filename",
-        ),
-    )
+    tokens = ("sample_token", "ego_pose_token", "calibrated_sensor_token")
+    sweep = read_table(folder / "sample_data.json", (*tokens, "is_key_frame", "filename"))
     lidar = np.array(sensor.columns["channel"], dtype=object) == LIDAR
     by_lidar = lidar[calibrated.rows_in(sensor, "sensor_token")]
     is_key = sweep.flags("is_key_frame")
@@ -213,8 +189,7 @@ def _sweeps(folder: Path, sample: Table) -> Table:
     sweep = sweep.take(np.flatnonzero(is_key & by_lidar))
     in_sample = sweep.rows_in(sample, "sample_token")
     number = np.bincount(in_sample, minlength=len(sample))
-    if (number != 1).any():
-        row = int(np.argmax(number != 1))
+    if (row := first(number != 1)) is not None:
         raise ValueError(
             f"{sample.row(row)}: must have one key frame of {LIDAR} in {sweep.path.name}, "
             f"found {number[row]}"
@@ -222,28 +197,19 @@ def _sweeps(folder: Path, sample: Table) -> Table:
     return sweep.take(np.argsort(in_sample))
 
 
-def _vehicle(folder: Path, sweep: Table) -> Poses:
-    """Pose of the vehicle in the world, in nuScenes' own ego frame, by row of `sweep`."""
-    pose = read_table(folder / "ego_pose.json", ("translation", "rotation"))
-    pose = pose.take(sweep.rows_in(pose, "ego_pose_token"))
-    return poses(pose.numbers("translation", 3), pose.numbers("rotation", 4), pose.row)
+def _poses(
+    folder: Path, name: str, sweep: Table, origin: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Poses:
+    """Poses in the table `name`, less `origin`, by row of `sweep`."""
+    pose = read_table(folder / f"{name}.json", ("translation", "rotation"))
+    pose = pose.take(sweep.rows_in(pose, f"{name}_token"))
+    return poses(pose.numbers("translation", 3) - origin, pose.numbers("rotation", 4), pose.row)
 
 
-def _calibrated(folder: Path, sweep: Table) -> Poses:
-    """Pose of the LiDAR in our ego frame, by row of `sweep`."""
-    pose = read_table(folder / "calibrated_sensor.json", ("translation", "rotation"))
-    pose = pose.take(sweep.rows_in(pose, "calibrated_sensor_token"))
-    position = pose.numbers("translation", 3) - ORIGIN
-    return poses(position, pose.numbers("rotation", 4), pose.row)
-
-
-def _classes(
-    folder: Path, box: Table, class_map: ClassMap, ignored: Counter[str]
-) -> NDArray[np.object_]:
-    """Class or `IGNORE` of every row of `box`."""
+def _categories(folder: Path, box: Table) -> pd.Series:
+    """The category of every row of `box`."""
     instance = read_table(folder / "instance.json", ("category_token",))
     category = read_table(folder / "category.json", ("name",))
     of_instance = instance.rows_in(category, "category_token")
     names = np.array(category.columns["name"], dtype=object)
-    categories = names[of_instance[box.rows_in(instance, "instance_token")]]
-    return classify(pd.Series(categories), class_map, box.row, ignored)
+    return pd.Series(names[of_instance[box.rows_in(instance, "instance_token")]])

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.files.json_file import read_json
+from lidarplace.logs.boxes import first
 
 TEXT = re.compile(r"(\w+_)?token|name|channel|modality|filename")
 """Columns of text, in whichever table."""
@@ -38,19 +39,15 @@ class Table:
         return f"{self.path}: token {self.columns['token'][index]}"
 
     def numbers(self, name: str, *shape: int) -> NDArray[np.float64]:
-        """A column of finite numbers, or of lists of so many: (rows, *shape), float64.
-
-        Raises:
-            ValueError: a value is something else.
-        """
+        """A column of finite numbers, or of lists of so many: (rows, *shape). Raises ValueError."""
         values = self.columns[name]
         if not values:
             return np.empty((0, *shape))
         array = _floats(values, (len(values), *shape))
+        wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
         if array is None:
-            wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
             self.check(name, lambda value: _floats(value, shape) is not None, wanted)
-            raise AssertionError("unreachable")
+        assert array is not None
         return array
 
     def check(self, name: str, good: Callable[[Any], bool], wanted: str) -> None:
@@ -68,28 +65,22 @@ class Table:
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
         """Which row of `other` the tokens in column `name` point at; (rows,), int64.
 
-        Raises:
-            ValueError: `other` has no such row, or two.
+        Raises ValueError if `other` has no such row, or two.
         """
         index = pd.Index(other.columns["token"], dtype=object)
-        if not index.is_unique:
-            twice = int(np.argmax(index.duplicated()))
+        if (twice := first(index.duplicated())) is not None:
             raise ValueError(f"{other.row(twice)}: is there twice")
-        found = index.get_indexer(pd.Index(self.columns[name], dtype=object))
-        rows = np.asarray(found, np.int64)
-        if (rows < 0).any():
-            row = int(np.argmax(rows < 0))
+        rows = index.get_indexer(pd.Index(self.columns[name], dtype=object))
+        if (row := first(rows < 0)) is not None:
             raise ValueError(
                 f"{self.row(row)}: {name} {self.columns[name][row]!r} is not in {other.path.name}"
             )
-        return rows
+        return np.asarray(rows, np.int64)
 
     def take(self, rows: NDArray[np.int64]) -> "Table":
         """The rows with these numbers."""
-        chosen = rows.tolist()
-        return Table(
-            self.path, {name: [values[i] for i in chosen] for name, values in self.columns.items()}
-        )
+        taken = {name: [column[i] for i in rows] for name, column in self.columns.items()}
+        return Table(self.path, taken)
 
 
 def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
@@ -107,8 +98,7 @@ def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
 def read_table(path: Path, names: Sequence[str]) -> Table:
     """Columns `token` and `names` of a table.
 
-    Raises:
-        ValueError: there is no such file, or it is no JSON list of objects with these columns.
+    Raises ValueError if there is no such file, or it is no JSON list of objects with these columns.
     """
     names = ("token", *names)
     # Rows become tuples while they are read: all columns as dicts would take half as much again.

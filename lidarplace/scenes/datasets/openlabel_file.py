@@ -1,9 +1,5 @@
-"""What an ASAM OpenLABEL file holds, as far as cuboids go, and its coordinate systems.
+"""What an ASAM OpenLABEL 1.0.0 file holds, as far as cuboids go, and its coordinate systems."""
 
-Terms are those of the JSON schema of OpenLABEL 1.0.0.
-"""
-
-from dataclasses import dataclass, field
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -20,16 +16,16 @@ Matrix = NDArray[np.float64]
 
 
 def _list_of(length: int) -> Any:
-    return Annotated[list[Number], Field(min_length=length, max_length=length)]
+    return Annotated[list[Number], Field(min_length=length, max_length=length)] | None
 
 
 class Transform(BaseModel):
     """`transform_data`: X_dst = T X_src, in one of three ways to write it."""
 
-    matrix4x4: _list_of(16) | None = None  # type: ignore[valid-type]
-    translation: _list_of(3) | None = None  # type: ignore[valid-type]
-    quaternion: _list_of(4) | None = None  # type: ignore[valid-type]
-    euler_angles: _list_of(3) | None = None  # type: ignore[valid-type]
+    matrix4x4: _list_of(16) = None  # type: ignore[valid-type]
+    translation: _list_of(3) = None  # type: ignore[valid-type]
+    quaternion: _list_of(4) = None  # type: ignore[valid-type]
+    euler_angles: _list_of(3) = None  # type: ignore[valid-type]
     sequence: Annotated[str, Field(pattern="^[XYZ]{3}$")] = "ZYX"
 
     @model_validator(mode="after")
@@ -93,19 +89,18 @@ class Interval(BaseModel):
     frame_end: int
 
 
-class LabelledObject(BaseModel):
-    """An object; `object_data` is what holds in all its frames."""
-
-    type: str
-    coordinate_system: str | None = None
-    object_data: ObjectData = ObjectData()
-    frame_intervals: list[Interval] = []
-
-
 class ObjectOfFrame(BaseModel):
     """An object in one frame."""
 
     object_data: ObjectData = ObjectData()
+
+
+class LabelledObject(ObjectOfFrame):
+    """An object, in all its frames."""
+
+    type: str
+    coordinate_system: str | None = None
+    frame_intervals: list[Interval] = []
 
 
 class FrameTransform(BaseModel):
@@ -152,27 +147,23 @@ class OpenLabel(BaseModel):
     openlabel: Content
 
 
-@dataclass
 class Systems:
-    """The coordinate systems of one frame, by the transforms that are known between them."""
+    """The coordinate systems of one frame, by the transforms that are known between them.
 
-    known: dict[tuple[str, str], Matrix] = field(default_factory=dict)
+    Those of a frame win over those that hold throughout.
+    """
 
-    @classmethod
-    def of(cls, content: Content, frame: Frame) -> "Systems":
-        """Those of a frame win over those that hold throughout."""
-        systems = cls()
+    def __init__(self, content: Content, frame: Frame) -> None:
+        self._known: dict[tuple[str, str], Matrix] = {}
         for name, system in content.coordinate_systems.items():
             if system.pose_wrt_parent is not None:
-                systems.add(name, system.parent, system.pose_wrt_parent.matrix())
+                self._add(name, system.parent, system.pose_wrt_parent)
         for each in frame.frame_properties.transforms.values():
-            systems.add(each.src, each.dst, each.transform_src_to_dst.matrix())
-        return systems
+            self._add(each.src, each.dst, each.transform_src_to_dst)
 
-    def add(self, src: str, dst: str, matrix: Matrix) -> None:
-        """A transform, and its inverse."""
-        self.known[src, dst] = matrix
-        self.known[dst, src] = np.asarray(np.linalg.inv(matrix), np.float64)
+    def _add(self, src: str, dst: str, transform: Transform) -> None:
+        matrix = self._known[src, dst] = transform.matrix()
+        self._known[dst, src] = np.asarray(np.linalg.inv(matrix), np.float64)
 
     def between(self, src: str, dst: str) -> Matrix | None:
         """The transform that fewest known ones make up; None if none do."""
@@ -180,7 +171,7 @@ class Systems:
         last = [src]
         while last and dst not in found:
             new = []
-            for (a, b), matrix in self.known.items():
+            for (a, b), matrix in self._known.items():
                 if a in last and b not in found:
                     found[b] = matrix @ found[a]
                     new.append(b)

@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.logs.boxes import FULL_POSE_COLUMNS, GEOMETRY, POSE_COLUMNS
+from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS, first
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,8 @@ class Poses:
     @classmethod
     def of_boxes(cls, boxes: pd.DataFrame) -> "Poses":
         """Those of boxes: their `GEOMETRY`."""
-        turns = np.zeros((len(boxes), 3))
-        turns[:, 2] = boxes[GEOMETRY[6]]
-        return cls(boxes[list("xyz")].to_numpy(np.float64), Rotation.from_rotvec(turns))
+        turns = Rotation.from_rotvec(boxes[["yaw"]].to_numpy(np.float64) * [0.0, 0.0, 1.0])
+        return cls(boxes[list("xyz")].to_numpy(np.float64), turns)
 
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Poses":
         # Not self.rotation[rows], which refuses to take nothing from nothing.
@@ -49,10 +48,7 @@ class Poses:
         return Poses(position, frames.rotation * self.rotation)
 
     def ego_columns(self) -> dict[str, NDArray[np.float64]]:
-        """`POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each.
-
-        Its rotation is `Rz(yaw) Ry(pitch) Rx(roll)`.
-        """
+        """`POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each."""
         matrix = self.rotation.as_matrix().reshape(-1, 3, 3)
         x, y, z = self.position.T
         level = np.hypot(matrix[:, 0, 0], matrix[:, 1, 0])
@@ -73,10 +69,8 @@ def poses(
 ) -> Poses:
     """Poses from positions, (N, 3), and quaternions w, x, y, z of any length but 0, (N, 4).
 
-    Raises:
-        ValueError: a quaternion has no length; `row` names its row.
+    Raises ValueError if a quaternion has no length; `row` names its row.
     """
-    none = ~(np.linalg.norm(quaternion, axis=1) > 0)
-    if none.any():
-        raise ValueError(f"{row(int(np.argmax(none)))}: the rotation is a quaternion of length 0")
+    if (none := first(~(np.linalg.norm(quaternion, axis=1) > 0))) is not None:
+        raise ValueError(f"{row(none)}: the rotation is a quaternion of length 0")
     return Poses(position, Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]))

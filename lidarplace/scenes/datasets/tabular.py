@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import (
     check_columns,
@@ -24,9 +23,8 @@ from lidarplace.files.columns import (
 )
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
-from lidarplace.logs.box_log import BoxLog, checked_buildings, read_rigs
+from lidarplace.logs.box_log import BoxLog, check_listed, checked_buildings, read_rigs
 from lidarplace.logs.boxes import (
-    BOX_COLUMNS,
     CLOUD,
     FRAME_COLUMNS,
     FULL_POSE_COLUMNS,
@@ -35,16 +33,15 @@ from lidarplace.logs.boxes import (
     SIZE,
     SPLITS,
     count_columns,
+    first,
+    rows_of,
 )
-from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
+from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classified, classify, merged
 
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split", CLOUD)
 LOG, NO_BOXES = "log", "no boxes"
-"""Scene of a frame where it is unknown, and of the empty frames of which only the number is
-known."""
-
+"""Scene of a frame where it is unknown, and of empty frames of which only the number is known."""
 OF_FRAMES = ("scene", "timestamp_s")
 """What a frame has, and each of its boxes too."""
 
@@ -66,12 +63,11 @@ def read_tabular(
     repetition in the whole log, and may have `scene` (else `log`), `timestamp_s` (else empty),
     `route` (else the scenes are numbered), `split` (else all are `train`), `POSE_COLUMNS`,
     `FULL_POSE_COLUMNS`, and `cloud`, the file of a frame's real cloud. What it says of scene and
-    time holds for the boxes. Without a table the frames of the boxes are
-    filled up with empty ones, of the scene `no boxes`, to the number that is given.
+    time holds for the boxes. Without a table the frames of the boxes are filled up with empty ones,
+    of the scene `no boxes`, to the number that is given.
 
     Args:
-        source: the table of boxes, or a folder of `boxes` and mostly `frames`, `.parquet` or
-            `.csv`.
+        source: table of boxes, or a folder of `boxes` and mostly `frames`, `.parquet` or `.csv`.
         frames: the table of frames or their number, where `source` has no table of them.
         class_map: class by value of `class`, in addition to `CLASSES`; `OwnNames` keeps all.
         ignored: gets the number of boxes left out by value of `class`.
@@ -81,12 +77,11 @@ def read_tabular(
         ValueError: a column is missing, a value is wrong, or the frames are unknown.
     """
     class_map = merged(BOX_LOG, class_map)
-    buildings = None
-    rigs: dict[str, RecordedRig] = {}
+    further: dict[str, Any] = {}
     if source.is_dir():
         if is_there(path := source / "buildings.parquet"):
-            buildings = checked_buildings(read_parquet(path), str(path))
-        rigs = read_rigs(source)
+            further["buildings"] = checked_buildings(read_parquet(path), str(path))
+        further["rigs"] = read_rigs(source)
         folder, source = source, _found(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
@@ -97,20 +92,10 @@ def read_tabular(
         raise ValueError(
             f"{source}: frames without a box are unknown; add a table of all frames or their number"
         )
-    if isinstance(frames, int):
-        table = _counted(boxes, frames, source)
-    else:
-        table = _listed(boxes, frames, source)
+    table = (_counted if isinstance(frames, int) else _listed)(boxes, frames, source)
     _set_scene_and_time(boxes, table, source)
-
-    def row(index: int) -> str:
-        return f"{source}: row {index}"
-
-    counter: Counter[str] = Counter() if ignored is None else ignored
-    boxes["class"] = classify(boxes["class"], class_map, row, counter)
-    boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
-    log = BoxLog(boxes[[*BOX_COLUMNS, *count_columns(boxes)]], table, rigs=rigs)
-    return log if buildings is None else replace(log, buildings=buildings)
+    boxes["class"] = classify(boxes["class"], class_map, rows_of(source), ignored)
+    return BoxLog(classified(boxes), table, **further)
 
 
 def _found(folder: Path, name: str) -> Path:
@@ -138,7 +123,7 @@ def _boxes(path: Path) -> pd.DataFrame:
     for name in count_columns(boxes):
         boxes[name] = counts_if_known(boxes, name, str(path))
     if "object_id" not in boxes:
-        boxes["object_id"] = list(map(str, range(len(boxes))))
+        boxes["object_id"] = boxes.index.map(str)
     return boxes
 
 
@@ -164,37 +149,27 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     """The table of frames at `path`, which must list those of the boxes."""
     frames = _read(path)
     _drop_empty_time(frames)
-    needed = [name for name in OF_FRAMES if name in boxes]
-    poses = [
-        name
-        for group in (POSE_COLUMNS, FULL_POSE_COLUMNS)
-        if set(group) & set(frames.columns)
-        for name in group
-    ]
+    needed = boxes.columns.intersection([*OF_FRAMES])
+    known = {*frames.columns}
+    poses = [*POSE_COLUMNS] if known & {*POSE_COLUMNS} else []
+    poses += FULL_POSE_COLUMNS if known & {*FULL_POSE_COLUMNS} else ()
     _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
-    if (twice := frames["frame"].duplicated().to_numpy()).any():
-        row = int(np.argmax(twice))
+    if (row := first(frames["frame"].duplicated())) is not None:
         raise ValueError(f"{path}: row {row}: frame {frames['frame'].iloc[row]} is a duplicate")
     if "split" in frames:
         one_of(frames, "split", SPLITS, str(path))
-    if not (listed := boxes["frame"].isin(frames["frame"]).to_numpy()).all():
-        row = int(np.argmin(listed))
-        raise ValueError(
-            f"{source}: row {row}: frame {boxes['frame'].iloc[row]} is not in {path.name}, "
-            "which lists every frame"
-        )
+    check_listed(boxes, frames, str(source), path.name)
     return _complete(frames, poses)
 
 
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
     """The frames of the boxes, and empty ones after them that make it `count`."""
     FRAMES.check("the number of frames", count)
-    own = boxes[["frame", *(name for name in OF_FRAMES if name in boxes)]]
-    own = own.drop_duplicates("frame")
+    own = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
     if len(own) > count:
         raise ValueError(f"{source}: has boxes of {len(own)} frames, more than {count}")
-    first = own["frame"].max() + 1 if len(own) else 0
-    empty = pd.DataFrame({"frame": first + np.arange(count - len(own)), "scene": NO_BOXES})
+    start = own["frame"].max() + 1 if len(own) else 0
+    empty = pd.DataFrame({"frame": start + np.arange(count - len(own)), "scene": NO_BOXES})
     if "scene" not in own:
         own = own.assign(scene=LOG)
     return _complete(pd.concat([own, empty]))
@@ -215,8 +190,7 @@ def _set_scene_and_time(boxes: pd.DataFrame, frames: pd.DataFrame, source: Path)
     """Give boxes the scene and time of their frame; a scene they have must be the same."""
     of_box = pd.Index(frames["frame"]).get_indexer(pd.Index(boxes["frame"]))
     scene = frames["scene"].to_numpy()[of_box]
-    if "scene" in boxes and (other := (boxes["scene"] != scene).to_numpy()).any():
-        row = int(np.argmax(other))
+    if "scene" in boxes and (row := first(boxes["scene"] != scene)) is not None:
         raise ValueError(
             f"{source}: row {row}: frame {boxes['frame'].iloc[row]} is in scene "
             f"{boxes['scene'].iloc[row]!r} and in {scene[row]!r}; frame numbers must differ"

@@ -7,22 +7,22 @@ components that the columns are named after.
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.base.class_names import IGNORE
 from lidarplace.files.columns import check_columns, counts_if_known, integers, numbers, sizes, texts
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, POINTS, SOURCE, count_columns
+from lidarplace.logs.boxes import POINTS, SOURCE, first, rows_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
-from lidarplace.scenes.datasets.recorded_rig import recorded_rig
+from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses
 
 ORIGIN = (3.0 / 2, 0.0, 0.0)
@@ -76,14 +76,12 @@ def read_waymo(
     """The segments in `folder/<split>/lidar_box` and `vehicle_pose` as one box log.
 
     A frame is a row of `vehicle_pose`, so those without a box count. Frames count through the
-    segments, split by split, in the order of their names; `route` numbers the segments. All boxes
-    are kept, however far away, with their numbers of points; a segment with a file in
-    `lidar_calibration` has its rig.
+    segments, split by split, in the order of their names; `route` numbers the segments. Boxes have
+    their numbers of points; a segment with a file in `lidar_calibration` has its rig.
 
     Args:
         folder: the data set.
-        splits: of `SPLITS`; empty: `training` and `validation`, or the one that is there. The
-            boxes of the public `testing` are secret.
+        splits: of `SPLITS`; empty: `training` and `validation`, or the one that is there.
         class_map: entries that differ from `class_maps.WAYMO`.
         ignored: gets the number of boxes left out by type.
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
@@ -92,37 +90,20 @@ def read_waymo(
     Raises:
         ValueError: a file is missing or wrong, a box is in no frame, or a type is unknown.
     """
-    for split in splits:
-        if split not in SPLITS:
-            raise ValueError(f"split {split!r}: allowed are {', '.join(SPLITS)}")
-    class_map = merged(WAYMO, class_map, keep_ignored)
-    present = [name for name in ("training", "validation") if (folder / name).is_dir()]
-    segments: list[tuple[Path, str]] = []
-    for split in splits or present:
-        paths = sorted((folder / split / "lidar_box").glob("*.parquet"))
-        if not paths:
-            raise ValueError(f"{folder / split / 'lidar_box'}: must hold a file for each segment")
-        segments.extend((path, SPLITS[split]) for path in paths)
-    if not segments:
-        raise ValueError(f"{folder}: must hold a folder training or validation")
-    boxes: list[pd.DataFrame] = []
-    frames: list[pd.DataFrame] = []
-    rigs: dict[str, RecordedRig] = {}
-    first, counter = 0, Counter[str]() if ignored is None else ignored
-    for route, (path, split) in enumerate(segments):
-        own_frames, time = _frames(path.parents[1] / "vehicle_pose" / path.name, first)
-        boxes.append(_boxes(path, time, own_frames, class_map, counter))
-        frames.append(own_frames.assign(route=route, split=split))
-        first += len(own_frames)
-        calibration = path.parents[1] / "lidar_calibration" / path.name
-        if is_there(calibration) and len(own_frames):
-            rigs[own_frames["scene"].iloc[0]] = _rig(calibration, lidar)
-    every = pd.concat(boxes, ignore_index=True)
-    return BoxLog(
-        every[[*BOX_COLUMNS, *count_columns(every)]],
-        pd.concat(frames, ignore_index=True),
-        rigs=rigs,
-    )
+    pattern, each = "lidar_box/*.parquet", "a file for each segment"
+    drives = drives_in(folder, splits, SPLITS, pattern, each)
+    classes = merged(WAYMO, class_map, keep_ignored)
+    return join_drives(drives, lambda path, start: _segment(path, start, classes, ignored, lidar))
+
+
+def _segment(
+    path: Path, start: int, class_map: ClassMap, ignored: Counter[str] | None, lidar: Lidar | None
+) -> Drive:
+    """One segment, by its file of boxes; its frames have numbers from `start`."""
+    frames, time = _frames(path.parents[1] / "vehicle_pose" / path.name, start)
+    boxes = _boxes(path, time, frames, class_map, ignored)
+    calibration = path.parents[1] / "lidar_calibration" / path.name
+    return boxes, frames, _rig(calibration, lidar) if is_there(calibration) else None
 
 
 def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
@@ -132,77 +113,62 @@ def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
     if not len(table) or ((numbered < 1) | (numbered > len(LIDARS))).any():
         raise ValueError(f"{source}: {LASER} must be 1 to {len(LIDARS)}, found {numbered.tolist()}")
     names = [LIDARS[number - 1] for number in numbered]
-    matrix = np.stack(
-        [_matrix(each, EXTRINSIC, f"{source}: row {n}") for n, each in enumerate(table[EXTRINSIC])]
-    )
-    sensors = _poses(matrix, f"{source}: {EXTRINSIC}")
+    sensors = _poses(table, EXTRINSIC, np.arange(len(table)), source)
     sensors = Poses(sensors.position - ORIGIN, sensors.rotation)
-    lidars = [
-        lidar or _lidar(name, row, source) for name, row in zip(names, _rows(table), strict=True)
-    ]
+    angles = zip(*(table[name] for name in INCLINATIONS), strict=True)
+    lidars = [lidar or _lidar(*own, source) for own in zip(names, angles, strict=True)]
     return recorded_rig("waymo", names, sensors, lidars)
 
 
-def _lidar(name: str, inclinations: Sequence[object], source: str) -> Lidar:
-    """The model that wrote the range image of a LiDAR."""
+def _lidar(name: str, inclinations: Sequence[Any], source: str) -> Lidar:
+    """The model that wrote the range image of a LiDAR; inclinations: least, greatest, and each."""
     low, high, each = inclinations
     beams, steps, reach = IMAGE.get(name, SHORT_RANGE_IMAGE)
     try:
         values = np.asarray([] if each is None else each, np.float64)
         if not values.size:
-            edges = np.linspace(float(low), float(high), beams + 1)  # type: ignore[arg-type]
+            edges = np.linspace(float(low), float(high), beams + 1)
             values = (edges[1:] + edges[:-1]) / 2
         return Lidar(tuple(np.sort(values).tolist()), steps, reach)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{source}: beam inclinations of {name}: {error}") from None
 
 
-def _rows(table: pd.DataFrame) -> list[tuple[object, ...]]:
-    """The inclinations of every LiDAR: least, greatest, and each where they are known."""
-    return list(table[list(INCLINATIONS)].itertuples(index=False, name=None))
-
-
-def _frames(path: Path, first: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Frames of one segment, numbered from `first`, and their times in microseconds, ascending."""
+def _frames(path: Path, start: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
+    """Frames of one segment, numbered from `start`, and their times in microseconds, ascending."""
     table, source = _table(path, (SEGMENT, TIME, POSE)), str(path)
     time = integers(table, TIME, source)
-    unique, rows = np.unique(time, return_index=True)
-    if len(unique) < len(time):
-        twice = int(np.setdiff1d(np.arange(len(time)), rows)[0])
-        raise ValueError(f"{source}: row {twice}: frame {time[twice]} is there twice")
-    matrix = np.stack(
-        [_matrix(table[POSE].iloc[row], POSE, f"{source}: row {row}") for row in rows]
-    )
-    ego = _poses(matrix, f"{source}: {POSE}").moved(ORIGIN)
+    if (row := first(pd.Series(time).duplicated())) is not None:
+        raise ValueError(f"{source}: row {row}: frame {time[row]} is there twice")
+    rows = np.argsort(time)
     frames = pd.DataFrame(
         {
             "scene": texts(table, SEGMENT, source)[rows],
-            "frame": first + np.arange(len(unique)),
-            "timestamp_s": (unique - unique[:1]) / 1e6,
-            **ego.ego_columns(),
+            "frame": start + np.arange(len(rows)),
+            "timestamp_s": (time[rows] - time[rows[:1]]) / 1e6,
+            **_poses(table, POSE, rows, source).moved(ORIGIN).ego_columns(),
             SOURCE: frame_names(table, source)[rows],
         }
     )
-    return frames, unique
+    return frames, time[rows]
 
 
-def _poses(matrix: NDArray[np.float64], where: str) -> Poses:
-    """Poses of transforms, (N, 4, 4)."""
+def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: str) -> Poses:
+    """Poses of the transforms in these rows: of 16 numbers, row by row of a matrix."""
+    matrices = np.empty((len(rows), 16))
+    for matrix, row in zip(matrices, rows.tolist(), strict=True):
+        try:
+            values = np.asarray(table[column].iloc[row], np.float64)
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if values.shape != (16,) or not np.isfinite(values).all():
+            raise ValueError(f"{source}: row {row}: {column} must be 16 finite numbers")
+        matrix[:] = values
+    matrices = matrices.reshape(-1, 4, 4)
     try:
-        return Poses(matrix[:, :3, 3], Rotation.from_matrix(matrix[:, :3, :3]))
+        return Poses(matrices[:, :3, 3], Rotation.from_matrix(matrices[:, :3, :3]))
     except ValueError as error:  # a matrix that is no rotation
-        raise ValueError(f"{where}: {error}") from None
-
-
-def _matrix(value: object, column: str, where: str) -> NDArray[np.float64]:
-    """A transform of 16 numbers, row by row; (4, 4)."""
-    try:
-        matrix = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        matrix = np.empty(0)
-    if matrix.shape != (16,) or not np.isfinite(matrix).all():
-        raise ValueError(f"{where}: {column} must be 16 finite numbers")
-    return matrix.reshape(4, 4)
+        raise ValueError(f"{source}: {column}: {error}") from None
 
 
 def _boxes(
@@ -210,28 +176,26 @@ def _boxes(
     time: NDArray[np.int64],
     frames: pd.DataFrame,
     class_map: ClassMap,
-    ignored: Counter[str],
+    ignored: Counter[str] | None,
 ) -> pd.DataFrame:
     """Boxes of one segment, whose frames are at these times."""
     table, source = _table(path, (SEGMENT, TIME, OBJECT, TYPE, *CENTRE, *SIZE, HEADING)), str(path)
     of_box = integers(table, TIME, source)
     index = pd.Index(time).get_indexer(pd.Index(of_box))
-    if (index < 0).any():
-        row = int(np.argmax(index < 0))
+    if (row := first(index < 0)) is not None:
         raise ValueError(f"{source}: row {row}: no vehicle_pose of frame {of_box[row]}")
-    names = types(table, source)
     boxes = pd.DataFrame(
         {
             **{name: frames[name].to_numpy()[index] for name in ("scene", "frame", "timestamp_s")},
             "object_id": texts(table, OBJECT, source),
-            "class": classify(names, class_map, lambda row: f"{source}: row {row}", ignored),
+            "class": classify(types(table, source), class_map, rows_of(source), ignored),
             **in_ego(table, source),
         }
     )
     for name, own in COUNTS.items():
         if name in table:
             boxes[own] = counts_if_known(table, name, source)
-    return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable")
+    return boxes
 
 
 def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:

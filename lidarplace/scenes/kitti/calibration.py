@@ -1,8 +1,7 @@
 """KITTI's frames: where the LiDAR and the camera are, and the files that say so.
 
-LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Both stand on the
-vehicle as KITTI's do: the LiDAR 1.73 m above the ground, the camera 0.27 m before and 0.08 m below
-it (Geiger et al., Vision meets Robotics, IJRR 2013). Our camera looks straight ahead.
+LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Places on the
+vehicle are those of Geiger et al., Vision meets Robotics, IJRR 2013; our camera looks ahead.
 """
 
 from collections.abc import Mapping
@@ -32,23 +31,15 @@ BASELINE_M = 0.54
 
 
 def _standard() -> dict[str, NDArray[np.float64]]:
-    left = np.array(
-        [[FOCAL_PX, 0.0, CENTRE_PX[0], 0.0], [0.0, FOCAL_PX, CENTRE_PX[1], 0.0], [0.0, 0.0, 1.0, 0]]
-    )
+    u, v = CENTRE_PX
+    left = np.array([[FOCAL_PX, 0.0, u, 0.0], [0.0, FOCAL_PX, v, 0.0], [0.0, 0.0, 1.0, 0.0]])
     right = left.copy()
     right[0, 3] = -FOCAL_PX * BASELINE_M
     axes = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -CAMERA_BELOW_M], [1.0, 0, 0, -CAMERA_AHEAD_M]]
     imu = np.eye(3, 4)
     imu[2, 3] = -LIDAR_HEIGHT_M
-    return {
-        "P0": left,
-        "P1": right,
-        "P2": left,
-        "P3": right,
-        "R0_rect": np.eye(3),
-        "Tr_velo_to_cam": np.array(axes),
-        "Tr_imu_to_velo": imu,
-    }
+    cameras = {"P0": left, "P1": right, "P2": left, "P3": right, "R0_rect": np.eye(3)}
+    return cameras | {"Tr_velo_to_cam": np.array(axes), "Tr_imu_to_velo": imu}
 
 
 STANDARD: Mapping[str, NDArray[np.float64]] = _standard()
@@ -61,18 +52,16 @@ _SHAPES = {name: matrix.shape for name, matrix in STANDARD.items()}
 
 def calibration_text(calibration: Mapping[str, NDArray[np.float64]] = STANDARD) -> str:
     """The content of a file in `calib`: a line a matrix, its name and its rows."""
-    return "".join(
-        f"{name}: {' '.join(f'{value:.12e}' for value in matrix.flat)}\n"
-        for name, matrix in calibration.items()
-    )
+    rows = {
+        name: " ".join(f"{x:.12e}" for x in matrix.flat) for name, matrix in calibration.items()
+    }
+    return "".join(f"{name}: {row}\n" for name, row in rows.items())
 
 
 def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
     """Read a file of `calib`: its matrices by name.
 
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: a line is no matrix, or what places the camera is missing; names file and line.
+    Raises OSError, and ValueError if a line is no matrix, or what places the camera is missing.
     """
     matrices: dict[str, NDArray[np.float64]] = {}
     for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
@@ -86,10 +75,8 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
         except ValueError:
             matrix = np.empty(0)
         if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
-            raise ValueError(
-                f"{path}: line {number}: {name} needs {shape[0] * shape[1]} finite numbers, "
-                f"found {' '.join(values)!r}"
-            )
+            wanted = f"{name} needs {shape[0] * shape[1]} finite numbers"
+            raise ValueError(f"{path}: line {number}: {wanted}, found {' '.join(values)!r}")
         matrices[name] = matrix.reshape(shape)
     for name in ("R0_rect", "Tr_velo_to_cam"):
         if name not in matrices:
@@ -106,9 +93,7 @@ def camera_to_ego(
 ) -> NDArray[np.float64]:
     """From the rectified camera frame, that of the labels, to the ego frame; shape (3, 4).
 
-    Args:
-        calibration: has `R0_rect` and `Tr_velo_to_cam`.
-        lidar_height: of the LiDAR above the ground, metres.
+    `calibration` has `R0_rect` and `Tr_velo_to_cam`; `lidar_height` is in metres.
     """
     to_camera = np.eye(4)
     to_camera[:3] = calibration["R0_rect"] @ calibration["Tr_velo_to_cam"]

@@ -46,31 +46,20 @@ def to_labels(objects: pd.DataFrame) -> pd.DataFrame:
     y = _rounded(LIDAR_HEIGHT_M - CAMERA_BELOW_M - bottom)
     z = _rounded(ego["x"] - CAMERA_AHEAD_M)
     rotation_y = _rounded(_wrapped(-ego["yaw"] - 0.5 * np.pi))
-    whole = _image_boxes(x, y, z, height, width, length, rotation_y)
+    box = (height, width, length, x, y, z, rotation_y)
+    whole = _image_boxes(*box)
     right, lower = (size - 1.0 for size in IMAGE_SIZE)
     cut = _rounded(np.clip(whole, 0.0, [right, lower, right, lower]))
     shown = (cut[:, 2:] > cut[:, :2]).all(axis=1)
     cut[~shown] = 0.0
-    area = (whole[:, 2:] - whole[:, :2]).prod(axis=1)
-    share = np.divide(
-        (cut[:, 2:] - cut[:, :2]).prod(axis=1), area, out=np.zeros_like(area), where=shown
-    )
-    columns = {
-        "frame": objects["frame"].to_numpy(np.int64),
-        "class": objects["class"].to_numpy(),
-        "truncated": _rounded(np.clip(1.0 - share, 0.0, 1.0)),
-        "occluded": objects["occluded"].to_numpy(np.int64),
-        "alpha": _rounded(_wrapped(rotation_y - np.arctan2(x, z))),
-        **dict(zip(("left", "top", "right", "bottom"), cut.T, strict=True)),
-        "height": height,
-        "width": width,
-        "length": length,
-        "x": x,
-        "y": y,
-        "z": z,
-        "rotation_y": rotation_y,
-    }
-    return pd.DataFrame(columns)
+    area, cut_area = ((sides[:, 2:] - sides[:, :2]).prod(axis=1) for sides in (whole, cut))
+    share = np.divide(cut_area, area, out=np.zeros_like(area), where=shown)
+    truncated = _rounded(np.clip(1.0 - share, 0.0, 1.0))
+    alpha = _rounded(_wrapped(rotation_y - np.arctan2(x, z)))
+    occluded = objects["occluded"].to_numpy(np.int64)
+    columns = (objects["class"].to_numpy(), truncated, occluded, alpha, *cut.T, *box)
+    labels = dict(zip(LABEL_COLUMNS, columns, strict=True))
+    return pd.DataFrame({"frame": objects["frame"].to_numpy(np.int64), **labels})
 
 
 def in_image(labels: pd.DataFrame) -> NDArray[np.bool_]:
@@ -94,20 +83,13 @@ def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
-def _image_boxes(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    z: NDArray[np.float64],
-    height: NDArray[np.float64],
-    width: NDArray[np.float64],
-    length: NDArray[np.float64],
-    rotation_y: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _image_boxes(*box: NDArray[np.float64]) -> NDArray[np.float64]:
     """Left, top, right, bottom of the boxes in an image without end, shape (N, 4); else zeros.
 
     Box and camera are upright, so the part of a box before the camera stands on the part of its
     footprint there: at most four corners and two points where edges pass `NEAR_M`.
     """
+    height, width, length, x, y, z, rotation_y = box
     along = 0.5 * length[:, None] * [1.0, 1.0, -1.0, -1.0]
     across = 0.5 * width[:, None] * [1.0, -1.0, -1.0, 1.0]
     cos, sin = np.cos(rotation_y)[:, None], np.sin(rotation_y)[:, None]
@@ -122,14 +104,8 @@ def _image_boxes(
     u = CENTRE_PX[0] + FOCAL_PX * right / depth
     low = CENTRE_PX[1] + FOCAL_PX * y[:, None] / depth
     high = CENTRE_PX[1] + FOCAL_PX * (y - height)[:, None] / depth
-    boxes = np.stack(
-        [
-            np.where(before, u, np.inf).min(axis=1),
-            np.where(before, high, np.inf).min(axis=1),
-            np.where(before, u, -np.inf).max(axis=1),
-            np.where(before, low, -np.inf).max(axis=1),
-        ],
-        axis=1,
-    )
+    least = [np.where(before, side, np.inf).min(axis=1) for side in (u, high)]
+    most = [np.where(before, side, -np.inf).max(axis=1) for side in (u, low)]
+    boxes = np.stack([*least, *most], axis=1)
     boxes[~before.any(axis=1)] = 0.0
     return boxes

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,11 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.files.regular import is_there, regular
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS, SOURCE
+from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS, GEOMETRY, SOURCE
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import KITTI, ClassMap, merged
-from lidarplace.scenes.datasets.recorded_rig import kitti_lidar
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
     STANDARD,
@@ -31,6 +31,9 @@ from lidarplace.scenes.kitti.folder import fault, frame_name, part
 
 SETS = {"train": "train", "val": "test"}
 """Lists in `ImageSets` -> split of the box log."""
+
+STEPS = 2007
+"""Of its HDL-64E, counted in raw sweeps: 2,005 to 2,008."""
 
 _NUMBERS = 14  # fields of a line after the type, without the score
 
@@ -56,7 +59,6 @@ def read_kitti(
     the log's rig.
 
     Args:
-        folder: a KITTI-format folder.
         class_map: entries that differ from `KITTI`, or add to it.
         standard_calibration: do not read `calib`: the camera looks straight ahead from 0.27 m
             before and 0.08 m below the LiDAR.
@@ -78,66 +80,54 @@ def read_kitti(
     numbers: list[list[float]] = []
     names: list[tuple[int, str, str]] = []
     to_ego: list[NDArray[np.float64]] = []
-    placed: list[bool] = []
-    standard = camera_to_ego(STANDARD, lidar_height)
+    placed: list[int] = []
+    pose = camera_to_ego(STANDARD, lidar_height)
     for frame in frames["frame"].tolist():
-        try:
-            pose = standard
-            if not standard_calibration:
-                pose = _pose(part(folder, "calib") / f"{frame_name(frame)}.txt", lidar_height)
-        except ValueError as error:
-            fault(str(error), skipped)
-            placed.append(False)
-            continue
-        placed.append(True)
-        path = part(folder, "label_2") / f"{frame_name(frame)}.txt"
-        for line, name, values in read_labels(path, types, ignored, skipped):
-            numbers.append(values[:_NUMBERS])
+        file = f"{frame_name(frame)}.txt"
+        if not standard_calibration:
+            try:
+                pose = _pose(part(folder, "calib") / file, lidar_height)
+            except ValueError as error:
+                fault(str(error), skipped)
+                continue
+        placed.append(frame)
+        for line, name, values in read_labels(
+            part(folder, "label_2") / file, types, ignored, skipped
+        ):
+            numbers.append(values[7:_NUMBERS])
             names.append((frame, f"{frame_name(frame)}-{line}", types[name]))
             to_ego.append(pose)
-    frames = frames[placed].reset_index(drop=True)
-    if frames.empty:
+    if not placed:
         raise ValueError(f"{folder}: no frame can be used")
-    frames.insert(0, "scene", folder.resolve().name)
+    scene = folder.resolve().name
+    frames = frames[frames["frame"].isin(placed)].reset_index(drop=True).assign(scene=scene)
     boxes = pd.DataFrame(names, columns=["frame", "object_id", "class"])
     boxes = boxes.astype({"frame": np.int64, "object_id": str, "class": str})
-    geometry = in_ego(
-        np.array(numbers).reshape(-1, _NUMBERS)[:, -7:], np.array(to_ego).reshape(-1, 3, 4)
-    )
-    boxes = boxes.assign(scene=folder.resolve().name, timestamp_s=np.nan, **geometry)
-    frames[CLOUD] = [f"velodyne/{frame_name(frame)}.bin" for frame in frames["frame"]]
+    geometry = in_ego(np.array(numbers).reshape(-1, 7), np.array(to_ego).reshape(-1, 3, 4))
+    boxes = boxes.assign(scene=scene, timestamp_s=np.nan, **geometry)
     frames[SOURCE] = frames["frame"].map(frame_name)
+    frames[CLOUD] = "velodyne/" + frames[SOURCE] + ".bin"
+    lidar = lidar or replace(Lidar.named("hdl64e"), azimuth_steps=STEPS)
     mount = Mount(z=lidar_height)
-    rig = RecordedRig(("velodyne",), Placement("kitti", [mount], lidar or kitti_lidar()))
-    return BoxLog(
-        boxes[list(BOX_COLUMNS)],
-        frames[[*FRAME_COLUMNS, CLOUD, SOURCE]],
-        rigs={folder.resolve().name: rig},
-    )
+    rig = RecordedRig(("velodyne",), Placement("kitti", [mount], lidar))
+    table = frames[[*FRAME_COLUMNS, CLOUD, SOURCE]]
+    return BoxLog(boxes[list(BOX_COLUMNS)], table, rigs={scene: rig})
 
 
 def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
-    """Columns frame, timestamp_s, route, split; sorted by frame."""
+    """Columns frame, timestamp_s, split, route; sorted by frame."""
     labels = part(folder, "label_2")
     files = {path.stem for path in labels.iterdir() if path.suffix == ".txt"}
     found: dict[int, str] = {}
-    listed = False
     # Someone who names the folder `training` means its lists too, which lie next to it.
     lists = folder / "ImageSets"
     if not is_there(lists) and labels.parent == folder and folder.resolve().name == "training":
         lists = folder.resolve().parent / "ImageSets"
     names = {path.name for path in lists.iterdir()} if is_there(lists) else set()
-    for name, split in SETS.items():
+    listed = [name for name in SETS if f"{name}.txt" in names]
+    for name in listed:
         path = lists / f"{name}.txt"
-        if path.name not in names:
-            continue
-        listed = True
-        for number, line in enumerate(
-            regular(path).read_text(errors="replace").splitlines(), start=1
-        ):
-            stem = line.strip()
-            if not stem:
-                continue
+        for number, stem in _lines(path):
             where = f"{path}: line {number}"
             if not _is_name(stem):
                 fault(f"{where}: expected a number like 000123, found {stem!r}", skipped)
@@ -146,7 +136,7 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
             elif int(stem) in found:
                 fault(f"{where}: frame {stem} is listed twice", skipped)
             else:
-                found[int(stem)] = split
+                found[int(stem)] = SETS[name]
     if not listed:
         for stem in sorted(files):
             if _is_name(stem):
@@ -155,15 +145,16 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
                 fault(f"{labels / stem}.txt: expected a name like 000123.txt", skipped)
     if not found:
         raise ValueError(f"{labels}: no file of labels is among the frames")
-    splits = list(SETS.values())
-    return pd.DataFrame(
-        {
-            "frame": list(found),
-            "timestamp_s": np.nan,
-            "route": [splits.index(split) for split in found.values()],
-            "split": list(found.values()),
-        }
-    ).sort_values("frame", ignore_index=True)
+    frames = pd.DataFrame({"frame": list(found), "timestamp_s": np.nan, "split": found.values()})
+    frames["route"] = frames["split"].map([*SETS.values()].index)
+    return frames.sort_values("frame", ignore_index=True)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Those of a text file that are not empty, stripped, with their numbers from 1."""
+    text = regular(path).read_text(errors="replace")
+    lines = enumerate((line.strip() for line in text.splitlines()), start=1)
+    return ((number, line) for number, line in lines if line)
 
 
 def _is_name(stem: str) -> bool:
@@ -175,10 +166,9 @@ def _pose(path: Path, lidar_height: float) -> NDArray[np.float64]:
     try:
         return camera_to_ego(read_calibration(path), lidar_height)
     except FileNotFoundError:
-        raise ValueError(
-            f"{path}: no such file, so nothing places the camera; "
-            "--standard-calibration takes KITTI's usual camera instead"
-        ) from None
+        fix = "--standard-calibration takes KITTI's usual camera instead"
+        problem = "no such file, so nothing places the camera"
+        raise ValueError(f"{path}: {problem}; {fix}") from None
 
 
 def read_labels(
@@ -194,37 +184,28 @@ def read_labels(
     """
     wanted = " or ".join(map(str, fields_of_line))
     found = []
-    for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
-        fields = line.split()
-        if not fields:
-            continue
-        where = f"{path}: line {number}"
-        if len(fields) not in fields_of_line:
-            fault(f"{where}: expected {wanted} fields, found {len(fields)}", skipped)
-            continue
-        name = fields[0]
-        if name not in types:
-            fault(
-                f"{where}: unknown type {name!r}; known are {', '.join(types)}, "
-                "and a class map can name more",
-                skipped,
-            )
-            continue
-        if types[name] == IGNORE:
-            ignored[name] += 1
-            continue
+    for number, line in _lines(path):
+        name, *texts = line.split()
         try:
-            values = [float(text) for text in fields[1:]]
+            values = [float(text) for text in texts]
         except ValueError:
             values = [math.nan]
-        if not all(map(math.isfinite, values)):
-            fault(
-                f"{where}: expected finite numbers after the type, found {line.strip()!r}", skipped
-            )
+        problem = None
+        if len(texts) + 1 not in fields_of_line:
+            problem = f"expected {wanted} fields, found {len(texts) + 1}"
+        elif name not in types:
+            known = ", ".join(types)
+            problem = f"unknown type {name!r}; known are {known}, and a class map can name more"
+        elif types[name] == IGNORE:
+            ignored[name] += 1
+        elif not all(map(math.isfinite, values)):
+            problem = f"expected finite numbers after the type, found {line!r}"
         elif min(values[7:10]) < 0:
-            fault(f"{where}: expected height, width, length >= 0, found {values[7:10]}", skipped)
+            problem = f"expected height, width, length >= 0, found {values[7:10]}"
         else:
             found.append((number, name, values))
+        if problem is not None:
+            fault(f"{path}: line {number}: {problem}", skipped)
     return found
 
 
@@ -241,10 +222,5 @@ def in_ego(
     heading = np.stack([np.cos(rotation_y), np.zeros_like(x), -np.sin(rotation_y)], axis=1)
     moved = np.einsum("bij,bj->bi", to_ego, centre)
     ahead = np.einsum("bij,bj->bi", to_ego[:, :, :3], heading)
-    return {
-        **dict(zip("xyz", moved.T, strict=True)),
-        "length": length,
-        "width": width,
-        "height": height,
-        "yaw": np.arctan2(ahead[:, 1], ahead[:, 0]),
-    }
+    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return dict(zip(GEOMETRY, (*moved.T, length, width, height, yaw), strict=True))

@@ -38,16 +38,13 @@ def read_kitti_clouds(
         frames: numbers of the frames, that is, of their files.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
         lidar_height: of the LiDAR above the ground, metres.
-        skipped: gets what is wrong with points and files, which are then left out.
-
-    Raises:
-        ValueError: a file is missing or holds no whole points, or a point is not finite or has an
-            intensity outside [0, 1]; names file and point.
+        skipped: gets what is wrong with points and files, which are then left out. Without it the
+            first such fault is a ValueError.
     """
     LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
-    paths = {frame: part(folder, "velodyne") / f"{frame_name(frame)}.bin" for frame in frames}
     whole = {}
-    for frame, path in paths.items():
+    for frame in frames:
+        path = part(folder, "velodyne") / f"{frame_name(frame)}.bin"
         if not is_there(path):
             fault(f"{path}: no such file", skipped)
         elif (size := regular(path).stat().st_size) % _BYTES:

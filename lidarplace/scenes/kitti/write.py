@@ -9,6 +9,7 @@ import pandas as pd
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.files.atomic import replacing
 from lidarplace.files.png import black_png
+from lidarplace.logs.boxes import first
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
 from lidarplace.scenes.kitti.folder import frame_name
 from lidarplace.scenes.kitti.labels import label_lines
@@ -44,15 +45,12 @@ def write_kitti(
         images: write black images of the camera's size too, for tools that ask them for it.
         secret: write split test into `testing`, without labels, and list it in `test.txt`.
 
-    Raises:
-        ValueError: the folder is not empty, a split or a frame number is not possible, or the
-            portions are not of these frames.
+    Raises ValueError if the folder is not empty, a split or a frame number is not possible, or the
+    portions are not of these frames.
     """
     check_new(folder)
-    sets = {split: name for name, split in SETS.items()}
-    unknown = ~frames["split"].isin(list(sets)).to_numpy()
-    if unknown.any():
-        raise ValueError(f"split {frames['split'][unknown].iloc[0]!r}: allowed are train and test")
+    if (row := first(~frames["split"].isin(list(SETS.values())))) is not None:
+        raise ValueError(f"split {frames['split'].iloc[row]!r}: allowed are train and test")
     if (frames["frame"] < 0).any():
         raise ValueError(f"frame {frames['frame'].min()}: a file needs a number of at least 0")
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -62,13 +60,11 @@ def write_kitti(
             written = _write_frames(partial, portions, images, frozenset(tests))
             if sorted(written) != sorted(frames["frame"].tolist()):
                 raise ValueError(f"clouds of {len(written)} frames for {len(frames)} frames")
-            lists = {
-                name: [frame_name(f) for f in frames["frame"][frames["split"] == split]]
-                for split, name in sets.items()
-            }
-            lists["test"] = []
-            if secret:
-                lists["test"], lists["val"] = lists["val"], []
+            train, test = (
+                [frame_name(frame) for frame in frames["frame"][frames["split"] == split]]
+                for split in SETS.values()
+            )
+            lists = {"train": train, "val": [] if secret else test, "test": test if secret else []}
             lists["trainval"] = lists["train"] + lists["val"]
             (partial / "ImageSets").mkdir()
             for name, stems in lists.items():
@@ -101,7 +97,7 @@ def _write_frames(
             stem, own = frame_name(frame), testing if frame in secret else training
             write_cloud(own / "velodyne" / f"{stem}.bin", points)
             if frame not in secret:
-                text = "".join(f"{line}\n" for line in lines.get(frame, [NOTHING]))
+                text = "\n".join([*lines.get(frame, [NOTHING]), ""])
                 (own / "label_2" / f"{stem}.txt").write_text(text)
             (own / "calib" / f"{stem}.txt").write_text(calibration)
             if images:

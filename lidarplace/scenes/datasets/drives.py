@@ -1,0 +1,72 @@
+"""The drives of a data set, one after the other as a box log, and the rigs that recorded them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.pose import angles
+from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.scenes.datasets.class_maps import classified
+from lidarplace.scenes.datasets.se3 import Poses
+
+Drive = tuple[pd.DataFrame, pd.DataFrame, RecordedRig | None]
+"""Boxes with their classes, or `IGNORE`; frames without `route` and `split`; and the rig."""
+
+
+def drives_in(
+    folder: Path, splits: Sequence[str], known: Mapping[str, str], pattern: str, each: str
+) -> list[tuple[Path, str]]:
+    """Paths of drives in `folder/<split>`, and the split of a box log that each is for.
+
+    Args:
+        splits: of `known`; empty: its first two, or the one that is there.
+        known: folder of the data set -> split of the box log.
+        pattern: of the paths.
+        each: what there must be for each drive.
+
+    Raises:
+        ValueError: a split is unknown, or a folder has no drive.
+    """
+    for split in splits:
+        if split not in known:
+            raise ValueError(f"split {split!r}: allowed are {', '.join(known)}")
+    usual, drives = [*known][:2], []
+    for split in splits or [name for name in usual if (folder / name).is_dir()]:
+        paths = sorted((folder / split).glob(pattern))
+        if not paths:
+            raise ValueError(f"{(folder / split / pattern).parent}: must hold {each}")
+        drives += [(path, known[split]) for path in paths]
+    if not drives:
+        raise ValueError(f"{folder}: must hold a folder {' or '.join(usual)}")
+    return drives
+
+
+def join_drives(drives: Sequence[tuple[Path, str]], read: Callable[[Path, int], Drive]) -> BoxLog:
+    """The box log of drives; `read` has a path, and the number of the first frame."""
+    boxes: list[pd.DataFrame] = []
+    frames: list[pd.DataFrame] = []
+    rigs: dict[str, RecordedRig] = {}
+    for route, (path, split) in enumerate(drives):
+        own_boxes, own_frames, rig = read(path, sum(map(len, frames)))
+        boxes.append(own_boxes)
+        frames.append(own_frames.assign(route=route, split=split))
+        if rig is not None and len(own_frames):
+            rigs[own_frames["scene"].iloc[0]] = rig
+    every = classified(pd.concat(boxes, ignore_index=True))
+    return BoxLog(every, pd.concat(frames, ignore_index=True), rigs=rigs)
+
+
+def recorded_rig(
+    name: str, names: Sequence[str], sensors: Poses, lidars: Sequence[Lidar]
+) -> RecordedRig:
+    """A rig of sensors posed in our ego frame, `names`, `sensors` and `lidars` in one order."""
+    matrices = sensors.rotation.as_matrix().reshape(-1, 3, 3)
+    mounts = [
+        Mount(x, y, z, *angles(matrix))
+        for (x, y, z), matrix in zip(sensors.position.tolist(), matrices, strict=True)
+    ]
+    return RecordedRig(tuple(names), Placement(name, mounts, lidars))
