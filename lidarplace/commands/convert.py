@@ -43,9 +43,12 @@ from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from lidarplace.scenes.label_tables.units import SECONDS
+from lidarplace.scenes.sanity_checks.boxes import (
+    doubts_of_degrees,
+    doubts_of_surroundings,
+    doubts_of_units,
+)
 from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_poses
-from lidarplace.scenes.sanity_checks.surroundings import doubts_of_surroundings
-from lidarplace.scenes.sanity_checks.units import doubts_of_degrees, doubts_of_units
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 

@@ -30,7 +30,7 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.ground_level import OFF, OFF_M, levelled, off_ground
 from lidarplace.scenes.real_clouds import RealClouds, count_real_points
-from lidarplace.scenes.sanity_checks.units import doubts_of_units
+from lidarplace.scenes.sanity_checks.boxes import doubts_of_units
 from lidarplace.scenes.static_world import static_worlds
 
 RECORDED = Path("clouds") / "recorded"
@@ -212,19 +212,19 @@ def _with_world(log: BoxLog, told: Real, out: Path | None, notes: list[str]) -> 
 
 
 def _levelled(log: BoxLog, notes: list[str]) -> BoxLog:
-    level = levelled(log)
-    far = np.abs(level.moved)
+    level, moved = levelled(log)
+    far = np.abs(moved)
     if len(far):
         off = [
             int(off_ground(each)[list(OFF)].sum()[["below", "above"]].sum())
-            for each in (log, level.log)
+            for each in (log, level)
         ]
         notes.append(
             f"--ground level: boxes moved by {np.median(far):.2f} m in the median, "
             f"{far.max():.2f} m at most; underside more than {OFF_M:g} m off the ground: "
             f"{off[0]:,} boxes before, {off[1]:,} after"
         )
-    return level.log
+    return level
 
 
 def _rig_notes(log: BoxLog) -> list[str]:

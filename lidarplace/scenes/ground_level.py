@@ -3,7 +3,7 @@
 Rays end on the ground z = 0. Real roads are uneven, so at a distance boxes are below or above.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -22,19 +22,6 @@ NEIGHBOURS = 5
 """The ground at a box is the median underside of at most so many boxes so near, itself included."""
 
 
-@dataclass(frozen=True)
-class Levelled:
-    """A log whose boxes are on the ground.
-
-    Attributes:
-        log: the log.
-        moved: how far each box was moved upwards, metres, shape (boxes,).
-    """
-
-    log: BoxLog
-    moved: NDArray[np.float64]
-
-
 def undersides(boxes: pd.DataFrame) -> NDArray[np.float64]:
     """Height of the underside of each box above z = 0, metres, shape (boxes,)."""
     return np.asarray(boxes["z"] - boxes["height"] / 2, np.float64)
@@ -44,23 +31,18 @@ def off_ground(log: BoxLog) -> pd.DataFrame:
     """By split the number of boxes with the centre under the ground, and with the underside more
     than `OFF_M` below or above it: columns split, boxes, and those of `OFF`."""
     under = undersides(log.boxes)
-    table = pd.DataFrame(
-        {
-            "split": log.boxes["frame"].map(log.frames.set_index("frame")["split"]),
-            "boxes": 1,
-            "buried": log.boxes["z"] < 0,
-            "below": under < -OFF_M,
-            "above": under > OFF_M,
-        }
-    )
+    off = dict(zip(OFF, (log.boxes["z"] < 0, under < -OFF_M, under > OFF_M), strict=True))
+    split = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
+    table = pd.DataFrame({"split": split, "boxes": 1, **off})
     return table.groupby("split", as_index=False).sum()
 
 
-def levelled(log: BoxLog) -> Levelled:
+def levelled(log: BoxLog) -> tuple[BoxLog, NDArray[np.float64]]:
     """Set boxes on the ground by the log's own undersides, frame by frame.
 
-    The height of the road at a box is the median underside of its neighbours, see `NEIGHBOURS`, so
-    a box that is higher or lower than those around it stays so; a box alone is set on the ground.
+    Returns the log, and how far each box was moved upwards, metres, shape (boxes,). The height of
+    the road at a box is the median underside of its neighbours, see `NEIGHBOURS`, so a box that is
+    higher or lower than those around it stays so; a box alone is set on the ground.
     """
     boxes = log.boxes.reset_index(drop=True)
     under = undersides(boxes)
@@ -72,4 +54,4 @@ def levelled(log: BoxLog) -> Levelled:
         # Where there are fewer neighbours, their number stands for each that is missing.
         heights = np.append(under[rows], np.nan)[near.reshape(len(rows), -1)]
         road[rows] = np.nanmedian(heights, axis=1)
-    return Levelled(replace(log, boxes=boxes.assign(z=boxes["z"] - road)), -road)
+    return replace(log, boxes=boxes.assign(z=boxes["z"] - road)), -road

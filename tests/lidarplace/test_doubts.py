@@ -10,9 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.logs.boxes import POSE_COLUMNS
+from lidarplace.scenes.sanity_checks.boxes import (
+    doubts_of_degrees,
+    doubts_of_surroundings,
+    doubts_of_units,
+)
 from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_poses, steps_across
-from lidarplace.scenes.sanity_checks.surroundings import doubts_of_surroundings
-from lidarplace.scenes.sanity_checks.units import doubts_of_degrees, doubts_of_units
 
 
 def with_yaw(log, yaw):

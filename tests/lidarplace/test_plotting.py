@@ -14,8 +14,7 @@ from lidarplace import PAPER_PLACEMENTS, Mount, OccupancyGrid, Placement, Roi, c
 from lidarplace.base.number_text import point
 from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.scenes.sanity_checks.surroundings import doubts_of_surroundings
-from lidarplace.scenes.sanity_checks.units import doubts_of_units
+from lidarplace.scenes.sanity_checks.boxes import doubts_of_surroundings, doubts_of_units
 from lidarplace.viewing.figures import figure
 
 ROI = Roi((0, 8), (-4, 4), (0, 2), 0.5)

@@ -34,14 +34,10 @@ class Stamps:
 def read_stamps(
     table: pd.DataFrame, drive: str | None, stamp: str, whole: bool, source: str
 ) -> Stamps:
-    """Drive and time (or, if `whole`, frame number) of every row.
-
-    Raises ValueError: a value is something else, or missing.
-    """
+    """Drive and time (or, if `whole`, frame number) of every row. Raises ValueError."""
     names = np.full(len(table), DRIVE, object) if drive is None else texts(table, drive, source)
-    if whole:
-        return Stamps(names, integers(table, stamp, source).astype(np.float64))
-    return Stamps(names, numbers(table, [stamp], source)[:, 0])
+    values = integers(table, stamp, source) if whole else numbers(table, [stamp], source)[:, 0]
+    return Stamps(names, values.astype(np.float64))
 
 
 def frames_of(
@@ -50,10 +46,8 @@ def frames_of(
     """The table of frames, and the frame number of every row.
 
     Frames have `FRAME_COLUMNS`, and `stamp` in the file's own unit. Numbers count through the
-    drives in the order of their names.
-
-    Raises:
-        ValueError: time stamps do not keep the rate, or a drive of the mapping is not there.
+    drives in the order of their names. Raises ValueError if time stamps do not keep the rate, or a
+    drive of the mapping is not there.
     """
     drives, route = np.unique(stamps.drive.astype(str), return_inverse=True)
     split = _splits(drives, mapping, source)
@@ -64,18 +58,9 @@ def frames_of(
         own = route == number
         values, index = _frames_of_drive(stamps.value[own], mapping, source)
         of_row[own] = first + index
-        tables.append(
-            pd.DataFrame(
-                {
-                    "scene": drive,
-                    "frame": first + np.arange(len(values)),
-                    "timestamp_s": _seconds(values, mapping),
-                    "route": number,
-                    "split": split[drive],
-                    "stamp": values,
-                }
-            )
-        )
+        table = {"scene": drive, "frame": first + np.arange(len(values)), "route": number}
+        time = {"timestamp_s": _seconds(values, mapping), "stamp": values}
+        tables.append(pd.DataFrame({**table, **time, "split": split[drive]}))
         first += len(values)
     return pd.concat(tables, ignore_index=True), of_row
 
@@ -94,7 +79,14 @@ def _frames_of_drive(
             f"{source}: column {mapping.stamp}: a drive has {most:,.0f} frames at {rate:g} Hz, "
             f"expected at most {FRAMES.high:,}; change units.time or frames.rate_hz"
         )
-    number, off = _count(times, a_frame)
+    number, off = np.zeros(len(times), np.int64), np.zeros(len(times), bool)
+    last, count = times[0], 0
+    for i, time in enumerate(times):  # from the frame before, not the first: a clock drifts
+        steps = (time - last) / a_frame
+        off[i] = abs(steps - round(steps)) > OFF_GRID
+        if whole := round(steps):
+            last, count = time, count + whole
+        number[i] = count
     if off.any():
         share = off[of_row].mean()
         raise ValueError(
@@ -106,32 +98,12 @@ def _frames_of_drive(
     return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
 
 
-def _count(
-    times: NDArray[np.float64], a_frame: float
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The frame of each time, and whether it is off the rate.
-
-    Each frame is counted from the one before it, not from the first: a sensor's clock drifts.
-    """
-    number, off = np.zeros(len(times), np.int64), np.zeros(len(times), bool)
-    last, count = times[0], 0
-    for i, time in enumerate(times):
-        steps = (time - last) / a_frame
-        whole = round(steps)
-        off[i] = abs(steps - whole) > OFF_GRID
-        if whole:
-            last, count = time, count + whole
-        number[i] = count
-    return number, off
-
-
 def _seconds(values: NDArray[np.float64], mapping: TableMapping) -> NDArray[np.float64]:
     """Times of frames from the first of their drive; NaN where only numbers are known."""
+    since = values - values[0]
     if mapping.columns.time is not None:
-        return np.asarray((values - values[0]) * SECONDS[mapping.units.time])
-    if mapping.frames.rate_hz is not None:
-        return np.asarray((values - values[0]) / mapping.frames.rate_hz)
-    return np.full(len(values), np.nan)
+        return np.asarray(since * SECONDS[mapping.units.time])
+    return np.asarray(since / (mapping.frames.rate_hz or np.nan))
 
 
 def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dict[str, str]:
@@ -140,13 +112,10 @@ def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dic
     for key, names in (("train", train or ()), ("test", test)):
         if missing := [name for name in names if name not in drives]:
             shown = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
-            raise ValueError(
-                f"{source}: drives.{key}: no drive {missing[0]!r} in column "
-                f"{mapping.columns.drive}; found {shown}"
-            )
+            problem = f"no drive {missing[0]!r} in column {mapping.columns.drive}"
+            raise ValueError(f"{source}: drives.{key}: {problem}; found {shown}")
     split = {str(drive): "test" if drive in test else "train" for drive in drives}
-    left = [name for name in split if train is not None and name not in (*train, *test)]
-    if left:
+    if left := [name for name in split if train is not None and name not in (*train, *test)]:
         raise ValueError(
             f"{source}: drive {left[0]!r} is neither in drives.train nor in drives.test, nor are "
             f"{len(left) - 1} others; leave train out to take all that are not test"

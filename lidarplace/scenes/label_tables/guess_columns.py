@@ -14,7 +14,6 @@ from lidarplace.scenes.label_tables.units import plain, without_unit
 ALIKE = 0.8
 """Names less alike than this share of their letters are not taken for each other."""
 
-
 _NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
 USUAL: Mapping[str, str] = _NAMES["usual"]
 """Key of the mapping -> names that it has in label files."""

@@ -31,7 +31,6 @@ class Columns(Settings):
     width: Name = Field(description="along its y axis")
     height: Name = Field(description="along its z axis")
     yaw: Name = Field(description="about z, from the x axis towards y")
-
     points: Name | None = Field(None, description="of the number of real points in a box")
 
     @model_validator(mode="after")
@@ -149,12 +148,7 @@ class TableMapping(Settings):
 
 
 def read_mapping(path: Path) -> TableMapping:
-    """Read the keys of `TableMapping`.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no such mapping; names file, key and value.
-    """
+    """Read the keys of `TableMapping`. Raises OSError, and ValueError that names file and key."""
     content = read_yaml_file(path)
     if not isinstance(content, dict):
         raise ValueError(f"{path}: must have keys such as `columns`, found {found(content)}")

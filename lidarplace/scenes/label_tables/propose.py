@@ -30,11 +30,8 @@ NEAR_GROUND_M = 0.1
 def propose_mapping(path: Path) -> str:
     """A mapping of the label file as YAML, with comments that say what each guess is from.
 
-    A column that its name does not identify is a key without value: reading such a mapping is an
-    error.
-
-    Raises:
-        ValueError: the file cannot be read, or no rows.
+    A column that its name does not identify is a key without value, an error to who reads it.
+    Raises ValueError if the file cannot be read, or has no rows.
     """
     table = read_table(path)
     if table.empty:
@@ -43,8 +40,8 @@ def propose_mapping(path: Path) -> str:
     columns = guess_columns(list(table.columns))
     if "time" in columns:
         columns.pop("frame", None)
-    lines = [f"# A guess from names and values of {path.name}: check every line of it."]
-    return "\n".join([*lines, *_Proposal(table, columns).lines()]) + "\n"
+    head = f"# A guess from names and values of {path.name}: check every line of it."
+    return "\n".join([head, *_Proposal(table, columns).lines(), ""])
 
 
 class _Proposal:
@@ -60,30 +57,25 @@ class _Proposal:
         distance = _median(relative if self.in_world else np.hypot(x, y))
         longest = np.max([self._numbers(side) for side in SIZE], axis=0)
         self.position = guess_length(columns.get("x", ""), distance, DISTANCES, "distance")
-        self.size = guess_length(
-            columns.get("length", ""), _median(longest), SIZES, "the longest side"
-        )
+        length = columns.get("length", "")
+        self.size = guess_length(length, _median(longest), SIZES, "the longest side")
         self.z = z - np.nan_to_num(ego_z) if self.in_world else z
 
     def lines(self) -> Iterator[str]:
         """Of the YAML document."""
         yield from self._columns()
         yield "units:"
-        yield f"  position: {self.position.unit}   # {self.position.why}"
-        yield f"  size: {self.size.unit}   # {self.size.why}"
-        angle = guess_angle(self.columns.get("yaw", ""), self._numbers("yaw"))
-        yield f"  angle: {angle.unit}   # {angle.why}"
+        yield "  position: {}   # {}".format(*self.position)
+        yield "  size: {}   # {}".format(*self.size)
+        yield self._angle("yaw")
         frames = []
         if "time" in self.columns:
             latest, step = float(pd.Series(self._numbers("time")).max()), self._step()
             time = guess_time(self.columns["time"], latest, step)
-            yield f"  time: {time.unit}   # {time.why}"
-            seconds = step * SECONDS[time.unit]
-            if seconds > 0:
-                frames = [
-                    "frames:",
-                    f"  rate_hz: {_rate(seconds)}   # {seconds:.4g} s from time to time",
-                ]
+            yield "  time: {}   # {}".format(*time)
+            if (seconds := step * SECONDS[time.unit]) > 0:
+                rate = f"  rate_hz: {_rate(seconds)}   # {seconds:.4g} s from time to time"
+                frames = ["frames:", rate]
         yield from self._place()
         yield from self._classes()
         yield from frames
@@ -96,6 +88,11 @@ class _Proposal:
         found = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
         return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
 
+    def _angle(self, key: str) -> str:
+        """The line of the unit of a yaw."""
+        angle = guess_angle(self.columns.get(key, ""), self._numbers(key))
+        return "  angle: {}   # {}".format(*angle)
+
     def _step(self) -> float:
         """From one time stamp of a drive to the next, in the median; NaN if there is one."""
         drive = self.columns.get("drive")
@@ -106,13 +103,13 @@ class _Proposal:
 
     def _columns(self) -> Iterator[str]:
         rest = [name for name in self.table.columns if name not in self.columns.values()]
-        others = ", ".join(rest) or "none"
         yield "columns:"
         for key, field in Columns.model_fields.items():
             if key in self.columns:
                 yield f"  {key}: {_text(self.columns[key])}"
             elif field.is_required() or (key == "time" and "frame" not in self.columns):
-                yield f"  {key}:   # nothing tells it; other columns: {_text(others)}"
+                others = _text(", ".join(rest) or "none")
+                yield f"  {key}:   # nothing tells it; other columns: {others}"
 
     def _place(self) -> Iterator[str]:
         """What z is, where the origin is, and the poses."""
@@ -120,11 +117,9 @@ class _Proposal:
         z = self.z * METRES[self.position.unit]
         centre, bottom = (_median(low) for low in (z - height / 2, z))
         at_bottom = abs(bottom) < min(abs(centre), NEAR_GROUND_M)
-        ground = bottom if at_bottom else centre
-        yield (
-            f"box_z: {'bottom' if at_bottom else 'centre'}   # z is {bottom:.2f} m in the median, "
-            f"z less half the height {centre:.2f} m"
-        )
+        at, ground = ("bottom", bottom) if at_bottom else ("centre", centre)
+        why = f"z is {bottom:.2f} m in the median, z less half the height {centre:.2f} m"
+        yield f"box_z: {at}   # {why}"
         lift = 0.0 if not abs(ground) > NEAR_GROUND_M else -ground
         yield "origin:   # of the file's vehicle frame, seen from the ground under the centre"
         yield "  x: 0.0   # no value tells it; a rear axle is behind the centre: -1.4, say"
@@ -137,8 +132,7 @@ class _Proposal:
             if f"poses.{key}" in self.columns:
                 yield f"  {key}: {_text(self.columns[f'poses.{key}'])}"
         yield f"  position: {self.position.unit}   # as of boxes"
-        angle = guess_angle(self.columns["poses.yaw"], self._numbers("poses.yaw"))
-        yield f"  angle: {angle.unit}   # {angle.why}"
+        yield self._angle("poses.yaw")
 
     def _classes(self) -> Iterator[str]:
         yield "classes:   # Car, Cyclist, Pedestrian, any name (Truck), or null to leave it out"
@@ -153,9 +147,7 @@ class _Proposal:
         if "drive" not in self.columns:
             return
         names = sorted(self.table[self.columns["drive"]].dropna().astype(str).unique())
-        test = names[len(names) - round(TEST_SHARE * len(names)) :]
-        if len(names) > 1 and not test:
-            test = names[-1:]
+        test = names[len(names) - max(round(TEST_SHARE * len(names)), len(names) > 1) :]
         yield "drives:   # those that are not test are train"
         yield f"  test: [{', '.join(map(_text, test))}]"
 
@@ -167,8 +159,7 @@ def _median(values: NDArray[np.float64]) -> float:
 
 def _rate(step: float) -> float:
     """Frames a second, a whole number where it is nearly one."""
-    rate = 1 / step
-    whole = round(rate)
+    whole = round(rate := 1 / step)
     return float(whole) if whole and abs(rate - whole) < 0.02 * rate else float(f"{rate:.4g}")
 
 

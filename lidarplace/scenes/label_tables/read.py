@@ -10,19 +10,13 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import (
-    BOX_COLUMNS,
-    FRAME_COLUMNS,
-    GEOMETRY,
-    POINTS,
-    POSE_COLUMNS,
-    SIZE,
-    count_columns,
-)
+from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
 from lidarplace.logs.plausible import MOST_YAW
+from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import EgoPoses, TableMapping
@@ -42,10 +36,7 @@ class Track:
     slack: float
 
     def at(self, stamps: Stamps) -> Poses:
-        """Level poses of the file's vehicle frame at these times, by straight lines between.
-
-        Raises ValueError: a time is not within those of its drive.
-        """
+        """Level poses of the file's vehicle frame at these times; ValueError for those beyond."""
         found = np.empty((len(stamps.value), 4))
         for drive in pd.unique(stamps.drive):
             asked, own = stamps.drive == drive, self.stamps.drive == drive
@@ -67,42 +58,28 @@ class Track:
 
 
 def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, source: str) -> Track:
-    """The poses that the mapping names, of `table` or of a file of their own.
-
-    Raises ValueError: the file cannot be read, lacks a column, or a value is wrong.
-    """
+    """The poses that the mapping names, of `table` or of a file of their own. Raises ValueError."""
     drive, stamp = mapping.columns.drive, mapping.stamp
     if poses.file is not None:
         drive, stamp = poses.drive or drive, poses.stamp or stamp
         table, source = read_table(poses.file, [drive]), str(poses.file)
     names = {f"poses.{key}": getattr(poses, key) for key in ("x", "y", "z", "yaw")}
     check_mapped(table, names | {"poses.drive": drive, "poses.stamp": stamp}, source)
-    if table.empty:
-        raise ValueError(f"{source}: no rows")
     of_time = mapping.columns.time is not None
     pose = np.zeros((len(table), 4))
-    for column, name in enumerate(names.values()):
+    units = [METRES[poses.position]] * 3 + [RADIANS[poses.angle or mapping.units.angle]]
+    for column, (name, unit) in enumerate(zip(names.values(), units, strict=True)):
         if name is not None:
-            unit = (
-                RADIANS[poses.angle or mapping.units.angle]
-                if column == 3
-                else METRES[poses.position]
-            )
             pose[:, column] = numbers(table, [name], source)[:, 0] * unit
     turned = np.abs(pose[:, 3]) > MOST_YAW
-    if turned.any() and "poses" not in mapping.accept:
-        row = int(np.argmax(turned))
+    if (row := first(turned)) is not None and "poses" not in mapping.accept:
         raise ValueError(
             f"{source}: column {poses.yaw}: yaw is in radians; over two turns: {turned.mean():.1%} "
             f"of the rows, the first is row {row} with {pose[row, 3]:g}; change poses.angle of the "
             "mapping, or accept the values: accept: [poses]"
         )
-    return Track(
-        read_stamps(table, drive, stamp, not of_time, source),
-        pose,
-        source,
-        SLACK_S / SECONDS[mapping.units.time] if of_time else 0.0,
-    )
+    slack = SLACK_S / SECONDS[mapping.units.time] if of_time else 0.0
+    return Track(read_stamps(table, drive, stamp, not of_time, source), pose, source, slack)
 
 
 def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -> BoxLog:
@@ -114,14 +91,11 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
 
     Raises:
         ValueError: a column is missing, a value is none, a category is in no class, an object is
-            twice in a frame, or time stamps, drives or poses do not fit; names file, column and
-            row.
+            twice in a frame, or time stamps, drives or poses do not fit; names file and column.
     """
     columns, source = mapping.columns, str(path)
     table = read_table(path, [columns.drive, columns.object, columns.category])
     check_mapped(table, {f"columns.{key}": name for key, name in columns}, source)
-    if table.empty:
-        raise ValueError(f"{source}: no rows")
     stamps = read_stamps(table, columns.drive, mapping.stamp, columns.time is None, source)
     frames, frame = frames_of(stamps, mapping, source)
     boxes = pd.DataFrame(_geometry(table, mapping, source), columns=list(GEOMETRY))
@@ -138,22 +112,17 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     boxes["class"] = _classes(table, mapping, source)
     boxes["scene"], boxes["frame"] = stamps.drive, frame
     boxes["timestamp_s"] = frames["timestamp_s"].to_numpy()[frame]
-    boxes["object_id"] = (
-        texts(table, columns.object, source) if columns.object else boxes.index.map(str)
-    )
+    own = texts(table, columns.object, source) if columns.object else boxes.index.map(str)
+    boxes["object_id"] = own
     if columns.points is not None:
         boxes[POINTS] = counts_if_known(table, columns.points, source)
-    left_out = boxes["class"].isna()
-    ignored.update(texts(table, columns.category, source)[left_out])
-    kept = boxes[~left_out]
-    _check_objects(kept, mapping, source)
-    kept = kept.sort_values("frame", kind="stable", ignore_index=True)
-    kept = kept[[*BOX_COLUMNS, *count_columns(kept)]]
+    ignored.update(texts(table, columns.category, source)[boxes["class"] == IGNORE])
+    _check_objects(boxes[boxes["class"] != IGNORE], mapping, source)
     frames = frames[list(FRAME_COLUMNS)]
     if poses is not None:
         ego = poses.moved([-mapping.origin.x, -mapping.origin.y, -mapping.origin.z]).ego_columns()
         frames = frames.assign(**{name: ego[name] for name in POSE_COLUMNS})
-    return BoxLog(kept, frames)
+    return BoxLog(classified(boxes), frames)
 
 
 def _geometry(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray[np.float64]:
@@ -168,19 +137,18 @@ def _geometry(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArra
 
 
 def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray[np.object_]:
-    """The class of every row, None where it is left out."""
+    """The class of every row, `IGNORE` where it is left out."""
     column = mapping.columns.category
     category = texts(table, column, source)
     unknown = np.array([name not in mapping.classes for name in category])
-    if unknown.any():
-        row = int(np.argmax(unknown))
+    if (row := first(unknown)) is not None:
         counts = Counter(category[unknown])
         names = ", ".join(f"{name} {count:,}" for name, count in counts.most_common(10))
         raise ValueError(
             f"{source}: column {column}: {unknown.mean():.1%} of the rows, from row {row}, have a "
             f"category that `classes` does not name: {names}; null leaves one out"
         )
-    return np.array([mapping.classes[name] for name in category], object)
+    return np.array([mapping.classes[name] or IGNORE for name in category], object)
 
 
 def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> None:
@@ -197,13 +165,9 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
 
 
 def read_table(path: Path, texts: Iterable[str | None] = ()) -> pd.DataFrame:
-    """The table in a CSV or a Parquet file.
+    """The table in a CSV or a Parquet file; `texts` are columns in which `007` is no number.
 
-    Args:
-        texts: columns that name something, in which `007` is no number.
-
-    Raises:
-        ValueError: the file cannot be read, or has another suffix.
+    Raises ValueError if the file cannot be read, or has another suffix.
     """
     if path.suffix.lower() == ".csv":
         return read_csv(path, dtype={name: str for name in texts if name is not None})
@@ -213,8 +177,10 @@ def read_table(path: Path, texts: Iterable[str | None] = ()) -> pd.DataFrame:
 
 
 def check_mapped(table: pd.DataFrame, names: Mapping[str, str | None], source: str) -> None:
-    """Raise ValueError for a column, by key of the mapping, that the table does not have."""
+    """Raise ValueError for a column, by key of the mapping, that is not there, or for no rows."""
     for key, name in names.items():
         if name is not None and name not in table.columns:
             listed = ", ".join(map(str, table.columns)) or "none"
             raise ValueError(f"{source}: {key}: no column {name!r}; found {listed[:300]}")
+    if table.empty:
+        raise ValueError(f"{source}: no rows")

@@ -3,8 +3,7 @@
 import math
 import re
 import unicodedata
-from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar, cast, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,9 @@ LengthUnit = Literal["m", "cm", "mm"]
 AngleUnit = Literal["rad", "deg"]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
-METRES: dict[LengthUnit, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-RADIANS: dict[AngleUnit, float] = {"rad": 1.0, "deg": math.pi / 180}
-SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-
-
-Unit = TypeVar("Unit", bound=str)
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+RADIANS = {"rad": 1.0, "deg": math.pi / 180}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 DISTANCES = (300.0, 6000.0)
 """Median distance of a box from the vehicle from which it is in centimetres, and in millimetres."""
@@ -28,18 +24,17 @@ EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
 """Time since 1970 has this size: from 2001 on."""
 
 
-@dataclass(frozen=True)
-class Guess(Generic[Unit]):
+class Guess(NamedTuple):
     """A unit, and the evidence for it."""
 
-    unit: Unit
+    unit: str
     why: str
 
 
-def guess_angle(name: str, values: NDArray[np.float64]) -> Guess[AngleUnit]:
+def guess_angle(name: str, values: NDArray[np.float64]) -> Guess:
     """The unit of a yaw."""
-    if (told := unit_in(name)) in get_args(AngleUnit):
-        return Guess(cast(AngleUnit, told), "by its name")
+    if (told := unit_in(name)) in RADIANS:
+        return Guess(told, "by its name")
     largest = np.nanmax(np.abs(values), initial=0.0)
     turned = values[np.isfinite(values) & (values != 0)]
     if largest > 2 * math.pi + 0.01:
@@ -49,30 +44,25 @@ def guess_angle(name: str, values: NDArray[np.float64]) -> Guess[AngleUnit]:
     return Guess("rad", f"up to {largest:.5g}")
 
 
-def guess_length(
-    name: str, median: float, limits: tuple[float, float], what: str
-) -> Guess[LengthUnit]:
+def guess_length(name: str, median: float, limits: tuple[float, float], what: str) -> Guess:
     """The unit of lengths whose median is `median`; from `limits` on they are cm, and mm."""
-    if (told := unit_in(name)) in get_args(LengthUnit):
-        return Guess(cast(LengthUnit, told), "by its name")
+    if (told := unit_in(name)) in METRES:
+        return Guess(told, "by its name")
     unit = "m" if not median >= limits[0] else "cm" if median < limits[1] else "mm"
-    return Guess(cast(LengthUnit, unit), f"{what} is {median:.5g} in the median")
+    return Guess(unit, f"{what} is {median:.5g} in the median")
 
 
-def guess_time(name: str, largest: float, step: float) -> Guess[TimeUnit]:
+def guess_time(name: str, largest: float, step: float) -> Guess:
     """The unit of time stamps up to `largest`, `step` apart in the median."""
-    if (told := unit_in(name)) in get_args(TimeUnit):
-        return Guess(cast(TimeUnit, told), "by its name")
+    if (told := unit_in(name)) in SECONDS:
+        return Guess(told, "by its name")
     for epoch, size in EPOCH.items():
         if size <= largest < 10 * size:
-            return Guess(cast(TimeUnit, epoch), f"{largest:.4g} is a time since 1970")
+            return Guess(epoch, f"{largest:.4g} is a time since 1970")
     for short, seconds in SECONDS.items():
         if STEP_S[0] <= step * seconds <= STEP_S[1]:
             return Guess(short, f"{step:.4g} from one to the next in the median")
     return Guess("s", "no evidence")
-
-
-UNITS = ("mm", "cm", "m", "rad", "deg", "degrees", "s", "ms", "us", "ns")
 
 
 def plain(name: str) -> str:
@@ -82,12 +72,13 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", apart.lower()).strip("_")
 
 
-def unit_in(name: str) -> str | None:
-    """The unit at the end of a name, `mm` of `length_mm`."""
-    last = plain(name).rpartition("_")[2]
-    return ("deg" if last == "degrees" else last) if last in UNITS and last != plain(name) else None
+def unit_in(name: str) -> str:
+    """The unit at the end of a name, `mm` of `length_mm`; empty if there is none."""
+    rest, _, last = plain(name).rpartition("_")
+    unit = "deg" if last == "degrees" else last
+    return unit if rest and unit in METRES | RADIANS | SECONDS else ""
 
 
 def without_unit(name: str) -> str:
     """The plain name without its unit."""
-    return plain(name).removesuffix(f"_{plain(name).rpartition('_')[2]}" if unit_in(name) else "")
+    return plain(name).rpartition("_")[0] if unit_in(name) else plain(name)

@@ -20,8 +20,7 @@ class Doubt:
 
     Attributes:
         check: what was looked at.
-        column: of the box log; `SIZE[0]` for sizes, `x` for places, `z` for heights;
-            `ego_yaw` of the frames for poses.
+        column: of the box log, or of its frames; the first of several.
         boxes: which, or which frames, shape (boxes,), bool; at least one.
         why: what is wrong with them.
         remedy: the keys of a mapping that would mend it.
@@ -36,16 +35,13 @@ class Doubt:
     def where(self, boxes: pd.DataFrame) -> str:
         """How many of the boxes (or frames) of the log, and the first of them with its values."""
         rows = "frames" if self.check == "poses" else "boxes"
-        share = self.boxes.mean()
-        first = boxes[self.boxes].iloc[0]
-        return (
-            f"{self.boxes.sum():,} of {len(boxes):,} {rows} ({share:.1%}), the first in frame "
-            f"{first['frame']} with {self._value(first)}"
-        )
-
-    def _value(self, box: pd.Series) -> str:
+        box = boxes[self.boxes].iloc[0]
+        value = number(box[self.column])
         if self.check == "size":
-            return " x ".join(number(box[side]) for side in SIZE)
-        if self.check == "place":
-            return f"x {number(box['x'])}, y {number(box['y'])}"
-        return number(box[self.column])
+            value = " x ".join(number(box[side]) for side in SIZE)
+        elif self.check == "place":
+            value = f"x {value}, y {number(box['y'])}"
+        return (
+            f"{self.boxes.sum():,} of {len(boxes):,} {rows} ({self.boxes.mean():.1%}), the first "
+            f"in frame {box['frame']} with {value}"
+        )

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -69,8 +68,7 @@ def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
         yield Doubt("poses", "ego_yaw", off[log.frames.index].to_numpy(bool), why, remedy)
 
 
-@dataclass(frozen=True)
-class Steps:
+class Steps(NamedTuple):
     """Objects from one frame to the next.
 
     Attributes:
@@ -86,20 +84,18 @@ def steps_across(log: BoxLog, factor: float = 1.0, of_world: bool = False) -> St
     """Steps of the vehicles of a log (pedestrians step aside), their yaw taken `factor` times.
 
     With `of_world` it is the angle in the world that is taken so, the vehicle's own being right.
-    Where the log has poses, motion is that in the world. Where it has none, each frame's own
-    motion of the vehicle, v ahead and w to the left, is that under which objects slide least:
-    `n·(d + v e_x + w e_z × p) = 0` by least squares, n the normal of an object's length axis,
-    d its step and p its place in the ego frame. It needs more than two objects in a frame.
+    Where the log has poses, motion is that in the world; elsewhere see `_beside_the_vehicle`.
     """
     steps = _steps(log)
     if len(steps) > MOST_STEPS:  # whole frames, spread over the log
         number = steps["frame"].rank(method="dense").astype(int)
         steps = steps[number % (len(steps) // MOST_STEPS + 1) == 0]
     if _has_poses(log):
-        sine, moved = _in_the_world(steps, factor, of_world)
+        length, across, enough = _in_the_world(steps, factor, of_world)
     else:
-        sine, moved = _beside_the_vehicle(steps, factor)
-    return Steps(sine[moved], steps["row"].to_numpy(np.int64)[moved])
+        length, across, enough = _beside_the_vehicle(steps, factor)
+    moved = enough & (length > STEP_M)
+    return Steps(across[moved] / length[moved], steps["row"].to_numpy(np.int64)[moved])
 
 
 def _has_poses(log: BoxLog) -> bool:
@@ -126,33 +122,33 @@ def _steps(log: BoxLog) -> pd.DataFrame:
     return table.join(before[["x", "y", *poses]].add_prefix("before_"))[follows]
 
 
-def _in_the_world(
-    steps: pd.DataFrame, factor: float, of_world: bool
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+Motion = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
+"""Length of each step, how much of it is across the length axis, and whether that is known."""
+
+
+def _in_the_world(steps: pd.DataFrame, factor: float, of_world: bool) -> Motion:
     def place(prefix: str) -> NDArray[np.float64]:
-        x, y, ego_x, ego_y, ego_yaw = (
-            steps[prefix + name].to_numpy(np.float64) for name in ("x", "y", *POSE_COLUMNS)
-        )
+        x, y, ego_x, ego_y, ego_yaw = _columns(steps, prefix, "x", "y", *POSE_COLUMNS)
         cos, sin = np.cos(ego_yaw), np.sin(ego_yaw)
         return np.stack([ego_x + cos * x - sin * y, ego_y + sin * x + cos * y])
 
     step = place("") - place("before_")
-    yaw, ego_yaw = (steps[name].to_numpy(np.float64) for name in ("yaw", "ego_yaw"))
+    yaw, ego_yaw = _columns(steps, "", "yaw", "ego_yaw")
     yaw = factor * (yaw + ego_yaw) if of_world else factor * yaw + ego_yaw
-    length = np.hypot(*step)
     across = np.abs(np.cos(yaw) * step[1] - np.sin(yaw) * step[0])
-    return across / np.maximum(length, STEP_M), length > STEP_M
+    return np.hypot(*step), across, np.ones(len(steps), bool)
 
 
-def _beside_the_vehicle(
-    steps: pd.DataFrame, factor: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    x, y, before_x, before_y = (
-        steps[name].to_numpy(np.float64) for name in ("x", "y", "before_x", "before_y")
-    )
+def _beside_the_vehicle(steps: pd.DataFrame, factor: float) -> Motion:
+    """By the motion of the vehicle, v ahead and w to the left, under which objects slide least.
+
+    `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the normal of an object's
+    length axis, d its step and p its place in the ego frame. Needs over two objects in a frame.
+    """
+    x, y, yaw = _columns(steps, "", "x", "y", "yaw")
+    before_x, before_y = _columns(steps, "before_", "x", "y")
     dx, dy = x - before_x, y - before_y
-    yaw = factor * steps["yaw"].to_numpy(np.float64)
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    cos, sin = np.cos(factor * yaw), np.sin(factor * yaw)
     slide = cos * dy - sin * dx
     by_motion = np.stack([-sin, sin * y + cos * x], axis=1)
     across, enough = np.zeros(len(steps)), np.zeros(len(steps), bool)
@@ -162,5 +158,8 @@ def _beside_the_vehicle(
             left = np.abs(slide[rows] + by_motion[rows] @ motion)
             across[rows] = left * np.sqrt(len(rows) / (len(rows) - UNKNOWNS))
             enough[rows] = True
-    length = np.hypot(dx, dy)
-    return across / np.maximum(length, STEP_M), enough & (length > STEP_M)
+    return np.hypot(dx, dy), across, enough
+
+
+def _columns(steps: pd.DataFrame, prefix: str, *names: str) -> NDArray[np.float64]:
+    return steps[[prefix + name for name in names]].to_numpy(np.float64).T

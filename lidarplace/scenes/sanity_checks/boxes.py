@@ -1,12 +1,13 @@
-"""Boxes that cannot stand where they do: too far, in the vehicle, or off the ground."""
+"""Boxes that look like another unit, or cannot be where they are: too far, or off the ground."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import SIZE
-from lidarplace.logs.plausible import STEP_S
+from lidarplace.logs.plausible import MOST_SIZE_M, MOST_YAW, STEP_S
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.scenes.sanity_checks.doubt import Doubt
 
@@ -20,16 +21,40 @@ NEAR_M = 40.0
 """Boxes up to here show where the ground is; farther away it may rise."""
 LENGTHS_M = {"Car": (1.5, 20.0), "Cyclist": (0.7, 25.0), "Pedestrian": (0.3, 4.0)}
 """Longest side of the median object of a class."""
+LEAST_WHOLE = 3
+"""So many turned boxes, all by whole numbers of radians, are no chance."""
 LEAST_BOXES = 20
+"""So many boxes come close to a full turn, and are not all next to the vehicle."""
+
+
+def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
+    """Doubts of yaw and size, box by box."""
+    yaw = log.boxes["yaw"].to_numpy(np.float64)
+    far, turned = np.abs(yaw) > MOST_YAW, yaw != 0
+    if far.any():
+        yield Doubt("yaw", "yaw", far, "yaw is in radians; over two turns", "units.angle")
+    elif turned.sum() >= LEAST_WHOLE and (yaw[turned] % 1 == 0).all():
+        why = "yaw is in radians; all are whole numbers, as of degrees"
+        yield Doubt("yaw", "yaw", turned, why, "units.angle")
+    large = (log.boxes[list(SIZE)].max(axis=1) > MOST_SIZE_M).to_numpy()
+    if large.any():
+        why = f"sizes are in metres; over {MOST_SIZE_M:g} m"
+        yield Doubt("size", SIZE[0], large, why, "units.size")
+
+
+def doubts_of_degrees(log: BoxLog) -> Iterator[Doubt]:
+    """Doubt of a yaw that was read as degrees: it ends at pi, or 2 pi, where radians end."""
+    ends = np.radians([math.pi, 2 * math.pi])
+    largest = log.boxes["yaw"].abs().max()
+    if len(log.boxes) >= LEAST_BOXES and ((0.97 * ends < largest) & (largest <= ends)).any():
+        why = f"yaw ends at {math.degrees(largest):.2f} degrees, where radians end"
+        yield Doubt("yaw", "yaw", np.ones(len(log.boxes), bool), why, "units.angle: rad")
 
 
 def doubts_of_surroundings(log: BoxLog) -> Iterator[Doubt]:
     """Doubts of the sizes of a class, of places, heights and times."""
-    if len(log.boxes):
-        yield from _sizes(log)
-        yield from _places(log)
-        yield from _heights(log)
-        yield from _times(log)
+    for doubts in (_sizes, _places, _heights, _times) if len(log.boxes) else ():
+        yield from doubts(log)
 
 
 def _sizes(log: BoxLog) -> Iterator[Doubt]:
@@ -37,10 +62,8 @@ def _sizes(log: BoxLog) -> Iterator[Doubt]:
     for name, (least, most) in LENGTHS_M.items():
         own = (log.boxes["class"] == name).to_numpy()
         if own.any() and not least <= (median := longest[own].median()) <= most:
-            why = (
-                f"the longest side of a {name} is {median:g} m in the median, expected "
-                f"{least:g} to {most:g}"
-            )
+            why = f"the longest side of a {name} is {median:g} m in the median"
+            why += f", expected {least:g} to {most:g}"
             yield Doubt("size", SIZE[0], own, why, "units.size")
             return
     cars = (log.boxes["class"] == "Car").to_numpy()
