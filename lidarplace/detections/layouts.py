@@ -14,7 +14,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.files.columns import check_columns, frame_numbers, integers, numbers, texts
 from lidarplace.files.json_file import read_json
 from lidarplace.files.tables import read_feather, read_parquet
-from lidarplace.logs.boxes import GEOMETRY, SOURCE, full_poses
+from lidarplace.logs.boxes import GEOMETRY, SOURCE, first, full_poses, rows_of
 from lidarplace.scenes.datasets import argoverse, nuscenes, waymo
 from lidarplace.scenes.datasets.class_maps import (
     ARGOVERSE,
@@ -65,16 +65,18 @@ class Found(NamedTuple):
 
 
 class LogFrames:
-    """Finds frames of a log: by number, by their `SOURCE`, by their number as KITTI writes it."""
+    """Finds frames of a log: by number, by their `SOURCE`, by their number as KITTI writes it.
+
+    Raises InputError if two frames have one name.
+    """
 
     def __init__(self, frames: pd.DataFrame) -> None:
-        """Raises InputError if two frames have one name."""
         self._frames, numbers = frames, frames["frame"].tolist()
         self._numbers: dict[str | int, int] = {number: number for number in numbers}
         self._numbers |= {frame_name(number): number for number in numbers}
         if SOURCE in frames:
-            if len(twice := frames.loc[frames[SOURCE].duplicated(), SOURCE]):
-                found = twice.iloc[0]
+            if (twice := first(frames[SOURCE].duplicated())) is not None:
+                found = frames[SOURCE].iloc[twice]
                 raise InputError("duplicate name of a frame", place="log", key=SOURCE, found=found)
             self._numbers |= dict(zip(frames[SOURCE].tolist(), numbers, strict=True))
 
@@ -93,14 +95,15 @@ class LogFrames:
 
     def ego(self, numbers: NDArray[np.int64], row: Row) -> Poses:
         """Pose of the vehicle in the world in these frames; (rows,). Raises InputError."""
-        known = full_poses(self._frames)
+        known, rotations, positions = full_poses(self._frames), [], []
         for at, number in enumerate(numbers.tolist()):
             if number not in known:
                 problem = f"the log has no pose of the vehicle in frame {number}"
                 raise InputError(problem, place=row(at))
-        rotations = np.array([known[number][0] for number in numbers.tolist()]).reshape(-1, 3, 3)
-        positions = np.array([known[number][1] for number in numbers.tolist()]).reshape(-1, 3)
-        return Poses(positions, Rotation.from_matrix(rotations))
+            rotations.append(known[number][0])
+            positions.append(known[number][1])
+        turns = Rotation.from_matrix(np.reshape(rotations, (-1, 3, 3)))
+        return Poses(np.reshape(positions, (-1, 3)), turns)
 
 
 def of_kitti(
@@ -113,10 +116,7 @@ def of_kitti(
 ) -> Found:
     """Result files of KITTI, one a frame, lines of 16 fields, boxes in the camera's frame.
 
-    Args:
-        types: class map; what it ignores is counted in `ignored`.
-        calibration: folder of a file a frame; None: the camera of our own export.
-        lidar_height: with `calibration`: of the LiDAR above the ground, metres.
+    `calibration` has a file a frame, with a LiDAR at `lidar_height`; None: our own export's camera.
     """
     rows: list[tuple[int, Path, int, str]] = []
     values, cameras, camera = [], [], camera_to_ego(STANDARD)
@@ -176,11 +176,9 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
 
 def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
     """A table of Waymo's columns of `lidar_box` and `score`, boxes in its vehicle frame; or of our
-    columns: `frame` or `source`, `class`, `GEOMETRY`, `score`.
+    columns: `frame` or `source`, `class`, `GEOMETRY`, `score`, in the ego frame or the `world`.
 
-    Args:
-        as_waymo: None: as its columns say.
-        world: whether boxes of our columns are in the world, not in the ego frame.
+    Which of them is said by `as_waymo`, or for None by the columns.
     """
     table, source = read_parquet(path).reset_index(drop=True), str(path)
     names: NDArray[Any]
@@ -214,13 +212,7 @@ def _rows(
     table: pd.DataFrame,
     known: ClassMap,
 ) -> Found:
-    def row(at: int) -> str:
-        return f"{path}: row {at}"
-
-    own = {
-        "frame": frames.named(names.tolist(), row),
-        "category": categories.to_numpy(object),
-        **boxes,
-    }
-    own["score"] = numbers(table, ["score"], str(path))[:, 0]
-    return Found(pd.DataFrame(own), row, known)
+    row = rows_of(path)
+    own = {"frame": frames.named(names.tolist(), row), "category": categories.to_numpy(object)}
+    score = numbers(table, ["score"], str(path))[:, 0]
+    return Found(pd.DataFrame({**own, **boxes, "score": score}), row, known)

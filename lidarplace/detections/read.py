@@ -10,14 +10,8 @@ import pandas as pd
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
-from lidarplace.detections.layouts import (
-    Found,
-    LogFrames,
-    of_argoverse,
-    of_kitti,
-    of_nuscenes,
-    of_parquet,
-)
+from lidarplace.detections import layouts
+from lidarplace.detections.layouts import Found, LogFrames
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.logs.plausible import MOST_YAW
@@ -59,26 +53,20 @@ def read_detections(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> pd.DataFrame:
-    """What a detector found in frames of `log`.
+    """What a detector found in frames of `log`: `COLUMNS`, by frame, in the ego frame.
 
     Args:
         paths: files, or folders of them.
         log: names the frames, and poses the vehicle for boxes in the world.
-        classes: of the log. A category is the class of that name, or that of the data set's class
-            map.
+        classes: of the log. A category is the class of that name, or that of the class map.
         layout: None: by the names of files, and by the columns of Parquet.
         world: boxes of layout `parquet` are in the world, not in the ego frame.
-        calibration: folder of KITTI's `calib` files for layout `kitti`; None: the camera of
-            `lidarplace export`.
+        calibration: folder of KITTI's `calib` files; None: the camera of `lidarplace export`.
         class_map: entries in place of the data set's class map.
         ignored: gets the number of detections of known categories without class in `classes`.
 
-    Returns:
-        `COLUMNS`, a row a detection, sorted by frame: ego frame, metres, radians.
-
     Raises:
-        InputError: a file is no such file; or a frame or category is unknown, a number is missing
-            or not finite, a size is not above 0: names file and row.
+        InputError: a file is no such file, a frame or category is unknown, or a number is invalid.
     """
     files = [(file, layout or _layout(file)) for path in paths for file in _files(path)]
     counter = Counter[str]() if ignored is None else ignored
@@ -90,16 +78,17 @@ def read_detections(
     try:
         frames, found = LogFrames(log.frames), []
         if results := [file for file, name in files if name == "kitti"]:
+            camera = calibration, _height(log)
             types = _with(classes, KITTI, class_map)
-            found.append(of_kitti(results, frames, types, counter, calibration, _height(log)))
+            found.append(layouts.of_kitti(results, frames, types, counter, *camera))
         for file, name in files:
             if name == "nuscenes":
-                found.append(of_nuscenes(file, frames))
+                found.append(layouts.of_nuscenes(file, frames))
             elif name == "argoverse":
-                found.append(of_argoverse(file, frames))
+                found.append(layouts.of_argoverse(file, frames))
             elif name != "kitti":
                 as_waymo = None if layout is None else layout == "waymo"
-                found.append(of_parquet(file, frames, as_waymo, world))
+                found.append(layouts.of_parquet(file, frames, as_waymo, world))
         tables = [_checked(own, classes, class_map, counter) for own in found]
     except (ValueError, OSError) as error:  # of readers of files, which name file and row
         raise error if isinstance(error, InputError) else InputError(str(error)) from None
@@ -116,10 +105,9 @@ def _files(path: Path) -> list[Path]:
     """The file, or those of a folder that can be detections."""
     if not path.exists():
         raise InputError("no such file or folder", place=str(path))
-    known = (*_SUFFIXES, *_PICKLES)
-    own = (
-        sorted(file for file in path.iterdir() if file.suffix in known) if path.is_dir() else [path]
-    )
+    own = [path]
+    if path.is_dir():
+        own = sorted(file for file in path.iterdir() if file.suffix in {**_SUFFIXES, **_PICKLES})
     if not own:
         raise InputError("no detections", place=str(path), expected=f"files {', '.join(_SUFFIXES)}")
     for file in own:
@@ -161,11 +149,9 @@ def _checked(
     ):
         if bad.any():
             at, column = np.argwhere(bad)[0].tolist()
-            name = names[column]
-            value = f"{table[name].iloc[at]:g}"
-            raise InputError(
-                "invalid value", place=found.row(at), key=name, expected=expected, found=value
-            )
+            value = f"{table[names[column]].iloc[at]:g}"
+            where = {"place": found.row(at), "key": names[column]}
+            raise InputError("invalid value", **where, expected=expected, found=value)
     types = _with(classes, found.known, class_map)
     of_class = classify(table["category"], types, found.row, ignored)
     kept = np.isin(of_class, list(classes))

@@ -1,8 +1,4 @@
-"""Frames to train and to test for programs of others: in KITTI's layout, or as plain files.
-
-What there is to be found in the frames to test is left out: no program that reads these files has
-seen it.
-"""
+"""Frames to train, and to test without labels, for others: in KITTI's layout or as plain files."""
 
 from pathlib import Path
 from typing import Literal
@@ -21,22 +17,16 @@ LayoutName = Literal["kitti", "parquet"]
 def write_layout(
     layout: LayoutName, folder: Path, frames: pd.DataFrame, labels: pd.DataFrame, clouds: Clouds
 ) -> pd.DataFrame:
-    """Write clouds of frames, and labels of those to train.
+    """Write clouds of frames, and labels of those to train, to a new folder.
+
+    Layout kitti: `training` and, without labels, `testing`; parquet: `clouds/FRAME.bin` (x, y, z,
+    intensity; float32), `boxes.parquet` and `frames.parquet`, ego frame. Returns the frames with
+    `SOURCE`, what the layout calls each. Raises OSError, and ValueError for a negative frame.
 
     Args:
-        layout: kitti: `training` and, without labels, `testing`; parquet: `clouds/FRAME.bin`
-            (x, y, z, intensity; float32), `boxes.parquet` and `frames.parquet`, ego frame.
-        folder: new.
         frames: of a box log.
         labels: of frames to train, columns of `lidarplace.clouds.visibility.ground_truth`.
         clouds: of the frames.
-
-    Returns:
-        The frames with `SOURCE`, what the layout calls each.
-
-    Raises:
-        OSError: a file cannot be written.
-        ValueError: a frame number is negative.
     """
     told = frames.assign(**{SOURCE: frames["frame"].map(frame_name)})
     if layout == "kitti":

@@ -1,12 +1,13 @@
 """Real clouds of a log: points counted in its boxes, and kept in the ego frame."""
 
 import shutil
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.files.atomic import temporary
 from lidarplace.files.regular import is_there
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import CLOUD, GEOMETRY, POINTS
+from lidarplace.logs.boxes import CLOUD, GEOMETRY, POINTS, first
 from lidarplace.rigs.recorded import RecordedRig
 
 KEPT: Crop = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
@@ -83,8 +84,7 @@ class RealClouds:
         return found
 
 
-@dataclass(frozen=True)
-class Sweep:
+class Sweep(NamedTuple):
     """The points of a frame.
 
     Attributes:
@@ -103,24 +103,15 @@ def count_real_points(
     """The log with the points of its clouds in its boxes, and how many frames have a cloud.
 
     `points/NAME` is counted for each LiDAR of a rig, and `POINTS` where the log has no counts.
-    Boxes of frames without a cloud have NaN.
-
-    Args:
-        keep: folder to which the clouds are written, cut to `KEPT`; a folder for `PART` frames of a
-            scene.
-
-    Raises:
-        ValueError: no frame has a cloud, a file is wrong, or clouds do not fit rig or boxes.
+    Boxes of frames without a cloud have NaN. The clouds, cut to `KEPT`, are written to `keep`, a
+    folder for `PART` frames of a scene. Raises ValueError if no frame has a cloud, a file is wrong,
+    or clouds do not fit rig or boxes.
     """
     paths = clouds.paths(log.frames)
     if not paths:
-        raise InputError(
-            "no cloud of any frame",
-            place=str(clouds.folder),
-            expected=str(log.frames[CLOUD].iloc[0])
-            if CLOUD in log.frames
-            else f"files named by frame numbers, such as SCENE/{log.frames['frame'].iloc[0]}.pcd",
-        )
+        named = f"files named by frame numbers, such as SCENE/{log.frames['frame'].iloc[0]}.pcd"
+        expected = str(log.frames[CLOUD].iloc[0]) if CLOUD in log.frames else named
+        raise InputError("no cloud of any frame", place=str(clouds.folder), expected=expected)
     boxes = log.boxes.reset_index(drop=True)
     rows_of = boxes.groupby("frame").indices
     geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
@@ -129,23 +120,16 @@ def count_real_points(
     inside, around = (np.full(len(boxes), np.nan) for _ in range(2))
 
     def sweeps(own: Sequence[int], rig: RecordedRig | None) -> Iterator[Sweep]:
-        numbers: set[int] = set()
+        lidars = 0
         for frame in own:
             sweep = read_sweep(paths[frame], rig, clouds.origin)
-            numbers.add(len(sweep.counts))
-            if len(numbers) > 1:
-                raise InputError(
-                    "column lidar is in some clouds of the scene and not in others",
-                    place=str(paths[frame]),
-                )
+            lidars = lidars or len(sweep.counts)
+            if lidars != len(sweep.counts):
+                problem = "column lidar is in some clouds of the scene and not in others"
+                raise InputError(problem, place=str(paths[frame]))
             rows = rows_of.get(frame, np.empty(0, np.int64))
-            ends = np.cumsum([0, *sweep.counts])
-            by_lidar = np.array(
-                [
-                    count_points(sweep.points[low:high], geometry[rows])
-                    for low, high in pairwise(ends)
-                ]
-            )
+            points = np.split(sweep.points, np.cumsum(sweep.counts)[:-1])
+            by_lidar = np.array([count_points(each, geometry[rows]) for each in points])
             columns = {POINTS: by_lidar.sum(axis=0)}
             if rig is not None and len(rig.names) == len(by_lidar):
                 columns |= {f"{POINTS}/{n}": c for n, c in zip(rig.names, by_lidar, strict=True)}
@@ -159,15 +143,14 @@ def count_real_points(
     scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
     try:
         parts = [
-            (str(scene), frames.tolist()[first : first + PART])
+            (str(scene), frames.tolist()[start : start + PART])
             for scene, frames in scenes
-            for first in range(0, len(frames), PART)
+            for start in range(0, len(frames), PART)
         ]
         for number, (scene, own) in enumerate(parts):
             found = sweeps(own, log.rigs.get(scene))
             if partial is None:
-                for _ in found:
-                    pass
+                deque(found, maxlen=0)  # only counted
             else:
                 packed = PointClouds.from_frames(own, map(_kept, found), KEPT)
                 write_clouds(partial / f"{number:04d}", packed)
@@ -194,11 +177,9 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
     """
     cloud = read_cloud(path)
     cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
-    lidar = _lidars(cloud, rig, path)
-    names = ("",) if rig is None or lidar is None else rig.names
-    if lidar is None:
-        lidar = np.zeros(len(cloud), np.int64)
-    elif rig is not None:
+    lidar, number = np.zeros(len(cloud), np.int64), 1
+    if rig is not None and (len(rig.names) == 1 or "lidar" in cloud):
+        lidar, number = _lidars(cloud, rig, path), len(rig.names)
         _check_rings(cloud, lidar, rig, path)
     points = np.zeros((len(cloud), 4), np.float32)
     place = cloud[list("xyz")].to_numpy(np.float64)
@@ -213,13 +194,11 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
     if "intensity" in cloud:
         points[:, 3] = np.nan_to_num(cloud["intensity"].to_numpy(np.float32))
     order = np.argsort(lidar, kind="stable")
-    return Sweep(points[order], np.bincount(lidar, minlength=len(names)))
+    return Sweep(points[order], np.bincount(lidar, minlength=number))
 
 
-def _lidars(cloud: pd.DataFrame, rig: RecordedRig | None, path: Path) -> NDArray[np.int64] | None:
-    """The LiDAR of the rig of each point; None if unknown."""
-    if rig is None or (len(rig.names) > 1 and "lidar" not in cloud):
-        return None
+def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int64]:
+    """The LiDAR of the rig of each point."""
     if len(rig.names) == 1:
         return np.zeros(len(cloud), np.int64)
     values = cloud["lidar"]
@@ -227,15 +206,11 @@ def _lidars(cloud: pd.DataFrame, rig: RecordedRig | None, path: Path) -> NDArray
         numbers = values.fillna(-1).to_numpy(np.int64)
     else:
         numbers = pd.Index(rig.names).get_indexer(pd.Index(values.astype(str)))
-    wrong = (numbers < 0) | (numbers >= len(rig.names))
-    if wrong.any():
-        raise InputError(
-            "point of a LiDAR that is not in the rig",
-            place=str(path),
-            key="lidar",
-            expected=f"{', '.join(rig.names)}, or their numbers from 0",
-            found=str(values.iloc[int(np.argmax(wrong))]),
-        )
+    if (row := first((numbers < 0) | (numbers >= len(rig.names)))) is not None:
+        problem = "point of a LiDAR that is not in the rig"
+        expected = f"{', '.join(rig.names)}, or their numbers from 0"
+        found = str(values.iloc[row])
+        raise InputError(problem, place=str(path), key="lidar", expected=expected, found=found)
     return np.asarray(numbers, np.int64)
 
 
@@ -247,7 +222,7 @@ def _check_rings(
         return
     ring = cloud["ring"].to_numpy(np.float64)
     for number, (name, model) in enumerate(zip(rig.names, rig.placement.lidars, strict=True)):
-        most = np.max(ring[lidar == number], initial=-1, where=~np.isnan(ring[lidar == number]))
+        most = np.nanmax(ring[lidar == number], initial=-1)
         if most >= model.beams:
             raise InputError(
                 f"rings of {name} beyond the beams of its model",
@@ -281,12 +256,10 @@ def _check_frame(
     """Raise InputError if most points around near boxes are outside of them, or none is in any."""
     near = (np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M) & ~np.isnan(around)
     judged = near & (around >= LEAST_POINTS)
-    if near.sum() < LEAST_BOXES:
+    few = judged.sum() < LEAST_BOXES
+    if near.sum() < LEAST_BOXES or (few and inside[near].any()):
         return
-    if judged.sum() < LEAST_BOXES:
-        if inside[near].any():
-            return
-        judged = near
+    judged = near if few else judged
     outside = float(np.median(1 - inside[judged] / np.maximum(around[judged], 1)))
     if outside > MOST_OUTSIDE:
         raise InputError(

@@ -60,13 +60,7 @@ class LogScene(Settings):
     def _tells_train_from_test(cls, folder: Path | None) -> Path | None:
         if folder is None:
             return None
-        split = read_frames(folder)["split"]
-        other = split[~split.isin(SPLITS)]
-        if len(other):
-            raise ValueError(
-                f"{folder / 'frames.parquet'}: row {other.index[0]}: split is {other.iloc[0]!r}; "
-                "allowed are train and test"
-            )
+        read_frames(folder)  # raises ValueError for other splits
         return folder
 
     @field_validator("class_map", mode="before")
@@ -114,15 +108,13 @@ class LogScene(Settings):
 
         Raises ValueError if a scene has none, or another one than the others.
         """
-        path = self.folder / RIG_FILE
         rigs = read_rigs(self.folder)
-        lacking = set(read_frames(self.folder)["scene"]) - rigs.keys()
         try:
             rig = one_rig(rigs)
+            if lacking := set(read_frames(self.folder)["scene"]) - rigs.keys():
+                raise ValueError(f"scene {min(lacking)} has no recorded rig")
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
-        if lacking:
-            raise ValueError(f"{path}: scene {min(lacking)} has no recorded rig")
+            raise ValueError(f"{self.folder / RIG_FILE}: {error}") from None
         return rig
 
     def remedy(self, split: str) -> str:
@@ -143,26 +135,21 @@ class LogScene(Settings):
     def read(self) -> BoxLog:
         """The log. Raises ValueError that names the file if something is wrong with it."""
         log = read_box_log(self.folder)
-        return log if self.class_map is None else regrouped(log, self.groups())
+        if self.class_map is None:
+            return log
+        groups = self.groups()
+        names = log.boxes["class"].map(lambda name: groups.get(name, name))
+        boxes = log.boxes.assign(**{"class": names})[(names != IGNORE).to_numpy()]
+        return replace(log, boxes=boxes.reset_index(drop=True))
 
     def groups(self) -> ClassMap:
         """Which class of the log counts as which; what it does not name stays as it is."""
         return PAPER_GROUPS if isinstance(self.class_map, str) else self.class_map or {}
 
 
-def regrouped(log: BoxLog, groups: ClassMap) -> BoxLog:
-    """The log with the classes that `groups` has for its own."""
-    boxes = log.boxes.assign(**{"class": log.boxes["class"].map(lambda n: groups.get(n, n))})
-    return replace(log, boxes=boxes[boxes["class"] != IGNORE].reset_index(drop=True))
-
-
 @dataclass(frozen=True)
 class LogRecording:
-    """A box log that is read.
-
-    Attributes:
-        digest: hash of its content: another log in the same folder is another scene.
-    """
+    """A box log that is read; by `digest` another log in the same folder is another scene."""
 
     scene: LogScene
     digest: str
@@ -170,10 +157,8 @@ class LogRecording:
     def record(self) -> BoxLog:
         """Read it. Raises as `LogScene.read` does, and if the log is not what it was."""
         if self.scene.digest() != self.digest:
-            raise ValueError(
-                f"{self.scene.folder}: the log has changed since the command was given; give the "
-                "command again"
-            )
+            problem = "the log has changed since the command was given; give the command again"
+            raise ValueError(f"{self.scene.folder}: {problem}")
         return self.scene.read()
 
 
