@@ -15,15 +15,8 @@ from lidarplace.files.columns import check_columns, frame_numbers, integers, num
 from lidarplace.files.json_file import read_json
 from lidarplace.files.tables import read_feather, read_parquet
 from lidarplace.logs.boxes import GEOMETRY, SOURCE, first, full_poses, rows_of
-from lidarplace.scenes.datasets import argoverse, nuscenes, waymo
-from lidarplace.scenes.datasets.class_maps import (
-    ARGOVERSE,
-    BOX_LOG,
-    KITTI,
-    NUSCENES,
-    WAYMO,
-    ClassMap,
-)
+from lidarplace.scenes.datasets import argoverse, class_maps, nuscenes, waymo
+from lidarplace.scenes.datasets.class_maps import ClassMap
 from lidarplace.scenes.datasets.nuscenes_tables import Table
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.kitti.calibration import STANDARD, camera_to_ego, read_calibration
@@ -43,10 +36,8 @@ CATEGORIES = {
     "truck": "vehicle.truck",
 }
 """The ten names of nuScenes' detection challenge -> a category of its boxes."""
-
 Row = Callable[[int], str]
 """File and row of a detection, for messages."""
-
 _BOX = ("translation", "size", "rotation", "detection_name", "detection_score")
 
 
@@ -132,7 +123,7 @@ def of_kitti(
     boxes = in_ego(array[:, 7:14], np.array(cameras, np.float64).reshape(-1, 3, 4))
     table = pd.DataFrame(rows, columns=["frame", "path", "line", "category"])
     table = table.assign(**boxes, score=array[:, 14])
-    return Found(table, lambda at: f"{rows[at][1]}: line {rows[at][2]}", KITTI)
+    return Found(table, lambda at: f"{rows[at][1]}: line {rows[at][2]}", class_maps.KITTI)
 
 
 def of_nuscenes(path: Path, frames: LogFrames) -> Found:
@@ -161,7 +152,7 @@ def of_nuscenes(path: Path, frames: LogFrames) -> Found:
     category = [CATEGORIES.get(name, name) if isinstance(name, str) else name for name in names]
     own = pd.DataFrame({"frame": frame, "category": pd.Series(category, dtype=object)})
     own = own.assign(**boxes, score=table.numbers("detection_score"))
-    return Found(own, table.row, NUSCENES)
+    return Found(own, table.row, class_maps.NUSCENES)
 
 
 def of_argoverse(path: Path, frames: LogFrames) -> Found:
@@ -171,7 +162,7 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
     time = integers(table, "timestamp_ns", str(path)).astype(str).astype(object)
     names = texts(table, "log_id", str(path)) + "/" + time
     boxes = argoverse.in_ego(table, str(path))
-    return _rows(path, frames, names, table["category"], boxes, table, ARGOVERSE)
+    return _rows(path, frames, names, table["category"], boxes, table, class_maps.ARGOVERSE)
 
 
 def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
@@ -188,13 +179,13 @@ def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool
         check_columns(list(table.columns), (*keys, *geometry), source)
         names, kinds = waymo.frame_names(table, source), waymo.types(table, source)
         boxes = waymo.in_ego(table, source)
-        return _rows(path, frames, names, kinds, boxes, table, WAYMO)
+        return _rows(path, frames, names, kinds, boxes, table, class_maps.WAYMO)
     by = SOURCE if SOURCE in table else "frame"
     check_columns(list(table.columns), (by, "class", *GEOMETRY, "score"), source)
     names = texts(table, by, source) if by == SOURCE else frame_numbers(table, source)
     values = numbers(table, GEOMETRY, source)
     boxes = dict(zip(GEOMETRY, values.T, strict=True))
-    found = _rows(path, frames, names, table["class"], boxes, table, BOX_LOG)
+    found = _rows(path, frames, names, table["class"], boxes, table, class_maps.BOX_LOG)
     if world:
         ego = frames.ego(found.table["frame"].to_numpy(np.int64), found.row)
         posed = Poses.of_boxes(found.table).seen_from(ego)

@@ -13,18 +13,8 @@ import pandas as pd
 from pydantic import TypeAdapter, ValidationError
 
 from lidarplace.base.errors import InputError
+from lidarplace.files import columns
 from lidarplace.files.atomic import replacing
-from lidarplace.files.columns import (
-    check_columns,
-    counts_if_known,
-    frame_numbers,
-    groups,
-    numbers,
-    numbers_if_known,
-    one_of,
-    sizes,
-    texts,
-)
 from lidarplace.files.json_file import read_json
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
@@ -142,14 +132,14 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
     if not log.world:
         (folder / WORLD_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
-        for name, table, columns in (
+        for name, table, own in (
             ("frames", log.frames, (*FRAME_COLUMNS, *known)),
             ("buildings", log.buildings, BUILDING_COLUMNS),
             ("boxes", log.boxes, (*BOX_COLUMNS, *count_columns(log.boxes))),
         ):
             partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
             with partial.open("wb") as file:  # pandas would take http:/… for an address
-                table[list(columns)].to_parquet(file, index=False)
+                table[list(own)].to_parquet(file, index=False)
         if log.rigs:
             partial = stack.enter_context(replacing(folder / RIG_FILE))
             rigs = {scene: asdict(rig) for scene, rig in log.rigs.items()}
@@ -238,13 +228,13 @@ def read_frames(folder: Path) -> pd.DataFrame:
     """The table of frames alone. Raises ValueError as `read_box_log` does."""
     source = str(folder / "frames.parquet")
     frames = read_parquet(folder / "frames.parquet")
-    check_columns(list(frames.columns), FRAME_COLUMNS, source)
-    one_of(frames, "split", SPLITS, source)
-    frames["frame"] = frame_numbers(frames, source)
-    frames["route"] = groups(frames, "route", source)
+    columns.check_columns(list(frames.columns), FRAME_COLUMNS, source)
+    columns.one_of(frames, "split", SPLITS, source)
+    frames["frame"] = columns.frame_numbers(frames, source)
+    frames["route"] = columns.groups(frames, "route", source)
     poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
     for name in ("timestamp_s", *poses):
-        frames[name] = numbers_if_known(frames, name, source)
+        frames[name] = columns.numbers_if_known(frames, name, source)
     frames = _with_texts(frames, ("scene", *([SOURCE] if SOURCE in frames else [])), source)
     if (row := first(frames["frame"].duplicated())) is not None:
         raise ValueError(
@@ -261,25 +251,25 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
     """
     source = str(folder / "boxes.parquet")
     boxes = read_parquet(folder / "boxes.parquet", None if frames is None else {"frame": frames})
-    check_columns(list(boxes.columns), BOX_COLUMNS, source)
+    columns.check_columns(list(boxes.columns), BOX_COLUMNS, source)
     check_boxes(boxes, source)
     check_classes(boxes, source)
-    boxes["frame"] = frame_numbers(boxes, source)
-    boxes["timestamp_s"] = numbers_if_known(boxes, "timestamp_s", source)
-    boxes[list(GEOMETRY)] = numbers(boxes, GEOMETRY, source)
+    boxes["frame"] = columns.frame_numbers(boxes, source)
+    boxes["timestamp_s"] = columns.numbers_if_known(boxes, "timestamp_s", source)
+    boxes[list(GEOMETRY)] = columns.numbers(boxes, GEOMETRY, source)
     for name in count_columns(boxes):
-        boxes[name] = counts_if_known(boxes, name, source)
+        boxes[name] = columns.counts_if_known(boxes, name, source)
     return _with_texts(boxes, ("scene", "object_id"), source)
 
 
 def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
     """The table of buildings, numbers and names as such. Raises ValueError for what is wrong."""
-    check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
-    buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, source)
-    sizes(buildings, SIZE, source)
+    columns.check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
+    buildings[list(GEOMETRY)] = columns.numbers(buildings, GEOMETRY, source)
+    columns.sizes(buildings, SIZE, source)
     return _with_texts(buildings, ("scene",), source)
 
 
 def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.DataFrame:
     """The table with names that are numbers as text, which joins with other tables."""
-    return table.assign(**{name: texts(table, name, source) for name in names})
+    return table.assign(**{name: columns.texts(table, name, source) for name in names})

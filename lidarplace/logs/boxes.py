@@ -18,10 +18,8 @@ from lidarplace.rigs.pose import rotation
 CLASSES = ("Car", "Cyclist", "Pedestrian")
 """The classes of simulated traffic, and those that are meant unless others are named: KITTI's. Here
 Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
-
 GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
 """A box: centre, size, and yaw about z from the ego x axis."""
-
 SIZE = GEOMETRY[3:6]
 BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from lidarplace.logs.boxes import first
+
 MOST_SIZE_M = 50.0
 """Hardly a vehicle is so long; 4.5 m in centimetres is more."""
 MOST_YAW = 4 * math.pi
@@ -36,9 +38,7 @@ def implausible(boxes: pd.DataFrame) -> Iterator[str]:
 
 def check_yaw(yaw: pd.Series, source: str) -> None:
     """Raise ValueError if a finite yaw is over two turns: it is in degrees, or nonsense."""
-    turned = np.abs(yaw.to_numpy(np.float64)) > MOST_YAW
-    if turned.any():
-        row = int(turned.argmax())
+    if (row := first(np.abs(yaw.to_numpy(np.float64)) > MOST_YAW)) is not None:
         raise ValueError(
             f"{source}: row {row}: {yaw.name} is in radians, at most two turns; found "
             f"{yaw.iloc[row]:g}; are these degrees? numpy.radians converts them"

@@ -16,7 +16,6 @@ OFF_M = 0.3
 """An underside farther from z = 0 is off the ground."""
 OFF = ("buried", "below", "above")
 """Columns of `off_ground`."""
-
 NEAR_M = 15.0
 NEIGHBOURS = 5
 """The ground at a box is the median underside of at most so many boxes so near, itself included."""

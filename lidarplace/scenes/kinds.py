@@ -11,7 +11,7 @@ from lidarplace.base.registry import Registry
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene, log_parts
-from lidarplace.scenes.sumo.parts import town_parts
+from lidarplace.scenes.sumo.record import town_parts
 from lidarplace.scenes.sumo.settings import SumoScene
 
 

@@ -25,10 +25,8 @@ from lidarplace.rigs.recorded import RecordedRig
 
 KEPT: Crop = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
 """Real points are kept within these bounds, on a grid of 4.6 mm; all of them are counted."""
-
 PART = 500
 """Frames that are packed in memory before they are written: of 100,000 points about 260 MB."""
-
 NEAR_M = 40.0
 """Boxes so near show whether clouds are in their frame."""
 AROUND_M = 0.5
@@ -58,30 +56,26 @@ class RealClouds:
 
     def paths(self, frames: pd.DataFrame) -> dict[int, Path]:
         """The file of each frame that has one, by the frame's number."""
-        names = frames[CLOUD] if CLOUD in frames else frames["frame"].map(str)
-        found = {}
-        for frame, scene, name in zip(frames["frame"], frames["scene"], names, strict=True):
-            path = self._path(str(scene), str(name), named=CLOUD in frames)
-            if path is not None:
-                found[int(frame)] = path
-        return found
+        numbers = frames["frame"].tolist()
+        if CLOUD in frames:
+            paths = map(self._named, frames[CLOUD])
+        else:
+            keys = zip(frames["scene"].map(str), numbers, strict=True)
+            paths = (self._numbered.get(key) or self._numbered.get(("", key[1])) for key in keys)
+        return {n: path for n, path in zip(numbers, paths, strict=True) if path is not None}
 
-    def _path(self, scene: str, name: str, named: bool) -> Path | None:
-        if not named:
-            return self._numbered.get((scene, int(name))) or self._numbered.get(("", int(name)))
+    def _named(self, name: str) -> Path | None:
         names = (name, Path("training") / name, Path(name).name)
         return next((self.folder / each for each in names if is_there(self.folder / each)), None)
 
     @cached_property
     def _numbered(self) -> dict[tuple[str, int], Path]:
         """Files by scene ("" for those in the folder itself) and number."""
-        found = {}
-        for path in sorted([*self.folder.glob("*"), *self.folder.glob("*/*")]):
-            stem = path.name.partition(".")[0]
-            if path.name.lower().endswith(CLOUD_SUFFIXES) and stem.isdecimal():
-                scene = "" if path.parent == self.folder else path.parent.name
-                found[scene, int(stem)] = path
-        return found
+        paths = sorted([*self.folder.glob("*"), *self.folder.glob("*/*")])
+        clouds = [path for path in paths if path.name.lower().endswith(CLOUD_SUFFIXES)]
+        scenes = ["" if path.parent == self.folder else path.parent.name for path in clouds]
+        named = zip(scenes, (path.name.partition(".")[0] for path in clouds), clouds, strict=True)
+        return {(scene, int(stem)): path for scene, stem, path in named if stem.isdecimal()}
 
 
 class Sweep(NamedTuple):

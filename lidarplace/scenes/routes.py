@@ -11,14 +11,10 @@ from lidarplace.configuration.settings import CountFromOne, Distance, Seconds, S
 
 STEP_S = 0.05
 """One simulation step: the sensors of the paper turn at 20 Hz."""
-
 KEEP_M = 60.0
-"""Boxes whose centre is farther from the ego are not logged: the ROI's far corner is 45 m away,
-and half a truck and what stands before it still counts."""
-
+"""Boxes whose centre is farther from the ego are not logged; the ROI's far corner is 45 m away."""
 TEST_EVERY = 10
 """In the paper's split every tenth frame of a route is test."""
-
 Part = Literal["train", "test"]
 
 
@@ -51,12 +47,9 @@ class RouteSettings(Settings):
 
 
 def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArray[np.str_]:
-    """What each of the `frames` kept frames of a route is for, "train" or "test", shape (frames,).
+    """What each of the kept frames of a route is for, "train" or "test", shape (frames,).
 
-    Args:
-        split: as in `RouteSettings.split`.
-        part: what the route is for, if routes are not divided.
-        frames: number of frames.
+    `part` is what the route is for, if routes are not divided.
     """
     if split == "route":
         return np.full(frames, part)

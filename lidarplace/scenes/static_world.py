@@ -3,9 +3,7 @@
 A cell counts the points in it, the frames that they are of, and the rays that pass through the
 middle of where its points are. What is in a labelled box counts as if rays had passed. Cells that
 enough frames hit and that stop enough of their rays stand still; the lowest of them are ground.
-
-The vehicle leaves tiles behind: what is known of them is condensed, so memory does not grow with
-the number of points, only by what stands along the way.
+Tiles that the vehicle leaves behind are condensed, so memory does not grow with the points.
 """
 
 import math
@@ -38,19 +36,14 @@ from lidarplace.logs.world import (
 
 LEAST_FRAMES = 3
 """Frames that hit a cell that stands still; fewer if the scene has fewer."""
-
 LEAST_SHARE = 0.2
 """Of the rays at a cell, that it stops; what moves is in a cell for a moment only."""
-
 REACH_M = 100.0
 """Points farther from the vehicle are left out: too few hit a cell there."""
-
 CLEAR_M = 0.35
 """Lower above the ground nothing stands: it is ground."""
-
 MARGIN_M = 0.2
 """Labelled boxes are grown by so much to all sides: labels err."""
-
 _BEHIND_M = 0.5  # a ray passes a cell if it ends so far behind: it may end at the same surface
 _STEEPEST, _KERB_M = 0.08, 0.08  # of the ground, from column to column
 _AROUND = 3  # columns among which ground is compared, and over which gaps are filled
@@ -90,14 +83,9 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
     Raises:
         ValueError: a frame has no pose, a scene no rig, or the clouds distinguish other LiDARs.
     """
-    missing = [name for name in POSE_COLUMNS if name not in log.frames.columns]
-    if missing:
-        raise InputError(
-            "a static world needs poses of the vehicle",
-            place="frames",
-            expected=", ".join(POSE_COLUMNS),
-            found=f"no {', '.join(missing)}",
-        )
+    if missing := [name for name in POSE_COLUMNS if name not in log.frames.columns]:
+        problem, found = "a static world needs poses of the vehicle", f"no {', '.join(missing)}"
+        raise InputError(problem, place="frames", expected=", ".join(POSE_COLUMNS), found=found)
     places = full_poses(log.frames)
     scene_of = dict(zip(log.frames["frame"].tolist(), log.frames["scene"], strict=True))
     rows_of = log.boxes.groupby("frame").indices
@@ -108,18 +96,11 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
             scene = scene_of[frame]
             eyes = _eyes(log, scene, part.counts.shape[1])
             if frame not in places:
-                raise InputError(
-                    "a static world needs the pose of every frame with a cloud",
-                    place=f"frames: frame {frame}",
-                    expected="finite numbers",
-                )
-            builders.setdefault(scene, WorldBuilder()).add(
-                part[index],
-                part.lidar(index),
-                eyes,
-                *places[frame],
-                geometry[rows_of.get(frame, np.empty(0, np.int64))],
-            )
+                problem = "a static world needs the pose of every frame with a cloud"
+                raise InputError(problem, place=f"frames: frame {frame}", expected="finite numbers")
+            builder = builders.setdefault(scene, WorldBuilder())
+            boxes = geometry[rows_of.get(frame, np.empty(0, np.int64))]
+            builder.add(part[index], part.lidar(index), eyes, *places[frame], boxes)
     return {scene: builder.world() for scene, builder in builders.items()}
 
 
@@ -128,23 +109,21 @@ def _eyes(log: BoxLog, scene: str, lidars: int) -> NDArray[np.float64]:
 
     Points of an unknown LiDAR start in the middle of the rig.
     """
+    place = f"scene {scene}"
     if scene not in log.rigs:
-        raise InputError(
-            "a static world needs the rig that recorded the clouds",
-            place=f"scene {scene}",
-            fix="--rig names a file of mounts",
-        )
+        problem = "a static world needs the rig that recorded the clouds"
+        raise InputError(problem, place=place, fix="--rig names a file of mounts")
     eyes = np.array([mount.position for mount in log.rigs[scene].placement.mounts])
     if lidars == 1:
         return np.asarray(eyes.mean(axis=0, keepdims=True))
     if lidars != len(eyes):
-        raise InputError(
-            "clouds of other LiDARs than the rig's",
-            place=f"scene {scene}",
-            expected=f"{len(eyes)}",
-            found=f"{lidars}",
-        )
+        problem, expected = "clouds of other LiDARs than the rig's", str(len(eyes))
+        raise InputError(problem, place=place, expected=expected, found=str(lidars))
     return eyes
+
+
+Ground = dict[tuple[int, int], NDArray[np.float64]]
+"""Heights in the columns of tiles, by i and j, metres above the origin, shape (16, 16) each."""
 
 
 class WorldBuilder:
@@ -157,7 +136,7 @@ class WorldBuilder:
         self._tidied = np.full(2, np.inf)
         self._path: list[NDArray[np.float64]] = []
         self._found: list[tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]]] = []
-        self._lows: dict[tuple[int, int], NDArray[np.float64]] = {}
+        self._lows: Ground = {}
 
     def add(
         self,
@@ -177,8 +156,7 @@ class WorldBuilder:
             turn, place: from the ego frame to the world of the scene, shapes (3, 3) and (3,).
             boxes: labelled objects, rows of `GEOMETRY`, ego frame, shape (m, 7).
 
-        Raises:
-            ValueError: the vehicle is farther from the first frame than a world reaches.
+        Raises ValueError if the vehicle is farther from the first frame than a world reaches.
         """
         if self._origin is None:
             self._origin = np.floor(place / TILE_M) * TILE_M
@@ -208,9 +186,8 @@ class WorldBuilder:
         """What stood still, and the ground; the builder is used up."""
         self._condense(np.zeros(2), -1.0)
         nothing = np.empty(0, np.int64), np.empty((0, 8), np.uint8), np.empty(0, np.int64)
-        keys, cells, weight = (
-            np.concatenate(parts) for parts in zip(nothing, *self._found, strict=True)
-        )
+        found = zip(nothing, *self._found, strict=True)
+        keys, cells, weight = (np.concatenate(parts) for parts in found)
         # of two visits to a place the one with more information
         order = np.lexsort((-weight, keys))
         keys, cells = keys[order], cells[order]
@@ -218,23 +195,14 @@ class WorldBuilder:
         first[1:] = np.diff(keys) != 0
         ground = self._ground(self._lows)
         first &= _above(keys, cells, ground)
-        return StaticWorld(
-            np.zeros(3) if self._origin is None else self._origin,
-            keys[first],
-            cells[first],
-            np.array([*ground], np.int32).reshape(-1, 2),
-            np.array([_corners(tile, ground) for tile in ground], np.float32).reshape(
-                -1, PATCHES + 1, PATCHES + 1
-            ),
-        )
+        origin = np.zeros(3) if self._origin is None else self._origin
+        tiles = np.array([*ground], np.int32).reshape(-1, 2)
+        corners = np.array([_corners(tile, ground) for tile in ground], np.float32)
+        heights = corners.reshape(-1, PATCHES + 1, PATCHES + 1)
+        return StaticWorld(origin, keys[first], cells[first], tiles, heights)
 
-    def _ground(
-        self, tiles: Iterable[tuple[int, int]]
-    ) -> dict[tuple[int, int], NDArray[np.float64]]:
-        """Height of the ground in the columns of tiles, shape (16, 16) each; NaN: unknown.
-
-        Tiles around them help to find it. Tiles without any ground are left out.
-        """
+    def _ground(self, tiles: Iterable[tuple[int, int]]) -> Ground:
+        """The ground of tiles that have any, by those around them too; NaN: unknown."""
         steps = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
         chosen = sorted({(i + a, j + b) for i, j in tiles for a, b in steps} & self._lows.keys())
         if not chosen:
@@ -259,20 +227,21 @@ class WorldBuilder:
             return
         block_keys = self._state.keys[rows]
         least = min(LEAST_FRAMES, self._frames)
-        found = _standing(self._state.cells, rows, block_keys, least)
-        columns = block_keys // (2 * HALF_LEVELS)
-        own = np.unique(columns)
-        lows = _lows(found[0], found[1], own)
-        new: dict[tuple[int, int], NDArray[np.float64]] = {}
+        keys, cells, points = _standing(self._state.cells, rows, block_keys, least)
+        own = np.unique(block_keys // (2 * HALF_LEVELS))
+        lows = _lows(keys, cells, own)
+        new: Ground = {}
         for n, (ti, tj) in enumerate(zip(*_tiles(own * 2 * HALF_LEVELS * BLOCK**3), strict=True)):
             tile = new.setdefault((int(ti), int(tj)), np.full((TILE, TILE), np.nan))
             tile[divmod(int(own[n] % TILE**2), TILE)] = lows[n]
         for at, tile in new.items():
             old = self._lows.get(at, tile)
             self._lows[at] = np.where(np.isnan(tile), old, tile)
-        kept = _above(found[0], found[1], self._ground(new))
-        self._found.append((found[0][kept], found[1][kept], found[2][kept]))
-        _forget(self._state, rows)
+        kept = _above(keys, cells, self._ground(new))
+        self._found.append((keys[kept], cells[kept], points[kept]))
+        self._state.keys[rows] = -1
+        self._state.cells[rows] = 0
+        _list_rows(self._state)
 
 
 def _tiles(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -283,33 +252,13 @@ def _tiles(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 def _state(rows: int, old: _State | None = None) -> _State:
     """Room for so many blocks, with those of `old`."""
-    new = _State(
-        np.full(4 * rows, -1, np.int64),
-        np.full(rows, -1, np.int64),
-        np.arange(rows, dtype=np.int64)[::-1].copy(),
-        np.array([rows]),
-        np.zeros((rows, BLOCK**3, 8), np.uint16),
-    )
+    cells = np.zeros((rows, BLOCK**3, 8), np.uint16)
+    keys, free = np.full(rows, -1, np.int64), np.empty(rows, np.int64)
+    new = _State(np.empty(4 * rows, np.int64), keys, free, np.empty(1, np.int64), cells)
     if old is not None:
-        number = len(old.keys)
-        new.keys[:number], new.cells[:number] = old.keys, old.cells
-        used = np.flatnonzero(new.keys >= 0)
-        free = np.setdiff1d(new.free, used)[::-1]
-        new.free[: len(free)] = free
-        new.size[0] = len(free)
-        _fill_table(new)
+        new.keys[: len(old.keys)], new.cells[: len(old.keys)] = old.keys, old.cells
+    _list_rows(new)
     return new
-
-
-def _forget(state: _State, rows: NDArray[np.int64]) -> None:
-    """Free rows of blocks."""
-    size = int(state.size[0])
-    state.free[size : size + len(rows)] = rows
-    state.size[0] = size + len(rows)
-    state.keys[rows] = -1
-    state.cells[rows] = 0
-    state.table[:] = -1
-    _fill_table(state)
 
 
 @inner
@@ -322,10 +271,16 @@ def _find(table, keys, key):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _fill_table(state):  # pragma: no cover - compiled
-    for row in range(len(state.keys)):
+def _list_rows(state):  # pragma: no cover - compiled
+    """Set the table, and the rows that are free, by the keys."""
+    state.table[:] = -1
+    state.size[0] = 0
+    for row in range(len(state.keys) - 1, -1, -1):
         if state.keys[row] >= 0:
             state.table[_find(state.table, state.keys, state.keys[row])] = row
+        else:
+            state.free[state.size[0]] = row
+            state.size[0] += 1
 
 
 @inner
@@ -355,9 +310,7 @@ def _in_boxes(points, boxes) -> NDArray[np.bool_]:  # pragma: no cover - compile
 
 
 @njit(cache=True, nogil=True)
-def _count_points(
-    points, owned, turn, shift, start, frame, state
-) -> int:  # pragma: no cover - compiled
+def _count_points(points, owned, turn, shift, start, frame, state):  # pragma: no cover - compiled
     """Count points in cells from the `start`-th on; return at which one there is no more room."""
     mark = np.uint16(frame % 2**16)
     levels = HALF_LEVELS * BLOCK
@@ -402,9 +355,7 @@ def _count_points(
 @inner
 def _wider(ends, here, first):  # pragma: no cover - compiled
     """From where to where points are along an axis, `here` among them, as `_State` has it."""
-    low, high = np.int64(ends & 255), np.int64(ends >> 8)
-    if first:
-        low = high = here
+    low, high = (here, here) if first else (np.int64(ends & 255), np.int64(ends >> 8))
     return np.uint16(min(low, here) | max(high, here) << 8)
 
 
@@ -420,18 +371,18 @@ def _count(cell, what):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_passes(points, lidar, eyes, turn, shift, frame, state):  # pragma: no cover - compiled
     """Count the rays that pass through the middle of what is in a cell."""
-    p, d, last, to, width = np.empty((5, 3))
+    p, d, to, width = np.empty((4, 3))
     block, step = np.empty((2, 3), np.int64)
     behind, reach = _BEHIND_M / CELL_M, REACH_M / CELL_M
     for n in range(frame % _EVERY, len(points), _EVERY):
         eye = eyes[lidar[n]]
         length = 0.0
         for axis in range(3):
-            p[axis], last[axis] = shift[axis], shift[axis]
+            p[axis] = last = shift[axis]
             for m in range(3):
                 p[axis] += turn[axis, m] * eye[m]
-                last[axis] += turn[axis, m] * points[n, m]
-            d[axis] = last[axis] - p[axis]
+                last += turn[axis, m] * points[n, m]
+            d[axis] = last - p[axis]
             length += d[axis] * d[axis]
         length = math.sqrt(length)
         end = min(length - behind, reach)
@@ -521,16 +472,14 @@ def _standing(cells, rows, block_keys, least):  # pragma: no cover - compiled
     for row in rows:
         for n in range(BLOCK**3):
             number += cells[row, n, _FRAMES] >= least
-    keys, found = np.empty(number, np.int64), np.empty((number, 8), np.uint8)
-    points = np.empty(number, np.int64)
-    size = 0
+    keys, points = np.empty((2, number), np.int64)
+    found, size = np.empty((number, 8), np.uint8), 0
     for b in range(len(rows)):
         for n in range(BLOCK**3):
             cell = cells[rows[b], n]
             if cell[_FRAMES] < least:
                 continue
-            # Those through the middle are a quarter of all that pass.
-            passes = 4.0 * _EVERY * float(cell[_PASSES])
+            passes = 4.0 * _EVERY * float(cell[_PASSES])  # a quarter is through the middle
             share = float(cell[_HITS]) / (float(cell[_HITS]) + passes)
             if share < LEAST_SHARE:
                 continue
@@ -553,9 +502,7 @@ def _lows(
     NaN where there is none. `keys` and `columns` ascend; a column is a key without block and cell.
     """
     place = cells_of_keys(keys)
-    fine, first = np.unique(
-        np.stack([place[:, 0], place[:, 1]], axis=1), axis=0, return_inverse=True
-    )
+    fine, first = np.unique(place[:, :2], axis=0, return_inverse=True)
     height = CELL_M * (place[:, 2] + (cells[:, 2] + 0.0 + cells[:, 5]) / 510.0)
     lowest = np.full(len(fine), np.inf)
     np.minimum.at(lowest, first.ravel(), height)
@@ -631,27 +578,20 @@ def _grown(keys, lows, path):  # pragma: no cover - compiled
     return heights.reshape(lows.shape)
 
 
-def _above(
-    keys: NDArray[np.int64],
-    cells: NDArray[np.uint8],
-    ground: dict[tuple[int, int], NDArray[np.float64]],
-) -> NDArray[np.bool_]:
+def _above(keys: NDArray[np.int64], cells: NDArray[np.uint8], ground: Ground) -> NDArray[np.bool_]:
     """Which cells stand out of the ground."""
     place = cells_of_keys(keys)
     top = CELL_M * (place[:, 2] + cells[:, 5] / 255.0)
     column = place[:, :2] // BLOCK
     tiles, of_tile = np.unique(column // TILE, axis=0, return_inverse=True)
     unknown = np.full((TILE, TILE), -np.inf)
-    heights = np.array([ground.get((int(i), int(j)), unknown) for i, j in tiles])
-    if not len(tiles):
-        return np.empty(0, np.bool_)
+    known = [ground.get((int(i), int(j)), unknown) for i, j in tiles]
+    heights = np.reshape(known, (-1, TILE, TILE))
     level = heights[of_tile.ravel(), column[:, 0] % TILE, column[:, 1] % TILE]
     return np.asarray(top > np.nan_to_num(level, nan=-np.inf) + CLEAR_M)
 
 
-def _corners(
-    tile: tuple[int, int], ground: dict[tuple[int, int], NDArray[np.float64]]
-) -> NDArray[np.float64]:
+def _corners(tile: tuple[int, int], ground: Ground) -> NDArray[np.float64]:
     """Heights at the corners of the patches of a tile: means of the columns there, (9, 9)."""
     i, j = tile
     empty, wide = np.full((TILE, TILE), np.nan), TILE // PATCHES

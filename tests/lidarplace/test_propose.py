@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.scenes.label_tables.guess_columns import guess_columns
-from lidarplace.scenes.label_tables.propose import propose_mapping
+from lidarplace.scenes.label_tables.propose import guess_columns, propose_mapping
 
 
 @settings(max_examples=20)

@@ -24,7 +24,6 @@ OWN = {
     "lidarplace.viewing.page": "of the package",
     "lidarplace.files.atomic": "fsync",
     "lidarplace.base.kernel_cache": "of the package",
-    "lidarplace.scenes.sumo.parts": "found by find_map, which sees to it",
     "sweeps.commands.init": "of the package",
     "sweeps.tasks.source": "of the package",
     "sweeps.tasks.command": "the log of the command",

@@ -22,8 +22,7 @@ from lidarplace.logs.boxes import (
     check_boxes,
 )
 from lidarplace.scenes.sumo.buildings import overlaps, rectangles_meet
-from lidarplace.scenes.sumo.parts import town_parts
-from lidarplace.scenes.sumo.record import KEEP_M, boxes_around, drive, moved, record
+from lidarplace.scenes.sumo.record import KEEP_M, boxes_around, drive, moved, record, town_parts
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.traffic import (
     BICYCLE,
@@ -162,14 +161,14 @@ def test_classes_and_sizes(log):
 def test_no_two_boxes_overlap_and_none_the_ego(log):
     boxes = log.boxes
     pairs = 0
-    own = np.array([[0.0, 0.0, 0.0]]), np.array([OWN_BODY[3:5]]) / 2
+    half = [1, 1, 1, 0.5, 0.5]
+    own = [0.0, 0.0, 0.0, *OWN_BODY[3:5]] * np.array(half)
     for _, frame in boxes.groupby("frame"):
-        pose = frame[["x", "y", "yaw"]].to_numpy()
-        half = frame[["length", "width"]].to_numpy() / 2
+        rectangles = frame[["x", "y", "yaw", "length", "width"]].to_numpy() * half
         a, b = np.triu_indices(len(frame), 1)
-        assert not rectangles_meet(pose[a], half[a] - 1e-9, pose[b], half[b] - 1e-9).any()
-        every = np.ones((len(frame), 1))
-        assert not rectangles_meet(pose, half, own[0] * every, own[1] * every).any()
+        less = rectangles - [0, 0, 0, 1e-9, 1e-9]
+        assert not rectangles_meet(less[a], less[b]).any()
+        assert not rectangles_meet(rectangles, np.tile(own, (len(frame), 1))).any()
         pairs += len(a)
     assert pairs > 1000
 
@@ -317,10 +316,9 @@ def test_the_pose_places_a_box_where_its_object_is():
     ],
 )
 def test_rectangles_meet(a, b, meet):
-    half = np.array([[2.0, 1.0]])
-    first, second = np.array([a], np.float64), np.array([b], np.float64)
-    assert rectangles_meet(first, half, second, half).tolist() == [meet]
-    assert rectangles_meet(second, half, first, half).tolist() == [meet]
+    first, second = np.array([[*a, 2.0, 1.0]]), np.array([[*b, 2.0, 1.0]])
+    assert rectangles_meet(first, second).tolist() == [meet]
+    assert rectangles_meet(second, first).tolist() == [meet]
 
 
 def test_more_routes_than_cars():

@@ -11,7 +11,7 @@ from sweeps.tasks.stages import FUNCTIONS
 
 ROOT = Path(__file__).parents[2]
 TRAINED = ("pretrain", "finetune", "evaluate", "judge")
-OWN = {"scene": "lidarplace.scenes.sumo.parts.TownRecording"} | dict.fromkeys(
+OWN = {"scene": "lidarplace.scenes.sumo.record.TownRecording"} | dict.fromkeys(
     TRAINED, "training.detectors.pointpillars"
 )
 """Of networks and kinds of scenes the one that a stage has."""

@@ -31,10 +31,8 @@ ahead. The vehicles are Ford Fusion Hybrids, whose wheelbase is 2.850 m.
 
 CLOUDS_ORIGIN = (-ORIGIN[0], 0.0, -ORIGIN[2])
 """The ego frame of Argoverse, in which its sweeps are, starts here in ours, metres."""
-
 SPLITS = {"train": "train", "val": "test", "test": "test"}
 """Folder of the data set -> split of the box log."""
-
 QUATERNION = ("qw", "qx", "qy", "qz")
 TRANSLATION = ("tx_m", "ty_m", "tz_m")
 SIZE = ("length_m", "width_m", "height_m")
@@ -64,10 +62,8 @@ def read_argoverse(
     Args:
         folder: the data set.
         splits: of `SPLITS`; empty: `train` and `val`, or the one that is there.
-        class_map: entries that differ from `class_maps.ARGOVERSE`.
-        ignored: gets the number of boxes left out by category.
+        class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.ARGOVERSE`.
         lidar: model of both LiDARs; None: VLP-32C.
-        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         ValueError: a file is missing or wrong, a time has no pose, or a category is unknown.

@@ -23,23 +23,18 @@ from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, count_columns, first
 
 ClassMap = Mapping[str, str]
 """Category -> class, or `IGNORE`."""
-
 BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
 """A log that already has our classes."""
-
 _SHIPPED = read_yaml_file(Path(__file__).with_name("class_maps.yaml"))
 NUSCENES, ARGOVERSE, WAYMO, KITTI, NO_ROAD_USERS = (
     MappingProxyType(_SHIPPED[name])
     for name in ("nuscenes", "argoverse", "waymo", "kitti", "no_road_users")
 )
 """Those of data sets, and what is ignored where all others keep their own names: `_SHIPPED`."""
-
 PAPER_GROUPS: ClassMap = ChainMap(_SHIPPED["usual"], _SHIPPED["argoverse"], _SHIPPED["nuscenes"])
 """The paper's grouping of names that data sets have, and of usual ones."""
-
 PAPER, OWN = "paper", "own"
 """Class maps that have a name."""
-
 OTHER = "Other"
 """Class of ignored categories whose boxes are kept: they hide what is behind them, and count in no
 other class."""

@@ -11,7 +11,6 @@ from lidarplace.configuration.record import Number
 
 VEHICLE = "local_cs"
 """The type of a coordinate system that moves with the vehicle."""
-
 Matrix = NDArray[np.float64]
 
 

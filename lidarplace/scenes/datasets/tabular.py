@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.ranges import FRAMES
-from lidarplace.files.columns import (
-    check_columns,
-    counts_if_known,
-    frame_numbers,
-    groups,
-    numbers,
-    one_of,
-    sizes,
-    texts,
-)
+from lidarplace.files import columns
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.logs.box_log import BoxLog, check_listed, checked_buildings, read_rigs
@@ -106,49 +97,50 @@ def _found(folder: Path, name: str) -> Path:
     return found[0]
 
 
-def _read(path: Path) -> pd.DataFrame:
-    if path.suffix not in SUFFIXES:
+def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
+    """The table in a Parquet or a CSV file; `texts` are columns in which `007` is no number.
+
+    Raises ValueError if the file cannot be read, or has another suffix.
+    """
+    if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path}: must end in {' or '.join(SUFFIXES)}")
-    if path.suffix == ".csv":
-        return read_csv(path, dtype=dict.fromkeys(TEXT, str))
+    if path.suffix.lower() == ".csv":
+        return read_csv(path, dtype=dict.fromkeys(texts, str))
     return read_parquet(path)
 
 
 def _boxes(path: Path) -> pd.DataFrame:
     """The table of boxes, checked but for the class."""
-    boxes = _read(path)
-    _drop_empty_time(boxes)
+    boxes = read_table(path)
     _check(boxes, ("frame", "class", *GEOMETRY), (*GEOMETRY, "timestamp_s"), path)
-    sizes(boxes, SIZE, str(path))
+    columns.sizes(boxes, SIZE, str(path))
     for name in count_columns(boxes):
-        boxes[name] = counts_if_known(boxes, name, str(path))
+        boxes[name] = columns.counts_if_known(boxes, name, str(path))
     if "object_id" not in boxes:
-        boxes["object_id"] = boxes.index.map(str)
+        boxes["object_id"] = list(map(str, range(len(boxes))))
     return boxes
 
 
-def _drop_empty_time(table: pd.DataFrame) -> None:
-    """Drop a `timestamp_s` of which nothing is known, as this reader itself leaves it."""
+def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
+    """Make `frame` and `numeric` columns numbers, and see that no text is missing.
+
+    A `timestamp_s` of which nothing is known, as this reader itself leaves it, is dropped.
+    """
     if "timestamp_s" in table and table["timestamp_s"].isna().all():
         del table["timestamp_s"]
-
-
-def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
-    """Make `frame` and `numeric` columns numbers, and see that no text is missing."""
-    check_columns(list(table.columns), needed, str(path))
-    table["frame"] = frame_numbers(table, str(path))
+    columns.check_columns(list(table.columns), needed, str(path))
+    table["frame"] = columns.frame_numbers(table, str(path))
     for name in table.columns.intersection(list(numeric)):
-        table[name] = numbers(table, [name], str(path))
+        table[name] = columns.numbers(table, [name], str(path))
     for name in table.columns.intersection(list(TEXT)):
-        table[name] = texts(table, name, str(path))
+        table[name] = columns.texts(table, name, str(path))
     if "route" in table:
-        table["route"] = groups(table, "route", str(path))
+        table["route"] = columns.groups(table, "route", str(path))
 
 
 def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     """The table of frames at `path`, which must list those of the boxes."""
-    frames = _read(path)
-    _drop_empty_time(frames)
+    frames = read_table(path)
     needed = boxes.columns.intersection([*OF_FRAMES])
     known = {*frames.columns}
     poses = [*POSE_COLUMNS] if known & {*POSE_COLUMNS} else []
@@ -157,7 +149,7 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     if (row := first(frames["frame"].duplicated())) is not None:
         raise ValueError(f"{path}: row {row}: frame {frames['frame'].iloc[row]} is a duplicate")
     if "split" in frames:
-        one_of(frames, "split", SPLITS, str(path))
+        columns.one_of(frames, "split", SPLITS, str(path))
     check_listed(boxes, frames, str(source), path.name)
     return _complete(frames, poses)
 

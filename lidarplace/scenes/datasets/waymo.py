@@ -51,7 +51,6 @@ COUNTS = {
     f"{_BOX}.num_top_lidar_points_in_box": f"{POINTS}/TOP",
 }
 """Column of real points -> that of the box log. Versions before 2.0.1 have none of the second."""
-
 LIDARS = ("TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR")
 """In the order of their numbers, from 1."""
 IMAGE = {"TOP": (64, 2650, 75.0)}
@@ -82,10 +81,8 @@ def read_waymo(
     Args:
         folder: the data set.
         splits: of `SPLITS`; empty: `training` and `validation`, or the one that is there.
-        class_map: entries that differ from `class_maps.WAYMO`.
-        ignored: gets the number of boxes left out by type.
+        class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.WAYMO`.
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
-        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         ValueError: a file is missing or wrong, a box is in no frame, or a type is unknown.

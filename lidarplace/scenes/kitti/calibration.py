@@ -14,18 +14,14 @@ from lidarplace.files.regular import regular
 
 LIDAR_HEIGHT_M = 1.73
 """The LiDAR frame's origin is so far above that of the ego frame; their axes are parallel."""
-
 CAMERA_AHEAD_M = 0.27
 CAMERA_BELOW_M = 0.08
 """The camera, seen from the LiDAR."""
-
 IMAGE_SIZE = (1242, 375)
 """Width and height of the image, pixels."""
-
 FOCAL_PX = 721.5377
 CENTRE_PX = (609.5593, 172.854)
 """Intrinsics of most of KITTI's drives, without lens offsets."""
-
 BASELINE_M = 0.54
 """Cameras 1 and 3 stand so far to the right of cameras 0 and 2."""
 

@@ -19,12 +19,9 @@ LABEL_COLUMNS = (
     *("height", "width", "length", "x", "y", "z", "rotation_y"),
 )
 """The fields of a line, in its order. x, y, z: centre of the bottom, camera frame."""
-
 DECIMALS = 2
-
 NEAR_M = 0.1
 """What is nearer to the plane of the camera is not in the image."""
-
 _LINE = "%s %.2f %d" + 12 * " %.2f"
 
 

@@ -31,10 +31,8 @@ from lidarplace.scenes.kitti.folder import fault, frame_name, part
 
 SETS = {"train": "train", "val": "test"}
 """Lists in `ImageSets` -> split of the box log."""
-
 STEPS = 2007
 """Of its HDL-64E, counted in raw sweeps: 2,005 to 2,008."""
-
 _NUMBERS = 14  # fields of a line after the type, without the score
 
 
@@ -59,14 +57,12 @@ def read_kitti(
     the log's rig.
 
     Args:
-        class_map: entries that differ from `KITTI`, or add to it.
+        class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.KITTI`.
         standard_calibration: do not read `calib`: the camera looks straight ahead from 0.27 m
             before and 0.08 m below the LiDAR.
         lidar_height: of the LiDAR above the ground, metres.
-        ignored: gets the number of boxes left out by type.
         skipped: gets what is wrong with lines and frames, which are then left out.
         lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
-        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises:
         OSError: `folder` has no labels.

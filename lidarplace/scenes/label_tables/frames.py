@@ -1,6 +1,6 @@
 """From time stamps to frames, from recordings to routes and splits."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,14 +17,10 @@ DRIVE = "log"
 """Scene of a file that has no column of drives."""
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """When each row is.
+class Stamps(NamedTuple):
+    """When each row is: name of the drive, (rows,), and time in the file's own unit, (rows,).
 
-    Attributes:
-        drive: name, shape (rows,), text.
-        value: in the file's own unit, shape (rows,), float64; doubles hold microseconds of our
-            epoch exactly, nanoseconds to a quarter of a microsecond.
+    Doubles hold microseconds of our epoch exactly, nanoseconds to a quarter of a microsecond.
     """
 
     drive: NDArray[np.object_]

@@ -1,27 +1,30 @@
 """A first guess of the mapping of a label file: columns by their names, units by their values."""
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import SequenceMatcher
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
+from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausible import SIZES
-from lidarplace.scenes.label_tables.guess_columns import class_in, guess_columns
+from lidarplace.scenes.datasets.tabular import read_table
+from lidarplace.scenes.label_tables import units
 from lidarplace.scenes.label_tables.mapping import Columns
-from lidarplace.scenes.label_tables.read import read_table
-from lidarplace.scenes.label_tables.units import (
-    DISTANCES,
-    METRES,
-    SECONDS,
-    guess_angle,
-    guess_length,
-    guess_time,
-)
 
+ALIKE = 0.8
+"""Names less alike than this share of their letters are not taken for each other."""
+_NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
+USUAL: Mapping[str, str] = _NAMES["usual"]
+"""Key of the mapping -> names that it has in label files."""
+_STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["stems"].items()))
+"""Of German and French words, in groups called by the English one."""
 TEST_SHARE = 0.2
 MOST_CATEGORIES = 200
 NEAR_GROUND_M = 0.1
@@ -33,7 +36,7 @@ def propose_mapping(path: Path) -> str:
     A column that its name does not identify is a key without value, an error to who reads it.
     Raises ValueError if the file cannot be read, or has no rows.
     """
-    table = read_table(path)
+    table = read_table(path, ())
     if table.empty:
         raise ValueError(f"{path}: no rows")
     table.columns = table.columns.map(str)
@@ -56,9 +59,9 @@ class _Proposal:
         self.in_world = self.has_poses and _median(relative) < 0.5 * _median(np.hypot(x, y))
         distance = _median(relative if self.in_world else np.hypot(x, y))
         longest = np.max([self._numbers(side) for side in SIZE], axis=0)
-        self.position = guess_length(columns.get("x", ""), distance, DISTANCES, "distance")
-        length = columns.get("length", "")
-        self.size = guess_length(length, _median(longest), SIZES, "the longest side")
+        x_name, length = columns.get("x", ""), columns.get("length", "")
+        self.position = units.guess_length(x_name, distance, units.DISTANCES, "distance")
+        self.size = units.guess_length(length, _median(longest), SIZES, "the longest side")
         self.z = z - np.nan_to_num(ego_z) if self.in_world else z
 
     def lines(self) -> Iterator[str]:
@@ -71,9 +74,9 @@ class _Proposal:
         frames = []
         if "time" in self.columns:
             latest, step = float(pd.Series(self._numbers("time")).max()), self._step()
-            time = guess_time(self.columns["time"], latest, step)
+            time = units.guess_time(self.columns["time"], latest, step)
             yield "  time: {}   # {}".format(*time)
-            if (seconds := step * SECONDS[time.unit]) > 0:
+            if (seconds := step * units.SECONDS[time.unit]) > 0:
                 rate = f"  rate_hz: {_rate(seconds)}   # {seconds:.4g} s from time to time"
                 frames = ["frames:", rate]
         yield from self._place()
@@ -90,7 +93,7 @@ class _Proposal:
 
     def _angle(self, key: str) -> str:
         """The line of the unit of a yaw."""
-        angle = guess_angle(self.columns.get(key, ""), self._numbers(key))
+        angle = units.guess_angle(self.columns.get(key, ""), self._numbers(key))
         return "  angle: {}   # {}".format(*angle)
 
     def _step(self) -> float:
@@ -113,8 +116,8 @@ class _Proposal:
 
     def _place(self) -> Iterator[str]:
         """What z is, where the origin is, and the poses."""
-        height = self._numbers("height") * METRES[self.size.unit]
-        z = self.z * METRES[self.position.unit]
+        height = self._numbers("height") * units.METRES[self.size.unit]
+        z = self.z * units.METRES[self.position.unit]
         centre, bottom = (_median(low) for low in (z - height / 2, z))
         at_bottom = abs(bottom) < min(abs(centre), NEAR_GROUND_M)
         at, ground = ("bottom", bottom) if at_bottom else ("centre", centre)
@@ -140,7 +143,7 @@ class _Proposal:
             return
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
-            known = class_in(str(name)) or "null"
+            known = _class_in(str(name)) or "null"
             yield f"  {_text(str(name))}: {known}   # {count / len(self.table):.1%}"
 
     def _drives(self) -> Iterator[str]:
@@ -150,6 +153,38 @@ class _Proposal:
         test = names[len(names) - max(round(TEST_SHARE * len(names)), len(names) > 1) :]
         yield "drives:   # those that are not test are train"
         yield f"  test: [{', '.join(map(_text, test))}]"
+
+
+def _class_in(category: str) -> str | None:
+    """The class that the name of a category implies."""
+    found = (c for c, told in _NAMES["classes"].items() if re.search(told, category, re.IGNORECASE))
+    return next(found, None)
+
+
+def _in_english(name: str) -> str:
+    """A plain name with the words for which there are stems: `objektklasse` is `object_class`."""
+    words = [[str(m.lastgroup) for m in _STEM.finditer(word)] or [word] for word in name.split("_")]
+    return "_".join(part for parts in words for part in parts)
+
+
+def guess_columns(columns: Sequence[str]) -> dict[str, str]:
+    """A column for each key of `USUAL` that has one, so that names are most alike altogether."""
+    likeness = np.array([[_likeness(name, usual) for name in columns] for usual in USUAL.values()])
+    likeness = np.where(likeness < ALIKE, 0.0, likeness)
+    keys = list(USUAL)
+    pairs = zip(*linear_sum_assignment(-likeness), strict=True)
+    return {keys[i]: columns[j] for i, j in pairs if likeness[i, j] > 0}
+
+
+def _likeness(name: str, usual: str) -> float:
+    """1 for a usual name, a little less for a later one."""
+    own = {units.plain(name), units.without_unit(name), _in_english(units.without_unit(name))}
+    own |= {re.sub("^(object|obj|box)_|_(object|obj|box)$", "", mine) for mine in own}
+    return max(
+        SequenceMatcher(None, mine, other).ratio() - 0.001 * place
+        for mine in own
+        for place, other in enumerate(usual.split())
+    )
 
 
 def _median(values: NDArray[np.float64]) -> float:

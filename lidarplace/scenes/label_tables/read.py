@@ -1,7 +1,7 @@
 """A label file, read by its mapping."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
-from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
 from lidarplace.logs.plausible import MOST_YAW
 from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
+from lidarplace.scenes.datasets.tabular import read_table
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import EgoPoses, TableMapping
 from lidarplace.scenes.label_tables.units import METRES, RADIANS, SECONDS
@@ -62,7 +62,7 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     drive, stamp = mapping.columns.drive, mapping.stamp
     if poses.file is not None:
         drive, stamp = poses.drive or drive, poses.stamp or stamp
-        table, source = read_table(poses.file, [drive]), str(poses.file)
+        table, source = read_table(poses.file, [drive] if drive else []), str(poses.file)
     names = {f"poses.{key}": getattr(poses, key) for key in ("x", "y", "z", "yaw")}
     check_mapped(table, names | {"poses.drive": drive, "poses.stamp": stamp}, source)
     of_time = mapping.columns.time is not None
@@ -94,7 +94,8 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
             twice in a frame, or time stamps, drives or poses do not fit; names file and column.
     """
     columns, source = mapping.columns, str(path)
-    table = read_table(path, [columns.drive, columns.object, columns.category])
+    names = (columns.drive, columns.object, columns.category)
+    table = read_table(path, filter(None, names))
     check_mapped(table, {f"columns.{key}": name for key, name in columns}, source)
     stamps = read_stamps(table, columns.drive, mapping.stamp, columns.time is None, source)
     frames, frame = frames_of(stamps, mapping, source)
@@ -162,18 +163,6 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
             f"drive {box['scene']!r}; change columns.object, columns.drive, or the key of frames: "
             f"{mapping.stamp}, units.time and frames.rate_hz"
         )
-
-
-def read_table(path: Path, texts: Iterable[str | None] = ()) -> pd.DataFrame:
-    """The table in a CSV or a Parquet file; `texts` are columns in which `007` is no number.
-
-    Raises ValueError if the file cannot be read, or has another suffix.
-    """
-    if path.suffix.lower() == ".csv":
-        return read_csv(path, dtype={name: str for name in texts if name is not None})
-    if path.suffix.lower() == ".parquet":
-        return read_parquet(path)
-    raise ValueError(f"{path}: must end in .csv or .parquet")
 
 
 def check_mapped(table: pd.DataFrame, names: Mapping[str, str | None], source: str) -> None:

@@ -16,14 +16,13 @@ from lidarplace.scenes.sumo.town import TownMap, build_town, sumo_home
 
 PACKAGE = "py123d"
 """A package on PyPI that carries CARLA's maps (CC-BY 4.0)."""
+IN_PACKAGE, IN_CARLA = "parser/opendrive/carla_maps", "CarlaUE4/Content/Carla/Maps/OpenDrive"
 
 
 def build_network(town: str, seed: int, folder: Path) -> TownMap:
     """SUMO network of `town`, which is named as in `SumoScene.towns`; made in `folder` if need be.
 
-    Raises:
-        ImportError: SUMO is not installed.
-        ValueError: the map is nowhere to be found, or SUMO cannot read it.
+    Raises ImportError without SUMO, ValueError if the map is missing or SUMO cannot read it.
     """
     if town == GENERATED:
         return TownMap(build_town(seed, folder))
@@ -42,10 +41,7 @@ def _keeps_left(network: Path) -> bool:
 
 
 def find_map(town: str) -> Path:
-    """File of a town that is not generated: its path, or that of the CARLA map of this name.
-
-    Raises ValueError: there is no such file.
-    """
+    """File of a town: its path, or that of the CARLA map of this name. Raises ValueError."""
     path = Path(town) if town.endswith(MAP_SUFFIXES) else find_carla_map(town)
     if not path.is_file():
         raise ValueError(f"{path}: no such map file")
@@ -55,31 +51,19 @@ def find_map(town: str) -> Path:
 def find_carla_map(name: str) -> Path:
     """OpenDRIVE file of the CARLA map `name`, such as Town03.
 
-    Looks in the installed package `py123d`, without importing it, and then in the installation of
-    CARLA that the environment variable `CARLA_ROOT` names.
-
-    Raises:
-        ValueError: neither has it; says where was looked and how to get it.
+    Looks in the package `py123d`, without importing it, and then in the installation of CARLA that
+    the environment variable `CARLA_ROOT` names. Raises ValueError if neither has it.
     """
+    spec, root = find_spec(PACKAGE), os.environ.get("CARLA_ROOT")
+    package = spec.submodule_search_locations if spec else None
     looked = []
-    spec = find_spec(PACKAGE)
-    if spec is None or not spec.submodule_search_locations:
-        looked.append(f"the package {PACKAGE} (not installed)")
-    else:
-        folder = Path(spec.submodule_search_locations[0]) / "parser" / "opendrive" / "carla_maps"
-        path = folder / f"{name}.xodr.gz"
-        if path.is_file():
+    for place, inside, suffix, missing in (
+        (package and package[0], IN_PACKAGE, "xodr.gz", f"the package {PACKAGE} (not installed)"),
+        (root, IN_CARLA, "xodr", "CARLA_ROOT (not set)"),
+    ):
+        if place and (path := Path(place) / inside / f"{name}.{suffix}").is_file():
             return path
-        looked.append(str(folder))
-    root = os.environ.get("CARLA_ROOT")
-    if not root:
-        looked.append("CARLA_ROOT (not set)")
-    else:
-        folder = Path(root) / "CarlaUE4" / "Content" / "Carla" / "Maps" / "OpenDrive"
-        path = folder / f"{name}.xodr"
-        if path.is_file():
-            return path
-        looked.append(str(folder))
+        looked.append(str(Path(place) / inside) if place else missing)
     raise ValueError(
         f"no map {name!r}; looked in {' and '.join(looked)}. CARLA's maps (CC-BY 4.0) come with "
         f"`pip install --no-deps {PACKAGE}`, or with a CARLA whose folder CARLA_ROOT names"
@@ -89,12 +73,10 @@ def find_carla_map(name: str) -> Path:
 SPEED_M_S = 13.89
 """Speed limit of every lane, 50 km/h: netconvert does not read the limits of roads, and CARLA's
 traffic stays far below those of its maps."""
-
 _RAIL_AND_OTHERS = (
     "pedestrian rail rail_urban rail_electric rail_fast tram drone aircraft scooter container "
     "wheelchair subway cable_car ship"
 )
-
 SIDEWALKS = ("sidewalk", "walking")
 """Types of lanes for pedestrians; the second is OpenDRIVE's since version 1.8."""
 
@@ -121,11 +103,8 @@ def convert_opendrive(path: Path, folder: Path) -> TownMap:
 
     x and y stay those of OpenDRIVE, but for a map with left-hand traffic, of which the network is
     the mirror image. Cars may turn round at dead ends only; lights adapt to traffic; crossings are
-    guessed, and so are sidewalks if the map has none at all.
-
-    Raises:
-        ValueError: not OpenDRIVE, or with something that netconvert cannot read; names it, or
-            carries netconvert's message.
+    guessed, and so are sidewalks if the map has none at all. Raises ValueError for what is not
+    OpenDRIVE, or has something that netconvert cannot read.
     """
     root = read_opendrive(path)
     lefthand = drives_left(root, path)
@@ -163,9 +142,7 @@ def read_opendrive(path: Path) -> Element:
     """The tree of `path` (`.xodr` or `.xodr.gz`), without namespaces.
 
     Centre lanes without a type get "none": they have no width, and OpenDRIVE 1.8 has them so.
-
-    Raises:
-        ValueError: no OpenDRIVE, a lane without id or type, or a direct junction.
+    Raises ValueError for no OpenDRIVE, a lane without id or type, or a direct junction.
     """
     try:
         data = regular(path).read_bytes()
@@ -198,18 +175,13 @@ def read_opendrive(path: Path) -> Element:
 
 
 def drives_left(root: Element, path: Path) -> bool:
-    """Whether the map of `root`, read from `path`, has left-hand traffic.
-
-    Raises ValueError: the rule of a road is neither of `RULES`, or the rules of two roads differ.
-    """
+    """Whether a map has left-hand traffic. Raises ValueError for unknown or different rules."""
     first: dict[str, str | None] = {}
     for road in root.iter("road"):
         rule = road.get("rule", RULES[0])
         if rule not in RULES:
-            raise ValueError(
-                f"{path}: road {road.get('id')}: rule is {rule!r}; allowed are "
-                f"{' and '.join(RULES)}"
-            )
+            allowed = f"allowed are {' and '.join(RULES)}"
+            raise ValueError(f"{path}: road {road.get('id')}: rule is {rule!r}; {allowed}")
         first.setdefault(rule, road.get("id"))
     if len(first) > 1:
         raise ValueError(

@@ -1,8 +1,7 @@
 """Left-hand traffic by its mirror image: y turns into -y, and who kept left keeps right.
 
-netconvert has an option for left-hand traffic, but with OpenDRIVE it exchanges the sides of every
-road instead of the direction of its lanes. So it is given the mirrored map, and what is recorded in
-there is mirrored back.
+netconvert's own option exchanges the sides of OpenDRIVE's roads, not the direction of their lanes.
+So it is given the mirrored map, and what is recorded in there is mirrored back.
 """
 
 from dataclasses import replace
@@ -10,7 +9,6 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from lidarplace.logs.box_log import BoxLog
 
@@ -58,16 +56,12 @@ def _negate(element: Element, name: str) -> None:
 
 def mirror_log(log: BoxLog) -> BoxLog:
     """The mirror image of a log: objects, poses and buildings."""
-    return replace(
-        log,
-        boxes=log.boxes.assign(y=-log.boxes["y"], yaw=_turned(log.boxes["yaw"])),
-        frames=log.frames.assign(
-            ego_y=-log.frames["ego_y"], ego_yaw=_turned(log.frames["ego_yaw"])
-        ),
-        buildings=log.buildings.assign(y=-log.buildings["y"], yaw=_turned(log.buildings["yaw"])),
-    )
+    boxes, buildings = (_mirrored(table, "y", "yaw") for table in (log.boxes, log.buildings))
+    frames = _mirrored(log.frames, "ego_y", "ego_yaw")
+    return replace(log, boxes=boxes, frames=frames, buildings=buildings)
 
 
-def _turned(yaw: pd.Series) -> NDArray[np.float64]:
-    """Minus the angles, which are in (-pi, pi] and stay there."""
-    return np.where(yaw == np.pi, np.pi, -yaw)
+def _mirrored(table: pd.DataFrame, y: str, yaw: str) -> pd.DataFrame:
+    """Angles are in (-pi, pi] and stay there."""
+    turned = np.where(table[yaw] == np.pi, np.pi, -table[yaw])
+    return table.assign(**{y: -table[y], yaw: turned})

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax import SAXException
@@ -13,13 +14,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.files.regular import regular
 from lidarplace.logs.box_log import BoxLog, join_logs
-from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
+from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.routes import KEEP_M, split_of
 from lidarplace.scenes.sumo.buildings import build_along, overlaps, within_reach
-from lidarplace.scenes.sumo.maps import build_network
+from lidarplace.scenes.sumo.maps import build_network, find_map
 from lidarplace.scenes.sumo.mirror import mirror_log
-from lidarplace.scenes.sumo.settings import SumoScene, TownRun
+from lidarplace.scenes.sumo.settings import GENERATED, SumoScene, TownRun
 from lidarplace.scenes.sumo.town import TownMap, sumo_home
 from lidarplace.scenes.sumo.traffic import CAR, cars_among, write_demand
 from lidarplace.scenes.sumo.trajectories import LEVEL_M, Trajectories, simulate
@@ -29,24 +32,20 @@ if TYPE_CHECKING:
 
 MEETS_M = 40.0
 """Who comes so near has been met: as far as the paper's ROI reaches ahead."""
-
 FASTEST_M_S = 30.0
 LEAP_M = 5.0
 """A car that gets farther than it can drive, and than a bend of its road explains, was moved."""
+_COUNTS = {"source", "towns", "test_towns", "test_seed", "routes", "test_routes", "egos_per_run"}
 
 
 def choose_egos(traffic: Trajectories, count: int) -> list[int]:
     """Indices of `count` of the cars that were on the road all the time, sorted.
 
-    Frames of one road user are alike, so a log says the more, the more of them it holds. Egos are
-    added one after the other, each the one that most increases the sum over all road users of
-    ln(1 + frames in which an ego meets them): one near another ego, or in a queue with the same
-    few, adds little. The sum is submodular, so it reaches at least 1 - 1/e of what any choice has.
-    Cars that drove less than half the median are the last choice, since a standing ego gives
-    near-duplicates of one frame. A car that SUMO put elsewhere is no ego.
-
-    Raises:
-        ValueError: fewer cars stayed on the road.
+    Frames of one road user are alike, so egos are added one after the other, each the one that most
+    increases the sum over all road users of ln(1 + frames in which an ego meets them). The sum is
+    submodular, so it reaches at least 1 - 1/e of what any choice has. Cars that drove less than
+    half the median are the last choice: a standing ego gives near-duplicates of one frame. A car
+    that SUMO put elsewhere is no ego. Raises ValueError if fewer cars stayed on the road.
     """
     car = np.array([user.kind is CAR for user in traffic.users])
     hops = np.hypot(*np.diff(traffic.pose[:, :, :2], axis=0).transpose(2, 0, 1))
@@ -73,30 +72,30 @@ def choose_egos(traffic: Trajectories, count: int) -> list[int]:
 
 def frames_met(traffic: Trajectories, ego: int) -> NDArray[np.int64]:
     """In how many frames each road user is within `MEETS_M` of the ego; shape (U,)."""
+    return np.asarray(_near(traffic, ego, MEETS_M).sum(axis=0))
+
+
+def _near(traffic: Trajectories, ego: int, distance: float) -> NDArray[np.bool_]:
+    """Who else is so near to the ego, and on its level, at each step; shape (F, U)."""
     x, y = (traffic.pose[:, :, :2] - traffic.pose[:, ego : ego + 1, :2]).transpose(2, 0, 1)
-    near = np.hypot(x, y) <= MEETS_M  # False where NaN
+    near = np.hypot(x, y) <= distance  # False where NaN
     near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
     near[:, ego] = False
-    return np.asarray(near.sum(axis=0))
+    return near
 
 
 def record(scene: SumoScene) -> BoxLog:
-    """Simulate the towns of `scene` and log what surrounds its egos.
-
-    Raises as `record_town` does.
-    """
+    """Simulate the towns of `scene` and log what surrounds its egos. Raises as `record_town`."""
     return join_logs([record_town(scene, run) for run in scene.town_runs()])
 
 
 def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
     """Simulate one of `scene.town_runs()` and log what surrounds its egos.
 
-    Returns the box log: `boxes` with the columns `BOX_COLUMNS`, `frames` with `FRAME_COLUMNS` and
-    `POSE_COLUMNS`, `buildings` with `BUILDING_COLUMNS`. Boxes are in the ego frame, and the ego is
-    not among them; poses and buildings are in the frame of the town. The log is flat: everything
-    stands on the ground, and what is on another level of a bridge than the ego is left out.
-    `route` numbers the egos; frame `n` of a route is `n` frames after its first, which is
-    `frames_per_route` after that of the route before. The same settings give the same bytes.
+    Poses and buildings are in the frame of the town. The log is flat: everything stands on the
+    ground, and what is on another level of a bridge than the ego is left out. `route` numbers the
+    egos; frame `n` of a route is `n` frames after its first, which is `frames_per_route` after that
+    of the route before. The same settings give the same bytes.
 
     Raises:
         ImportError: SUMO is not installed.
@@ -116,24 +115,18 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
     for number, ego in enumerate(choose_egos(traffic, run.routes)):
         first = run.first_frame + number * scene.frames_per_route
         steps = moved(traffic.pose[:, ego, :2], scene.min_travel_m)
-        pose = traffic.pose[steps, ego]
-        frames.append(
-            pd.DataFrame(
-                {
-                    "scene": run.name,
-                    "frame": first + np.arange(len(steps)),
-                    "timestamp_s": traffic.time_s[steps],
-                    "route": run.first_route + number,
-                    "split": split_of(scene.split, run.part, len(steps)),
-                    **dict(zip(POSE_COLUMNS, (*pose[:, :2].T, _wrap(pose[:, 2])), strict=True)),
-                }
-            )
-        )
+        x, y, yaw = traffic.pose[steps, ego].T
+        route = {
+            "scene": run.name,
+            "frame": first + np.arange(len(steps)),
+            "timestamp_s": traffic.time_s[steps],
+            "route": run.first_route + number,
+            "split": split_of(scene.split, run.part, len(steps)),
+            **dict(zip(POSE_COLUMNS, (x, y, _wrap(yaw)), strict=True)),
+        }
+        frames.append(pd.DataFrame(route))
         boxes.append(boxes_around(traffic, pairs, ego, steps, run, first))
-    log = BoxLog(
-        pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
-        pd.concat(frames, ignore_index=True)[[*FRAME_COLUMNS, *POSE_COLUMNS]],
-    )
+    log = BoxLog(pd.concat(boxes, ignore_index=True), pd.concat(frames, ignore_index=True))
     if scene.buildings:
         walls = build_along(network, run.town_seed, run.name, town.lefthand)
         positions = log.frames[list(POSE_COLUMNS[:2])].to_numpy(np.float64)
@@ -160,10 +153,8 @@ def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
 
 
 def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
-    """Steps at which something at `position`, (F, 2), is `distance` from where it last was kept.
-
-    The first step is always among them.
-    """
+    """Steps at which something at `position`, (F, 2), is `distance` from where it last was kept;
+    the first is always among them."""
     kept = [0]
     for step, place in enumerate(position):
         if step and math.dist(place, position[kept[-1]]) >= distance:
@@ -184,20 +175,19 @@ def boxes_around(
     Of two that overlap the smaller is left out: SUMO lets some road users brush each other where
     lanes and crossings meet, about one pair in twenty frames of a whole town.
     """
-    offset = traffic.pose - traffic.pose[:, ego : ego + 1]
-    # False where NaN
-    near = np.hypot(offset[:, :, 0], offset[:, :, 1]) <= KEEP_M
-    near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
-    near[:, ego] = False
+    near = _near(traffic, ego, KEEP_M)
     area = np.array([u.length * u.width for u in traffic.users])
     area[ego] = np.inf
     step, a, b = pairs.T
     near[step, np.where(area[a] < area[b], a, b)] = False
     frame, user = np.nonzero(near[steps])
     at = steps[frame]
-    offset = offset[at, user]
+    offset = traffic.pose[at, user] - traffic.pose[at, ego]
     cos, sin = (turn(traffic.pose[at, ego, 2]) for turn in (np.cos, np.sin))
     size = np.array([(u.length, u.width, u.height) for u in traffic.users])[user]
+    x = cos * offset[:, 0] + sin * offset[:, 1]
+    y = cos * offset[:, 1] - sin * offset[:, 0]
+    geometry = (x, y, size[:, 2] / 2, *size.T, _wrap(offset[:, 2]))
     return pd.DataFrame(
         {
             "scene": run.name,
@@ -205,13 +195,7 @@ def boxes_around(
             "timestamp_s": traffic.time_s[at],
             "object_id": np.array([f"{run.name}-{u.id}" for u in traffic.users])[user],
             "class": np.array([u.kind.object_class for u in traffic.users])[user],
-            "x": cos * offset[:, 0] + sin * offset[:, 1],
-            "y": cos * offset[:, 1] - sin * offset[:, 0],
-            "z": size[:, 2] / 2,
-            "length": size[:, 0],
-            "width": size[:, 1],
-            "height": size[:, 2],
-            "yaw": _wrap(offset[:, 2]),
+            **dict(zip(GEOMETRY, geometry, strict=True)),
         }
     )
 
@@ -219,3 +203,44 @@ def boxes_around(
 def _wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same angles in (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+@dataclass(frozen=True)
+class TownRecording:
+    """One simulation of traffic.
+
+    Attributes:
+        scene: without what says which runs there are: `run` has its own.
+        map: SHA-256 of the town's map; None for a generated town.
+    """
+
+    scene: SumoScene
+    run: TownRun
+    map: str | None
+
+    def record(self) -> BoxLog:
+        """Simulate it. Raises as `record_town` does."""
+        return record_town(self.scene, self.run)
+
+
+def town_parts(scene: SumoScene) -> list[ScenePart]:
+    """The simulations of a scene that have routes, training first. ValueError: a map is missing."""
+    # Left out is what only says which runs there are: more towns leave these as they are.
+    settings = SumoScene.model_validate(scene.model_dump(mode="json", exclude=_COUNTS))
+    return [
+        ScenePart(
+            run.name,
+            TownRecording(settings, run, _map_digest(run.town)),
+            (run.part,) if scene.split == "route" else ("train", "test"),
+        )
+        for run in scene.town_runs()
+        if run.routes
+    ]
+
+
+def _map_digest(town: str) -> str | None:
+    """Hash of the map's content, None for a generated town."""
+    if town == GENERATED:
+        return None
+    path = find_map(town)
+    return hashlib.sha256(regular(path).read_bytes()).hexdigest()

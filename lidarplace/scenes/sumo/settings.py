@@ -30,12 +30,10 @@ class TownRun(BaseModel):
     """One simulation of a scene, in one town, from which one or several egos are recorded.
 
     Attributes:
-        name: the town run in the column `scene` of a box log; its poses and buildings share a
-            world frame.
+        name: `scene` of its boxes; its poses and buildings share a world frame.
         town: as in `SumoScene.towns`.
         part: whether its routes are for training or for testing.
-        first_route: number of its first route in the log.
-        first_frame: number of its first frame in the log.
+        first_route, first_frame: their numbers in the log.
         routes: egos to record.
         town_seed: decides a generated town, and where the buildings stand.
         traffic_seed: decides who drives where.
@@ -109,41 +107,34 @@ class SumoScene(RouteSettings):
         names: Counter[str] = Counter()
         route = 0
         for number, (part, town, routes) in enumerate(places):
-            stem = Path(town).name.split(".")[0]
+            other = self.test_seed if part == "test" else None
+            seed = self.seed if other is None else other
+            tag = str(self.seed) if other is None else f"{self.seed}.{other}"
+            name = f"sumo-{tag}-{part}-{Path(town).name.split('.')[0]}"
+            # A map is the same place in training and testing, and with any seed of a test.
+            place = (seed, 0, number) if town == GENERATED else (self.seed, 0, 0)
             for first in range(0, routes, self.egos_per_run or max(routes, 1)):
-                other = self.test_seed if part == "test" else None
-                seed = self.seed if other is None else other
-                tag = str(self.seed) if other is None else f"{self.seed}.{other}"
-                name = f"sumo-{tag}-{part}-{stem}"
                 names[name] += 1
                 count = min(self.egos_per_run or routes, routes - first)
-                runs.append(
-                    TownRun(
-                        # No town's own name has a slash.
-                        name=name if names[name] == 1 else f"{name}/{names[name]}",
-                        town=town,
-                        part=part,
-                        first_route=route,
-                        first_frame=route * self.frames_per_route,
-                        routes=count,
-                        # A map is the same place in training and testing.
-                        # With a seed of its own it is another town, and other traffic on a map.
-                        town_seed=seed_of(
-                            seed if town == GENERATED else self.seed,
-                            0,
-                            number if town == GENERATED else 0,
-                        ),
-                        traffic_seed=seed_of(seed, 1, len(runs)),
-                    )
+                run = TownRun(
+                    # No town's own name has a slash.
+                    name=name if names[name] == 1 else f"{name}/{names[name]}",
+                    town=town,
+                    part=part,
+                    first_route=route,
+                    first_frame=route * self.frames_per_route,
+                    routes=count,
+                    town_seed=seed_of(*place),
+                    traffic_seed=seed_of(seed, 1, len(runs)),
                 )
+                runs.append(run)
                 route += count
         return tuple(runs)
 
     def frame_counts(self) -> tuple[int, int]:
         """Number of training and of test frames; upper bounds with `min_travel_m`."""
         runs = self.town_runs()
-        train = sum(run.routes for run in runs if run.part == "train")
-        test = sum(run.routes for run in runs if run.part == "test")
+        train, test = (sum(r.routes for r in runs if r.part == p) for p in ("train", "test"))
         if self.split == "route":
             return train * self.frames_per_route, test * self.frames_per_route
         tenth = self.frames_per_route // TEST_EVERY
@@ -158,10 +149,8 @@ class SumoScene(RouteSettings):
         """What to change if there is no frame of a split."""
         if self.split == "route":
             return f"test_routes is {self.test_routes}, allowed is at least 1"
-        return (
-            f"frames_per_route is {self.frames_per_route}, and 'split: paper' takes every tenth "
-            "frame of a route, so allowed is at least 10"
-        )
+        why = "'split: paper' takes every tenth frame of a route, so allowed is at least 10"
+        return f"frames_per_route is {self.frames_per_route}, and {why}"
 
     @property
     def seconds(self) -> float:

@@ -12,13 +12,10 @@ from lidarplace.base.optional import needs
 
 JUNCTIONS = (4, 3)
 """Junctions along x and y: some 1.5 km of street, so an ego meets about five of 80 vehicles."""
-
 BLOCK_M = (80.0, 105.0)
 """Shortest and longest distance of neighbouring junctions before they are shifted."""
-
 SHIFT_M = 9.0
 """Standard deviation of a junction's shift along x and y; bends the grid, so yaws vary."""
-
 SPEED_M_S = 11.0
 """Speed limit, 40 km/h."""
 
@@ -54,11 +51,8 @@ def sumo_home() -> Path:
 def build_town(seed: int, folder: Path) -> Path:
     """Generate the town of `seed` and return the SUMO network file in `folder`.
 
-    Every junction has at least two arms, so no street is a dead end.
-
-    Raises:
-        ImportError: SUMO is not installed.
-        RuntimeError: netgenerate failed; carries its message.
+    Every junction has at least two arms, so no street is a dead end. Raises ImportError without
+    SUMO, RuntimeError with netgenerate's message.
     """
     home = sumo_home()
     rng = np.random.default_rng(seed)

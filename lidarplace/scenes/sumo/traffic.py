@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -47,10 +47,8 @@ MOTORCYCLE = Kind(
 BICYCLE = Kind("bicycle", "Cyclist", "bicycle", (1.6, 1.9), (0.5, 0.7), (1.6, 1.85), share=0.12)
 VEHICLES = (CAR, BOX_TRUCK, MOTORCYCLE, BICYCLE)
 PEDESTRIAN = Kind("pedestrian", "Pedestrian", "pedestrian", (0.4, 0.7), (0.5, 0.7), (1.5, 1.9))
-
 WALK_M_S = 1.5
 """A pedestrian's speed; like the speed limits it decides how long a route must be."""
-
 SPARE = 1.5
 """Routes are so much longer than that: SUMO's drivers differ and may exceed the limit a little."""
 
@@ -81,14 +79,8 @@ def _kinds(density: int) -> list[Kind]:
     return [kind for kind, count in zip(VEHICLES, counts, strict=True) for _ in range(count)]
 
 
-@dataclass(frozen=True)
-class Demand:
-    """The road users of a simulation, and where each may go.
-
-    Attributes:
-        users: sorted by id.
-        drives: lanes by SUMO's vehicle class.
-    """
+class Demand(NamedTuple):
+    """The road users of a simulation, by id, and the lanes of each of SUMO's vehicle classes."""
 
     users: list[RoadUser]
     drives: dict[str, WalkGraph]
@@ -100,10 +92,8 @@ def write_demand(
     """Write SUMO's route file of the vehicles and pedestrians of `scene` to `path`.
 
     Everybody starts at once and wanders at random for longer than the simulation, so that nobody
-    leaves. `network` was read with its pedestrian connections; `town` names it in errors.
-
-    Raises:
-        ValueError: there are no lanes or no sidewalks on which to wander without end.
+    leaves. `network` was read with its pedestrian connections; `town` names it in errors. Raises
+    ValueError if there are no lanes or no sidewalks on which to wander without end.
     """
     drives = {kind.sumo_class: drive_graph(network, kind.sumo_class) for kind in VEHICLES}
     foot = foot_graph(network, WALK_M_S)
@@ -115,40 +105,23 @@ def write_demand(
         )
         user = RoadUser(f"{kind.name}{number:05d}", kind, length, width, height)
         users.append(user)
-        ElementTree.SubElement(
-            root,
-            "vType",
-            id=user.id,
-            vClass=kind.sumo_class,
-            length=f"{length:.3f}",
-            width=f"{width:.3f}",
-            height=f"{height:.3f}",
-        )
+        sides = {"length": f"{length:.3f}", "width": f"{width:.3f}", "height": f"{height:.3f}"}
+        ElementTree.SubElement(root, "vType", id=user.id, vClass=kind.sumo_class, **sides)
         graph = foot if kind is PEDESTRIAN else drives[kind.sumo_class]
         if not graph.edges:
             if kind is PEDESTRIAN:
-                raise ValueError(
-                    f"pedestrians {scene.pedestrians}: {town} has no sidewalks that lead on and "
-                    "on; allowed is 0"
-                )
+                problem = f"{town} has no sidewalks that lead on and on; allowed is 0"
+                raise ValueError(f"pedestrians {scene.pedestrians}: {problem}")
             raise ValueError(f"{town} has no lanes that lead a {kind.name} on and on")
         start = graph.anywhere(rng)
         edges = " ".join(graph.walk(SPARE * scene.seconds, rng, start))
+        own = {"id": user.id, "type": user.id, "depart": "0"}
         if kind is PEDESTRIAN:
-            person = ElementTree.SubElement(
-                root, "person", id=user.id, type=user.id, depart="0", departPos="random"
-            )
+            person = ElementTree.SubElement(root, "person", own, departPos="random")
             ElementTree.SubElement(person, "walk", edges=edges)
         else:
-            vehicle = ElementTree.SubElement(
-                root,
-                "vehicle",
-                id=user.id,
-                type=user.id,
-                depart="0",
-                departLane=graph.keys[start].rpartition("_")[2],
-                departPos="random_free",
-            )
+            own["departLane"] = graph.keys[start].rpartition("_")[2]
+            vehicle = ElementTree.SubElement(root, "vehicle", own, departPos="random_free")
             ElementTree.SubElement(vehicle, "route", edges=edges)
     ElementTree.ElementTree(root).write(path)
     return Demand(sorted(users, key=lambda user: user.id), drives)

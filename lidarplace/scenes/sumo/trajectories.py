@@ -16,13 +16,14 @@ from lidarplace.scenes.sumo.traffic import PEDESTRIAN, SPARE, Demand, RoadUser
 
 LATERAL_RESOLUTION_M = 0.8
 """Width of a sublane; narrower costs time."""
-
 TELEPORT_S = 120
 """A vehicle that is stuck for so long is put elsewhere on its route: a jam never freezes a town."""
-
-
 LEVEL_M = 3.0
 """Road users whose ground differs more in height are on different levels of a bridge."""
+CHECK_STEPS = round(2 / STEP_S)
+"""Steps between looks at who waits."""
+PATIENCE_S = 30.0
+"""A vehicle that has stood for so long takes another way; most red lights are shorter."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +49,10 @@ class Trajectories:
 def simulate(
     scene: SumoScene, network: Path, demand: Demand, routes: Path, seed: int
 ) -> Trajectories:
-    """Run the traffic of `demand` through `network` and record `scene.frames_per_route` steps.
+    """Run the traffic of `demand`, written to `routes`, and record `scene.frames_per_route` steps.
 
-    `routes` is the file that `write_demand` wrote.
-
-    Raises:
-        ValueError: the town has no room for so many vehicles, or SUMO cannot read the network.
-        RuntimeError: a simulation already runs in this process; SUMO has room for one.
+    Raises ValueError if the town has no room for so many vehicles, or SUMO cannot read the network,
+    RuntimeError if a simulation already runs in this process: SUMO has room for one.
     """
     import libsumo
 
@@ -64,29 +62,27 @@ def simulate(
     index = {user.id: u for u, user in enumerate(users)}
     # x, y, z, angle and speed as SUMO returns them.
     state: NDArray[np.float64] = np.full((scene.frames_per_route, len(users), 5), np.nan)
-    reroute = Rerouting(demand, scene.seconds, np.random.default_rng(seed))
+    last = scene.warmup_steps + scene.frames_per_route * scene.frame_stride
+    rng = np.random.default_rng(seed)
     with _silent():
         libsumo.start(_command(network, routes, seed))
         try:
-            for _ in range(scene.warmup_steps):
+            for step in range(1, last + 1):
                 libsumo.simulationStep()
-                reroute()
-            for f in range(scene.frames_per_route):
-                for _ in range(scene.frame_stride):
-                    libsumo.simulationStep()
-                    reroute()
-                if f == 0 and (waiting := libsumo.simulation.getPendingVehicles()):
+                if step % CHECK_STEPS == 0:
+                    _reroute(demand, SPARE * scene.seconds, rng)
+                frame, rest = divmod(step - scene.warmup_steps, scene.frame_stride)
+                if rest or frame < 1:
+                    continue
+                if frame == 1 and (waiting := libsumo.simulation.getPendingVehicles()):
                     raise ValueError(
                         f"density {scene.density}: {len(waiting)} vehicles found no room in the "
                         "town before the first frame; ask for fewer or for a longer warm-up"
                     )
                 for domain in (libsumo.vehicle, libsumo.person):
                     for user in domain.getIDList():
-                        state[f, index[user]] = (
-                            *domain.getPosition3D(user),
-                            domain.getAngle(user),
-                            domain.getSpeed(user),
-                        )
+                        motion = domain.getAngle(user), domain.getSpeed(user)
+                        state[frame - 1, index[user]] = (*domain.getPosition3D(user), *motion)
         finally:
             libsumo.close()
     state[state[:, :, 0] == libsumo.constants.INVALID_DOUBLE_VALUE] = np.nan  # see TELEPORT_S
@@ -96,9 +92,8 @@ def simulate(
     back = np.array([0.0 if u.kind is PEDESTRIAN else u.length / 2 for u in users])
     x, y = state[:, :, 0] - back * np.cos(yaw), state[:, :, 1] - back * np.sin(yaw)
     time_s = np.arange(scene.frames_per_route, dtype=np.float64) * (scene.frame_stride * STEP_S)
-    return Trajectories(
-        users, time_s, np.stack([x, y, yaw], axis=2), state[:, :, 2], state[:, :, 4]
-    )
+    pose = np.stack([x, y, yaw], axis=2)
+    return Trajectories(users, time_s, pose, state[:, :, 2], state[:, :, 4])
 
 
 def _command(network: Path, routes: Path, seed: int) -> list[str]:
@@ -114,10 +109,7 @@ def _command(network: Path, routes: Path, seed: int) -> list[str]:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Send what C++ code writes to standard output and error to nowhere.
-
-    Not for errors: libsumo raises those with their message.
-    """
+    """Send what C++ code writes to standard output and error to nowhere; errors are raised."""
     null = os.open(os.devnull, os.O_WRONLY)
     kept = [os.dup(stream) for stream in (1, 2)]
     try:
@@ -131,36 +123,14 @@ def _silent() -> Iterator[None]:
         os.close(null)
 
 
-CHECK_STEPS = round(2 / STEP_S)
-"""Steps between looks at who waits."""
+def _reroute(demand: Demand, seconds: float, rng: np.random.Generator) -> None:
+    """Give vehicles that wait a new random walk from where they are."""
+    import libsumo
 
-PATIENCE_S = 30.0
-"""A vehicle that has stood for so long takes another way; most red lights are shorter."""
-
-
-class Rerouting:
-    """Call it after every step: it gives those who wait a new random walk from where they are."""
-
-    def __init__(self, demand: Demand, seconds: float, rng: np.random.Generator) -> None:
-        self._graphs = {
-            user.id: demand.drives[user.kind.sumo_class]
-            for user in demand.users
-            if user.kind.sumo_class in demand.drives
-        }
-        self._seconds = SPARE * seconds
-        self._rng = rng
-        self._steps = 0
-
-    def __call__(self) -> None:
-        import libsumo
-
-        self._steps += 1
-        if self._steps % CHECK_STEPS:
-            return
-        for vehicle in sorted(libsumo.vehicle.getIDList()):
-            if libsumo.vehicle.getWaitingTime(vehicle) < PATIENCE_S:
-                continue
-            graph = self._graphs[vehicle]
+    classes = {user.id: user.kind.sumo_class for user in demand.users}
+    for vehicle in sorted(libsumo.vehicle.getIDList()):
+        if libsumo.vehicle.getWaitingTime(vehicle) >= PATIENCE_S:
+            graph = demand.drives[classes[vehicle]]
             lane = graph.index.get(libsumo.vehicle.getLaneID(vehicle))
             if lane is not None:  # not within a junction
-                libsumo.vehicle.setRoute(vehicle, list(graph.walk(self._seconds, self._rng, lane)))
+                libsumo.vehicle.setRoute(vehicle, list(graph.walk(seconds, rng, lane)))

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
 CHANGE_M = 40.0
 """Edges shorter than this are no place to plan a change of lanes."""
-
 START_M = 10.0
 """Shorter lanes are no place to start: a truck and the gap to the next vehicle need as much."""
-
 TURNAROUND = "t"
 """SUMO's direction of a connection that leads back."""
 
@@ -81,13 +79,10 @@ def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
         found = {way for other in beside for way in onward.get(other.getID(), ())}
         ahead = {target for target, back in found if not back}
         ways[lane.getID()] = ahead or {target for target, _ in found}
-    return _component(
-        {
-            lane.getID(): (lane.getEdge().getID(), lane.getLength(), lane.getSpeed())
-            for lane in lanes
-        },
-        ways,
-    )
+    states = {
+        lane.getID(): (lane.getEdge().getID(), lane.getLength(), lane.getSpeed()) for lane in lanes
+    }
+    return _component(states, ways)
 
 
 def foot_graph(network: Net, speed: float) -> WalkGraph:
@@ -96,29 +91,24 @@ def foot_graph(network: Net, speed: float) -> WalkGraph:
     Needs a network that was read with its pedestrian connections.
     """
     joined = _joined_areas(network)
-    begins: dict[Any, int] = {}
-    ends: dict[Any, int] = {}
-    paths = [edge for edge in _edges(network) if edge.allows("pedestrian")]
-    for edge in paths:
-        for near, found in ((edge.getIncoming(), begins), (edge.getOutgoing(), ends)):
-            for other in near:
-                if other.getID() in joined:
-                    found[edge.getID()] = joined[other.getID()]
-    paths = [edge for edge in paths if edge.getID() in begins and edge.getID() in ends]
-    states = {}
+    states, first, last = {}, {}, {}
     starts = defaultdict(set)
-    for edge in paths:
-        name = edge.getID()
-        for way, first in ((1, begins[name]), (-1, ends[name])):
-            states[(name, way)] = (name, edge.getLength(), speed)
-            starts[first].add((name, way))
+    for edge in _edges(network):
+        sides = [
+            [joined[other.getID()] for other in near if other.getID() in joined]
+            for near in (edge.getIncoming(), edge.getOutgoing())
+        ]
+        if edge.allows("pedestrian") and all(sides):
+            begin, end = (areas[-1] for areas in sides)
+            for way, start, stop in ((1, begin, end), (-1, end, begin)):
+                state = (edge.getID(), way)
+                states[state] = (edge.getID(), edge.getLength(), speed)
+                first[state], last[state] = start, stop
+                starts[start].add(state)
     ways = {}
-    for edge in paths:
-        name = edge.getID()
-        for way, first, last in ((1, begins[name], ends[name]), (-1, ends[name], begins[name])):
-            on = {(other, w) for other, w in starts[last] if other != name}
-            far = {s for s in on if (ends if s[1] > 0 else begins)[s[0]] != first}
-            ways[(name, way)] = far or on
+    for state in states:
+        on = {other for other in starts[last[state]] if other[0] != state[0]}
+        ways[state] = {other for other in on if last[other] != first[state]} or on
     return _component(states, ways)
 
 
@@ -138,11 +128,8 @@ def _onward(lane: Lane, sumo_class: str) -> set[tuple[str, bool]]:
 
 def _joined_areas(network: Net) -> dict[str, int]:
     """Walking areas and crossings by id; equal numbers where crossings of a junction join them."""
-    areas = sorted(
-        edge.getID()
-        for edge in network.getEdges()
-        if edge.getFunction() in ("walkingarea", "crossing")
-    )
+    edges = network.getEdges()
+    areas = sorted(e.getID() for e in edges if e.getFunction() in ("walkingarea", "crossing"))
     index = {name: a for a, name in enumerate(areas)}
     arcs = [
         (a, index[other.getID()])
@@ -164,10 +151,8 @@ def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[
     arcs = [(index[key], index[way]) for key in keys for way in sorted(ways[key]) if way in index]
     labels = _components(len(keys), arcs, "strong")
     length = np.array([states[key][1] for key in keys], np.float64)
-    inner = np.array([labels[a] == labels[b] for a, b in arcs], bool)
-    sources = np.array([a for a, _ in arcs], np.int64)
     leads_on = np.zeros(len(keys), bool)
-    leads_on[sources[inner]] = True
+    leads_on[[a for a, b in arcs if labels[a] == labels[b]]] = True
     totals = np.bincount(labels, weights=length * leads_on) if len(keys) else np.zeros(1)
     kept = np.flatnonzero((labels == totals.argmax()) & leads_on)
     new = {int(old): k for k, old in enumerate(kept)}
