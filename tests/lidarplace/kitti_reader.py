@@ -29,28 +29,17 @@ class KittiObject:
         """The eight corners, camera frame, shape (8, 3); bits of the index tell the sides."""
         axis_x = np.array([np.cos(self.rotation_y), 0.0, -np.sin(self.rotation_y)])
         axis_z = np.array([np.sin(self.rotation_y), 0.0, np.cos(self.rotation_y)])
-        return np.array(
-            [
-                self.bottom
-                + (i - 0.5) * self.length * axis_x
-                + (j - 0.5) * self.width * axis_z
-                - k * self.height * np.array([0.0, 1.0, 0.0])
-                for i, j, k in itertools.product((0, 1), repeat=3)
-            ]
-        )
+        i, j, k = np.array([*itertools.product((0, 1), repeat=3)]).T[:, :, None]
+        beside = (i - 0.5) * self.length * axis_x + (j - 0.5) * self.width * axis_z
+        return self.bottom + beside - k * self.height * np.array([0.0, 1.0, 0.0])
 
     def holds(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
         """Which points of the camera frame, shape (n, 3), lie in the box."""
-        offset = points - self.bottom
+        x, y, z = (points - self.bottom).T
         cos, sin = np.cos(self.rotation_y), np.sin(self.rotation_y)
-        along = cos * offset[:, 0] - sin * offset[:, 2]
-        across = sin * offset[:, 0] + cos * offset[:, 2]
-        return (
-            (np.abs(along) <= self.length / 2 + margin)
-            & (np.abs(across) <= self.width / 2 + margin)
-            & (offset[:, 1] <= margin)
-            & (offset[:, 1] >= -self.height - margin)
-        )
+        inside = np.abs(cos * x - sin * z) <= self.length / 2 + margin
+        inside &= np.abs(sin * x + cos * z) <= self.width / 2 + margin
+        return inside & (y <= margin) & (y >= -self.height - margin)
 
 
 @dataclass
@@ -92,17 +81,8 @@ def read_frame(root: Path, stem: str) -> KittiFrame:
     objects = []
     for line in (root / "training" / "label_2" / f"{stem}.txt").read_text().splitlines():
         name, *numbers = line.split(" ")
-        value = [float(number) for number in numbers]
-        objects.append(
-            KittiObject(
-                name,
-                value[0],
-                int(value[1]),
-                value[2],
-                np.array(value[3:7]),
-                *value[7:10],
-                np.array(value[10:13]),
-                value[13],
-            )
-        )
+        truncated, occluded, alpha, *value = map(float, numbers)
+        image_box, size, bottom = np.array(value[:4]), value[4:7], np.array(value[7:10])
+        shown = (truncated, int(occluded), alpha, image_box)
+        objects.append(KittiObject(name, *shown, *size, bottom, value[10]))
     return KittiFrame(objects, points, raw[:, 3], projection)

@@ -1,23 +1,15 @@
 """What a box log holds, counted by hand."""
 
-import subprocess
-import sys
-
 import pandas as pd
+from typer.testing import CliRunner
 
 from lidarplace.commands.describe import describe
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS
+from sweeps.command_line import app
 
-FRAMES = pd.DataFrame(
-    {
-        "scene": ["a", "a", "b"],
-        "frame": [0, 1, 2],
-        "timestamp_s": 0.0,
-        "route": [0, 0, 1],
-        "split": ["train", "train", "test"],
-    }
-)
+FRAMES = pd.DataFrame({"scene": ["a", "a", "b"], "frame": [0, 1, 2], "timestamp_s": 0.0})
+FRAMES = FRAMES.assign(route=[0, 0, 1], split=["train", "train", "test"])
 
 
 def box(scene: str, frame: int, name: str, x: float, y: float = 0.0) -> tuple:
@@ -56,17 +48,11 @@ def test_a_log_without_boxes():
     assert (found.filter(like="Car") == 0).all(axis=None)
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "sweeps.main", "describe", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 def test_command(tmp_path):
     write_box_log(tmp_path / "log", BoxLog(BOXES, FRAMES))
-    done = run(str(tmp_path / "log"))
-    assert done.returncode == 0, done.stderr
+    done = CliRunner().invoke(app, ["describe", str(tmp_path / "log")])
+    assert done.exit_code == 0, done.stderr
     assert "0.67" in done.stdout
-    wrong = run(str(tmp_path / "none"))
-    assert wrong.returncode == 2
-    assert wrong.stderr.count("\n") == 1
+    wrong = CliRunner().invoke(app, ["describe", str(tmp_path / "none")])
+    assert (wrong.exit_code, wrong.stderr.count("\n")) == (2, 1)
     assert "none" in wrong.stderr

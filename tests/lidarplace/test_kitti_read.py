@@ -39,28 +39,20 @@ def folder_of(path: Path, labels: dict[str, str], calibration: str | None = None
 def test_boxes_of_hand_computed_labels(tmp_path) -> None:
     root = folder_of(tmp_path / "kitti", {"000004": f"{CAR}\n", "000009": ""})
     log = read_kitti(root)
-    assert log.frames[["scene", "frame", "split"]].values.tolist() == [
-        ["kitti", 4, "train"],
-        ["kitti", 9, "train"],
-    ]
+    frames = log.frames[["scene", "frame", "split"]].values.tolist()
+    assert frames == [["kitti", 4, "train"], ["kitti", 9, "train"]]
     box = log.boxes.iloc[0]
     assert (len(log.boxes), box["class"], box["frame"]) == (1, "Car", 4)
     # The camera is 0.27 m before the LiDAR and 1.73 - 0.08 m above the ground.
-    np.testing.assert_allclose(
-        box[list(GEOMETRY)].to_numpy(float),
-        [10, -1, 0.75, 4, 1.6, 1.5, 1.57 - np.pi / 2],
-        atol=1e-9,
-    )
-    write_box_log(tmp_path / "log", log)
-    again = read_box_log(tmp_path / "log")
-    pd.testing.assert_frame_equal(again.boxes, log.boxes)
-
-
-def test_a_log_without_boxes_can_be_written_and_read(tmp_path) -> None:
-    log = read_kitti(folder_of(tmp_path / "kitti", {"000004": ""}))
-    write_box_log(tmp_path / "log", log)
-    again = read_box_log(tmp_path / "log")
-    assert (len(again.boxes), again.frames["frame"].tolist()) == (0, [4])
+    expected = [10, -1, 0.75, 4, 1.6, 1.5, 1.57 - np.pi / 2]
+    np.testing.assert_allclose(box[list(GEOMETRY)].to_numpy(float), expected, atol=1e-9)
+    none = read_kitti(folder_of(tmp_path / "none", {"000004": ""}))
+    assert (len(none.boxes), none.frames["frame"].tolist()) == (0, [4])
+    for own in (log, none):
+        write_box_log(tmp_path / "log", own)
+        again = read_box_log(tmp_path / "log")
+        pd.testing.assert_frame_equal(again.boxes, own.boxes, check_dtype=False)
+        assert again.frames["frame"].tolist() == own.frames["frame"].tolist()
 
 
 def rotation(axis: str, angle: float) -> np.ndarray:
@@ -140,7 +132,7 @@ boxes_of_a_frame = st.lists(
 )
 
 
-@settings(derandomize=True, max_examples=50)
+@settings(derandomize=True, max_examples=25)
 @given(st.lists(st.tuples(boxes_of_a_frame, st.booleans()), min_size=1, max_size=4))
 def test_round_trip_is_exact_to_the_decimals(tmp_path_factory, drawn) -> None:
     root = tmp_path_factory.mktemp("kitti") / "out"
@@ -188,34 +180,17 @@ def test_types_and_class_map(tmp_path) -> None:
         read_kitti(root, class_map={"Bus": "my bus"})
 
 
-def test_the_lists_count_too_when_the_folder_below_is_named(tmp_path) -> None:
-    root = folder_of(tmp_path / "kitti", {"000000": CAR, "000001": CAR})
-    (root / "ImageSets").mkdir()
-    (root / "ImageSets" / "train.txt").write_text("000001\n")
-    (root / "ImageSets" / "val.txt").write_text("000000\n")
-    for folder in (root, root / "training"):
-        frames = read_kitti(folder).frames.set_index("frame")["split"]
-        assert frames.to_dict() == {0: "test", 1: "train"}
-
-
 def test_image_sets_choose_and_split(tmp_path) -> None:
     root = folder_of(tmp_path, {f"00000{i}": CAR for i in range(5)})
     (root / "ImageSets").mkdir()
     (root / "ImageSets" / "train.txt").write_text("000003\n000000\n\n")
     (root / "ImageSets" / "val.txt").write_text("000002")
     (root / "ImageSets" / "test.txt").write_text("000077")
-    frames = read_kitti(root).frames
-    assert frames[["frame", "route", "split"]].values.tolist() == [
-        [0, 0, "train"],
-        [2, 1, "test"],
-        [3, 0, "train"],
-    ]
+    for folder in (root, root / "training"):  # whose lists are next to it
+        frames = read_kitti(folder).frames[["frame", "route", "split"]].values.tolist()
+        assert frames == [[0, 0, "train"], [2, 1, "test"], [3, 0, "train"]]
     (root / "ImageSets" / "val.txt").write_text("000002\n7\n000008\n000003\n")
-    faults = [
-        "2: expected a number like",
-        "3: .*000008.txt is missing",
-        "4: frame 000003 is listed",
-    ]
+    faults = ["2: expected a number like", "3: .*000008.txt is missing", "4: frame 000003 is list"]
     with pytest.raises(ValueError, match=rf"val\.txt: line {faults[0]}"):
         read_kitti(root)
     skipped: list[str] = []
@@ -293,9 +268,8 @@ def test_a_broken_calibration_is_named_or_skipped(tmp_path, text, message) -> No
 
 
 def test_names_of_other_layouts_are_understood(tmp_path) -> None:
-    text = (
-        calibration_text().replace("R0_rect:", "R_rect").replace("Tr_velo_to_cam:", "Tr_velo_cam ")
-    )
+    text = calibration_text().replace("R0_rect:", "R_rect")
+    text = text.replace("Tr_velo_to_cam:", "Tr_velo_cam ")
     root = folder_of(tmp_path / "a", {"000000": CAR}, text + "S_rect_02: 1242 375\n")
     first = read_kitti(root).boxes[list(GEOMETRY)]
     plain = read_kitti(folder_of(tmp_path / "b", {"000000": CAR})).boxes[list(GEOMETRY)]
@@ -342,31 +316,21 @@ def test_clouds_are_cut_and_lifted(tmp_path) -> None:
     assert len(clouds[1]) == 0
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-@pytest.mark.parametrize("column", [0, 3])
-def test_bad_points_are_named_or_skipped(tmp_path, value, column) -> None:
-    points = np.tile([1.0, 2.0, -1.0, 0.5], (4, 1))
-    write_bin(tmp_path, 1, points)
-    points[2, column] = value
-    write_bin(tmp_path, 0, points)
-    with pytest.raises(ValueError, match=r"velodyne/000000\.bin: point 2 must be finite"):
-        read_kitti_clouds(tmp_path, [1, 0], CROP)
-    skipped: list[str] = []
-    clouds = read_kitti_clouds(tmp_path, [1, 0], CROP, skipped=skipped)
-    assert ([len(cloud) for cloud in clouds], len(skipped)) == ([4, 3], 1)
-
-
-def test_bad_cloud_files_are_named_or_skipped(tmp_path) -> None:
+def test_bad_points_and_files_are_named_or_skipped(tmp_path) -> None:
     path = write_bin(tmp_path, 3, np.zeros((2, 4)))
     path.write_bytes(path.read_bytes()[:-3])
-    write_bin(tmp_path, 4, np.array([[1, 2, 3, 200.0]]))
+    good = [1.0, 2.0, 1.0, 0.5]
+    write_bin(tmp_path, 4, np.array([good, [np.nan, *good[1:]], [*good[:3], np.inf], good]))
+    write_bin(tmp_path, 5, np.array([[1, 2, 3, 200.0]]))
     for frame, message in (
         (1, r"000001\.bin: no such file"),
         (3, r"000003\.bin: 29 bytes are no multiple of 16"),
-        (4, r"000004\.bin: point 0 must be finite, with an intensity in \[0, 1\]"),
+        (4, r"velodyne/000004\.bin: point 1 must be finite"),
+        (5, r"000005\.bin: point 0 must be finite, with an intensity in \[0, 1\]"),
     ):
         with pytest.raises(ValueError, match=message):
             read_kitti_clouds(tmp_path, [frame], CROP)
     skipped: list[str] = []
-    clouds = read_kitti_clouds(tmp_path, [1, 3, 4], CROP, skipped=skipped)
-    assert (clouds.frames.tolist(), len(skipped)) == ([4], 3)
+    clouds = read_kitti_clouds(tmp_path, [1, 3, 4, 5], CROP, skipped=skipped)
+    assert clouds.frames.tolist() == [4, 5]
+    assert ([len(cloud) for cloud in clouds], len(skipped)) == ([2, 0], 5)
