@@ -1,7 +1,5 @@
 """Frames in the layouts for programs of others, read back by our readers."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +7,7 @@ import pytest
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.detections.read import read_detections
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
 from lidarplace.scenes.layouts import write_layout
@@ -22,32 +20,17 @@ CLASSES = ("Car", "Cyclist", "Pedestrian")
 def world():
     """Frames of two scenes, one of which has both splits; their boxes and clouds."""
     random = np.random.default_rng(0)
-    frames = pd.DataFrame(
-        {
-            "scene": ["a b", "a b", "a b", "c", "c"],
-            "frame": [3, 1, 2, 10, 11],
-            "timestamp_s": [0.2, 0.0, 0.1, 5.0, 5.5],
-            "route": [0, 0, 0, 1, 1],
-            "split": ["test", "train", "train", "train", "test"],
-        }
-    )
-    boxes = pd.DataFrame(
-        [
-            (row.scene, row.frame, row.timestamp_s, f"{name}-{k}", name)
-            for row in frames.itertuples()
-            for name in CLASSES
-            for k in range(2)
-        ],
-        columns=list(BOX_COLUMNS[:5]),
-    )
+    rows = [("a b", 3, 0.2, 0, "test"), ("a b", 1, 0.0, 0, "train"), ("a b", 2, 0.1, 0, "train")]
+    rows += [("c", 10, 5.0, 1, "train"), ("c", 11, 5.5, 1, "test")]
+    frames = pd.DataFrame(rows, columns=list(FRAME_COLUMNS))
+    named = [(*row[:3], f"{name}-{k}", name) for row in rows for name in CLASSES for k in range(2)]
+    boxes = pd.DataFrame(named, columns=list(BOX_COLUMNS[:5]))
     for name, low, high in (("x", 5, 40), ("y", -20, 20), ("z", 0.5, 1), ("yaw", -3, 3)):
         boxes[name] = random.uniform(low, high, len(boxes))
     boxes = boxes.assign(length=4.0, width=2.0, height=1.5, occluded=0)
     labels = boxes[boxes["frame"].isin([1, 2, 10])]
     points = {
-        frame: np.concatenate(
-            [own[list("xyz")].to_numpy(), np.linspace(0, 1, len(own))[:, None]], axis=1
-        ).astype(np.float32)
+        frame: np.c_[own[list("xyz")], np.linspace(0, 1, len(own))].astype(np.float32)
         for frame, own in boxes.groupby("frame")
     }
     clouds = PointClouds.from_frames(list(points), ((p, [len(p)]) for p in points.values()), CROP)
@@ -88,23 +71,16 @@ def test_plain(world, tmp_path):
     assert splits[3] == "test"
 
 
-def as_detections(layout: str, out: Path, folder: Path) -> None:
-    """The labels of a written layout as files of detections."""
-    folder.mkdir()
-    if layout == "kitti":
-        for path in (out / "training/label_2").iterdir():
-            lines = path.read_text().splitlines()
-            (folder / path.name).write_text("".join(f"{line} 0.5\n" for line in lines))
-    else:
-        boxes = pd.read_parquet(out / "boxes.parquet").assign(score=0.5)
-        boxes.to_parquet(folder / "found.parquet")
-
-
 @pytest.mark.parametrize("layout", ["kitti", "parquet"])
 def test_labels_fed_back_as_detections_are_the_labels(layout, world, tmp_path):
     frames, labels, clouds = world
-    told = write_layout(layout, tmp_path / "out", frames, labels, clouds)
-    as_detections(layout, tmp_path / "out", tmp_path / "found")
-    log = BoxLog(labels[:0], told)
-    found = read_detections([tmp_path / "found"], log, CLASSES, layout=layout)
+    log = BoxLog(labels[:0], write_layout(layout, tmp_path / "out", frames, labels, clouds))
+    (folder := tmp_path / "found").mkdir()
+    if layout == "kitti":
+        for path in (tmp_path / "out/training/label_2").iterdir():
+            (folder / path.name).write_text(path.read_text().replace("\n", " 0.5\n"))
+    else:
+        boxes = pd.read_parquet(tmp_path / "out/boxes.parquet").assign(score=0.5)
+        boxes.to_parquet(folder / "found.parquet")
+    found = read_detections([folder], log, CLASSES, layout=layout)
     check_boxes(found, labels, 0.006 if layout == "kitti" else 1e-9)
