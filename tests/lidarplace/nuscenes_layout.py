@@ -58,22 +58,12 @@ def write_nuscenes(folder: Path, scenes: list, categories: list) -> Path:
         for name in categories
     }
     sensor = {name: add("sensor", channel=name, modality=CHANNELS[name]) for name in CHANNELS}
-    calibrated = {
-        name: add(
-            "calibrated_sensor",
-            sensor_token=sensor[name],
-            translation=[0.943713, 0.0, 1.84023],
-            rotation=[0.707, -0.006, 0.01, -0.707],
-            camera_intrinsic=[],
-        )
-        for name in CHANNELS
-    }
-    log = {
-        name: add(
-            "log", logfile=name, vehicle=name, date_captured="2018-07-24", location="boston-seaport"
-        )
-        for name in dict.fromkeys(scene.log for scene in scenes)
-    }
+    at = {"translation": [0.943713, 0.0, 1.84023], "rotation": [0.707, -0.006, 0.01, -0.707]}
+    at["camera_intrinsic"] = []
+    calibrated = {c: add("calibrated_sensor", sensor_token=sensor[c], **at) for c in CHANNELS}
+    day = {"date_captured": "2018-07-24", "location": "boston-seaport"}
+    logs = dict.fromkeys(scene.log for scene in scenes)
+    log = {name: add("log", logfile=name, vehicle=name, **day) for name in logs}
     add("map", log_tokens=list(log.values()), category="semantic_prior", filename="maps/m.png")
 
     for scene in scenes:
@@ -83,64 +73,34 @@ def write_nuscenes(folder: Path, scenes: list, categories: list) -> Path:
             add("sample", timestamp=s.timestamp, prev="", next="", scene_token=scene_token)
             for s in scene.samples
         ]
-        tables["scene"].append(
-            {
-                "token": scene_token,
-                "log_token": log[scene.log],
-                "nbr_samples": len(samples),
-                "first_sample_token": samples[0],
-                "last_sample_token": samples[-1],
-                "name": scene.name,
-                "description": "Parked cars, turn left",
-            }
-        )
+        row = {"token": scene_token, "log_token": log[scene.log], "nbr_samples": len(samples)}
+        row |= {"first_sample_token": samples[0], "last_sample_token": samples[-1]}
+        tables["scene"].append(row | {"name": scene.name, "description": "Parked cars, turn left"})
         for sample_token, sample in zip(samples, scene.samples, strict=True):
             # The pose that counts is the LiDAR's at the key frame; the others are elsewhere.
             for channel, is_key in itertools.product(CHANNELS, (True, False)):
-                right = channel == "LIDAR_TOP" and is_key
-                pose = add(
-                    "ego_pose",
-                    timestamp=sample.timestamp,
-                    rotation=list(sample.rotation) if right else [0.0, 1.0, 0.0, 0.0],
-                    translation=list(sample.translation) if right else [-999.0, 77.0, 5.0],
-                )
-                add(
-                    "sample_data",
-                    sample_token=sample_token,
-                    ego_pose_token=pose,
-                    calibrated_sensor_token=calibrated[channel],
-                    timestamp=sample.timestamp + (0 if right else 4321),
-                    fileformat="jpg" if channel == "CAM_FRONT" else "pcd",
-                    is_key_frame=is_key,
-                    height=900 if channel == "CAM_FRONT" else 0,
-                    width=1600 if channel == "CAM_FRONT" else 0,
-                    filename=f"samples/{channel}/{sample.timestamp}",
-                    prev="",
-                    next="",
-                )
+                right, photo = channel == "LIDAR_TOP" and is_key, channel == "CAM_FRONT"
+                turned = list(sample.rotation) if right else [0.0, 1.0, 0.0, 0.0]
+                place = list(sample.translation) if right else [-999.0, 77.0, 5.0]
+                pose = {"timestamp": sample.timestamp, "rotation": turned, "translation": place}
+                links = {"sample_token": sample_token, "ego_pose_token": add("ego_pose", **pose)}
+                links["calibrated_sensor_token"] = calibrated[channel]
+                image = {"height": 900 * photo, "width": 1600 * photo}
+                image |= {"fileformat": "jpg" if photo else "pcd", "is_key_frame": is_key}
+                image |= {"filename": f"samples/{channel}/{sample.timestamp}"}
+                time = sample.timestamp + (0 if right else 4321)
+                add("sample_data", **links, timestamp=time, **image, prev="", next="")
             for box in sample.boxes:
                 if box.instance not in instances:
-                    instances[box.instance] = add(
-                        "instance",
-                        category_token=category[box.category],
-                        nbr_annotations=1,
-                        first_annotation_token="",
-                        last_annotation_token="",
-                    )
-                add(
-                    "sample_annotation",
-                    sample_token=sample_token,
-                    instance_token=instances[box.instance],
-                    visibility_token="4",
-                    attribute_tokens=[moving],
-                    translation=list(box.translation),
-                    size=list(box.size),
-                    rotation=list(box.rotation),
-                    prev="",
-                    next="",
-                    num_lidar_pts=5,
-                    num_radar_pts=0,
-                )
+                    ends = {"first_annotation_token": "", "last_annotation_token": ""}
+                    kind = {"category_token": category[box.category], "nbr_annotations": 1}
+                    instances[box.instance] = add("instance", **kind, **ends)
+                links = {"sample_token": sample_token, "instance_token": instances[box.instance]}
+                links |= {"visibility_token": "4", "attribute_tokens": [moving]}
+                names = ("translation", "size", "rotation")
+                geometry = {name: list(getattr(box, name)) for name in names}
+                counts = {"num_lidar_pts": 5, "num_radar_pts": 0}
+                add("sample_annotation", **links, **geometry, prev="", next="", **counts)
     folder.mkdir(parents=True)
     shuffle = random.Random(7).shuffle
     for name, rows in tables.items():

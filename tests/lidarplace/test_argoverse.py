@@ -9,14 +9,7 @@ import pytest
 from argoverse_layout import LEVEL, Box, Log, write_argoverse
 from scipy.spatial.transform import Rotation
 
-from lidarplace.logs.boxes import (
-    BOX_COLUMNS,
-    CLASSES,
-    FRAME_COLUMNS,
-    FULL_POSE_COLUMNS,
-    POSE_COLUMNS,
-    check_boxes,
-)
+from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, IGNORE
 from tests.refused import refused
@@ -56,25 +49,18 @@ def test_poses_agree_with_scipy_box_by_box(tmp_path):
         time: (tuple(rng.normal(size=4)), tuple(rng.uniform(-900, 900, 3)))
         for time in rng.permutation(times).tolist()
     }
-    boxes = [
-        Box(
-            time,
-            "PEDESTRIAN",
-            tuple(rng.uniform(-80, 80, 3)),
-            tuple(rng.uniform(0.3, 2, 3)),
-            tuple(rng.normal(size=4)),
-        )
-        for time in rng.choice(times, 100).tolist()
-    ]
+    boxes = []
+    for time in rng.choice(times, 100).tolist():
+        own = rng.uniform(-80, 80, 3), rng.uniform(0.3, 2, 3), rng.normal(size=4)
+        boxes.append(Box(time, "PEDESTRIAN", *map(tuple, own)))
     log = read_argoverse(write_argoverse(tmp_path, [Log("val", "a", boxes, poses, times)]))
     boxes.sort(key=lambda box: box.timestamp_ns)
     for row, box in zip(log.boxes.to_dict("records"), boxes, strict=True):
         assert times[row["frame"]] == box.timestamp_ns
         w, x, y, z = box.rotation
         nose = Rotation.from_quat([x, y, z, w]).apply([box.size[0] / 2, 0, 0])
-        np.testing.assert_allclose(
-            (row["x"] + AHEAD, row["y"], row["z"] - HEIGHT), box.translation, atol=1e-12
-        )
+        place = row["x"] + AHEAD, row["y"], row["z"] - HEIGHT
+        np.testing.assert_allclose(place, box.translation, atol=1e-12)
         assert math.isclose(row["yaw"], math.atan2(nose[1], nose[0]), abs_tol=1e-12)
     for row, time in zip(log.frames.to_dict("records"), times, strict=True):
         (w, x, y, z), place = poses[time]
@@ -87,43 +73,26 @@ def test_poses_agree_with_scipy_box_by_box(tmp_path):
 def test_logs_splits_and_empty_sweeps(tmp_path):
     times = sorted(HERE)
     logs = [
-        Log("val", "b", [car(times[2]), car(times[0])], HERE, times[:3]),
+        Log("val", "b", [car(times[2]), car(times[0], track="other")], HERE, times[1:3]),
         Log("train", "d", [car(times[3]), car(times[1])], HERE),
         Log("train", "c", [], HERE, times[:2]),
     ]
     folder = write_argoverse(tmp_path / "sensor", logs)
     log = read_argoverse(folder)
     assert list(log.boxes.columns) == [*BOX_COLUMNS, "points"]
-    assert {*FRAME_COLUMNS, *POSE_COLUMNS, *FULL_POSE_COLUMNS} < set(log.frames.columns)
+    assert {"route", *POSE_COLUMNS, "ego_z", "ego_roll"} < set(log.frames.columns)
     check_boxes(log.boxes)
     frames = log.frames
     assert frames["frame"].tolist() == list(range(7))
     assert frames["scene"].tolist() == list("ccddbbb")
     assert frames["route"].tolist() == [0, 0, 1, 1, 2, 2, 2]
     assert frames["split"].tolist() == ["train"] * 4 + ["test"] * 3
-    # Log d has no sweeps, so its frames are those with boxes.
+    # Log d has no sweeps, so its frames are those with boxes; log b lacks the sweep of one.
     np.testing.assert_allclose(frames["timestamp_s"], [0, 0.1, 0, 0.2, 0, 0.1, 0.2], atol=1e-12)
     assert log.boxes["frame"].tolist() == [2, 3, 4, 6]
     np.testing.assert_allclose(log.boxes["timestamp_s"], [0, 0.2, 0, 0.2], atol=1e-12)
+    assert log.boxes["object_id"].tolist() == ["022c398c", "022c398c", "other", "022c398c"]
     assert set(read_argoverse(folder, splits=["val"]).frames["scene"]) == {"b"}
-
-
-def test_a_log_with_some_of_its_sweeps_has_all_annotated_frames(tmp_path):
-    times = sorted(HERE)
-    boxes = [car(times[0]), car(times[2], track="other")]
-    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE, [times[1], times[2]])])
-    log = read_argoverse(folder)
-    np.testing.assert_allclose(log.frames["timestamp_s"], [0, 0.1, 0.2], atol=1e-12)
-    assert log.boxes["frame"].tolist() == [0, 2]
-    assert log.boxes["object_id"].tolist() == ["022c398c", "other"]
-
-
-def test_the_vehicle_itself_is_no_object(tmp_path):
-    boxes = [car(), Box(START, "EGO_VEHICLE", (1.4, 0.0, 0.5), track="ego")]
-    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE)])
-    ignored = Counter()
-    assert read_argoverse(folder, ignored=ignored).boxes["object_id"].tolist() == ["022c398c"]
-    assert ignored == {"EGO_VEHICLE": 1}
 
 
 def test_classes(tmp_path):

@@ -8,14 +8,7 @@ import pytest
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 from lidarplace.logs.box_log import read_box_log, write_box_log
-from lidarplace.logs.boxes import (
-    BOX_COLUMNS,
-    CLASSES,
-    FRAME_COLUMNS,
-    FULL_POSE_COLUMNS,
-    POSE_COLUMNS,
-    check_boxes,
-)
+from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
 
@@ -74,9 +67,8 @@ def test_a_vehicle_on_a_slope(tmp_path):
     ahead, left, up = 12.0, 3.0, 0.8
     place = (5 + ahead * cos + up * sin, 7 + left, 2 - ahead * sin + up * cos)
     box, frame = one_box(tmp_path, Box("vehicle.car", place, rotation=down), (5.0, 7.0, 2.0), down)
-    np.testing.assert_allclose(
-        box[["x", "y", "z", "yaw"]].to_numpy(float), (ahead - AHEAD, left, up, 0), atol=1e-12
-    )
+    found = box[["x", "y", "z", "yaw"]].to_numpy(float)
+    np.testing.assert_allclose(found, (ahead - AHEAD, left, up, 0), atol=1e-12)
     pose = frame[list(POSE_COLUMNS)].to_numpy(float)
     np.testing.assert_allclose(pose, (5 + AHEAD * cos, 7, 0), atol=1e-12)
 
@@ -88,23 +80,16 @@ def test_corners_agree_with_matrices(tmp_path):
     corners[:, 3] = 1
     expected, samples = [], []
     for n in range(20):
-        ego = (
-            rng.uniform(-500, 500, 3),
-            product(turn((0, 0, 1), rng.uniform(-3, 3)), turn(rng.normal(size=3), 0.3)),
-        )
+        tilted = product(turn((0, 0, 1), rng.uniform(-3, 3)), turn(rng.normal(size=3), 0.3))
+        ego = (rng.uniform(-500, 500, 3), tilted)
         own = (rng.uniform(-50, 50, 3), turn((0, 0, 1), rng.uniform(-3, 3)))
         size = rng.uniform(0.5, 6, 3)  # length, width, height
         world = matrix(*ego) @ matrix(*own)
-        expected.append((world, corners * [*size, 1]))
-        box = Box(
-            "vehicle.car",
-            tuple(world[:3, 3]),
-            tuple(size[[1, 0, 2]]),
-            tuple(rng.uniform(0.5, 2) * np.array(product(ego[1], own[1]))),  # of any length
-            f"{n}",
-        )
+        expected.append((world, corners * [*size, 1], matrix(*ego)))
+        turned = rng.uniform(0.5, 2) * np.array(product(ego[1], own[1]))  # of any length
+        geometry = map(tuple, (world[:3, 3], size[[1, 0, 2]], turned))
+        box = Box("vehicle.car", *geometry, f"{n}")
         samples.append(Sample(START + n, [box], tuple(ego[0]), tuple(ego[1])))
-        expected[-1] += (matrix(*ego),)
     folder = write_nuscenes(tmp_path / "v1.0-mini", [Scene("scene-1", samples)], CATEGORIES)
     log = read_nuscenes(folder)
     assert log.boxes["frame"].tolist() == list(range(20))
@@ -123,19 +108,17 @@ def test_corners_agree_with_matrices(tmp_path):
 
 def town(scenes=10):
     """Two recordings' worth of scenes by turns, two frames each, the second of them empty."""
-    car = Box("vehicle.car", (9.0, 0.0, 1.0))
-    return [
-        Scene(
-            f"scene-{n:04d}", [Sample(START + n, [car]), Sample(START + n + 500_000)], f"{n // 2}"
-        )
-        for n in reversed(range(scenes))
-    ]
+    car, found = Box("vehicle.car", (9.0, 0.0, 1.0)), []
+    for n in reversed(range(scenes)):
+        samples = [Sample(START + n, [car]), Sample(START + n + 500_000)]
+        found.append(Scene(f"scene-{n:04d}", samples, f"{n // 2}"))
+    return found
 
 
 def test_every_sample_is_a_frame(tmp_path):
     log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
     assert list(log.boxes.columns) == [*BOX_COLUMNS, "points"]
-    assert {*FRAME_COLUMNS, *POSE_COLUMNS, *FULL_POSE_COLUMNS} < set(log.frames.columns)
+    assert {"route", *POSE_COLUMNS, "ego_z", "ego_roll"} < set(log.frames.columns)
     check_boxes(log.boxes)
     assert log.frames["frame"].tolist() == list(range(20))
     assert log.frames["scene"].tolist() == [f"scene-{n // 2:04d}" for n in range(20)]
@@ -143,6 +126,16 @@ def test_every_sample_is_a_frame(tmp_path):
     assert log.frames["timestamp_s"].tolist() == [0.0, 0.5] * 10
     assert log.boxes["frame"].tolist() == list(range(0, 20, 2))
     assert log.boxes["object_id"].nunique() == 10
+    # Counts and rigs come along.
+    assert set(log.boxes["points"]) == {5}
+    assert list(log.rigs) == log.frames["scene"].unique().tolist()
+    rig = log.rigs["scene-0003"]
+    assert rig.names == ("LIDAR_TOP",)
+    (mount,) = rig.placement.mounts
+    np.testing.assert_allclose(mount.position, [0.943713 - 1.294, 0, 1.84023], atol=1e-12)
+    # 20 Hz: half the steps of the catalogue's.
+    (lidar,) = rig.placement.lidars
+    assert (lidar.beams, lidar.azimuth_steps) == (32, 1084)
     write_box_log(tmp_path / "log", log)
     read = read_box_log(tmp_path / "log")
     assert read.boxes["x"].tolist() == log.boxes["x"].tolist()
@@ -176,12 +169,6 @@ def test_classes(tmp_path):
     assert ignored == {name: 1 for name, value in NUSCENES.items() if value == IGNORE}
     own = read_nuscenes(folder, class_map={"vehicle.bus.rigid": "Car", "vehicle.truck": IGNORE})
     assert own.boxes["class"].value_counts()[list(CLASSES)].tolist() == [3, 3, 4]
-
-
-def test_own_names(tmp_path):
-    boxes = [Box(name, (9.0, 0.0, 1.0), instance=name) for name in sorted(NUSCENES)]
-    scenes = [Scene("scene-0001", [Sample(START, boxes)])]
-    folder = write_nuscenes(tmp_path / "v1.0-mini", scenes, [*NUSCENES, "flat.sidewalk"])
     ignored = Counter()
     log = read_nuscenes(folder, class_map=named_class_map("own"), ignored=ignored)
     kept = {name for name in NUSCENES if name.startswith(("human.", "vehicle."))}
@@ -204,16 +191,3 @@ def test_the_public_test_set_has_no_boxes(tmp_path):
     folder = write_nuscenes(tmp_path / "v1.0-test", [Scene("scene-1", [Sample(START)])], CATEGORIES)
     with pytest.raises(ValueError, match=r"sample_annotation\.json: has no boxes"):
         read_nuscenes(folder)
-
-
-def test_counts_and_the_rig_come_along(tmp_path):
-    log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
-    assert set(log.boxes["points"]) == {5}
-    assert list(log.rigs) == log.frames["scene"].unique().tolist()
-    rig = log.rigs["scene-0003"]
-    assert rig.names == ("LIDAR_TOP",)
-    (mount,) = rig.placement.mounts
-    np.testing.assert_allclose(mount.position, [0.943713 - 1.294, 0, 1.84023], atol=1e-12)
-    # 20 Hz: half the steps of the catalogue's.
-    (lidar,) = rig.placement.lidars
-    assert (lidar.beams, lidar.azimuth_steps) == (32, 1084)

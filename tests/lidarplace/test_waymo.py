@@ -4,13 +4,13 @@ import math
 from collections import Counter
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.datasets.waymo import read_waymo
 from tests.lidarplace.waymo_layout import Box, Segment, write_waymo
+from tests.refused import refused
 
 AHEAD = 1.5
 START = 1_550_083_467_346_370
@@ -28,24 +28,17 @@ def test_boxes_and_poses_by_hand(tmp_path):
     ]
     poses = {START + 100_000: turned, START: HERE, START + 200_000: HERE}
     ignored = Counter()
-    log = read_waymo(
-        write_waymo(tmp_path, [Segment("training", "s1", poses, boxes)]), ignored=ignored
-    )
+    folder = write_waymo(tmp_path, [Segment("training", "s1", poses, boxes)])
+    log = read_waymo(folder, ignored=ignored)
     assert ignored == {"TYPE_SIGN": 1}
     assert log.frames["timestamp_s"].tolist() == [0.0, 0.1, 0.2], "in order, an empty one too"
     assert log.frames["source"].tolist() == [f"s1/{START + n * 100_000}" for n in range(3)]
-    np.testing.assert_allclose(
-        log.frames[list(POSE_COLUMNS)],
-        [[AHEAD, 0, 0], [10.0, 20.0 + AHEAD, math.pi / 2], [AHEAD, 0, 0]],
-        atol=1e-12,
-    )
+    ego = [[AHEAD, 0, 0], [10.0, 20.0 + AHEAD, math.pi / 2], [AHEAD, 0, 0]]
+    np.testing.assert_allclose(log.frames[list(POSE_COLUMNS)], ego, atol=1e-12)
     assert log.boxes["object_id"].tolist() == ["car", "rider"]
     assert log.boxes["class"].tolist() == ["Car", "Cyclist"]
-    np.testing.assert_allclose(
-        log.boxes[list(GEOMETRY)],
-        [[18.5, 3.0, 0.8, 4.5, 1.9, 1.6, -3.0], [10.5, -2.0, 0.9, 1.8, 0.7, 1.7, 0.3]],
-        atol=1e-12,
-    )
+    expected = [[18.5, 3.0, 0.8, 4.5, 1.9, 1.6, -3.0], [10.5, -2.0, 0.9, 1.8, 0.7, 1.7, 0.3]]
+    np.testing.assert_allclose(log.boxes[list(GEOMETRY)], expected, atol=1e-12)
 
 
 def test_an_object_that_stands_stays_where_it_is(tmp_path):
@@ -82,35 +75,6 @@ def test_segments_and_splits(tmp_path):
     assert (len(only.frames), len(only.boxes)) == (1, 0)
 
 
-def wrong(path, **columns):
-    """The table with other columns; None: without it."""
-    table = pd.read_parquet(path)
-    for name, value in columns.items():
-        full = next(column for column in table.columns if column.endswith(name))
-        table = table.drop(columns=full) if value is None else table.assign(**{full: [value]})
-    table.to_parquet(path)
-
-
-@pytest.mark.parametrize(
-    ("component", "columns", "told"),
-    [
-        ("lidar_box", {"heading": None}, r"\[LiDARBoxComponent\].box.heading: missing"),
-        ("lidar_box", {"transform": 0}, ""),
-        ("vehicle_pose", {"transform": [0.0] * 16}, "world_from_vehicle.transform: "),
-    ],
-)
-def test_wrong_tables(component, columns, told, tmp_path):
-    write_waymo(tmp_path, [Segment("training", "s", {5: HERE}, [Box(5, 1, (9.0, 0.0, 1.0))])])
-    path = tmp_path / "training" / component / "s.parquet"
-    if not told:
-        path.unlink()
-        told = "must hold a file for each segment"
-    else:
-        wrong(path, **columns)
-    with pytest.raises(ValueError, match=told):
-        read_waymo(tmp_path)
-
-
 def test_counts_and_the_rig_come_along(tmp_path):
     extrinsic = np.eye(4)
     extrinsic[:3, :3] = Rotation.from_euler("z", 30, degrees=True).as_matrix()
@@ -137,7 +101,5 @@ def test_counts_and_the_rig_come_along(tmp_path):
 def test_a_wrong_calibration_is_named(tmp_path):
     lidars = {7: (np.eye(4), [-1.0, 0.5])}
     write_waymo(tmp_path, [Segment("training", "s", {START: HERE}, [], lidars)])
-    with pytest.raises(
-        ValueError, match=r"s\.parquet: key\.laser_name must be 1 to 5, found \[7\]"
-    ):
+    with refused(r"s\.parquet: key\.laser_name must be 1 to 5, found \[7\]"):
         read_waymo(tmp_path)

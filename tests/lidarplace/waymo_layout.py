@@ -37,15 +37,17 @@ class Segment:
 def write_waymo(folder: Path, segments: list) -> Path:
     for segment in segments:
         keys = {"key.segment_context_name": pa.array([segment.name] * len(segment.boxes))}
+        sides = {
+            f"{part}.{axis}": [getattr(b, attribute)[i] for b in segment.boxes]
+            for part, attribute in (("center", "centre"), ("size", "size"))
+            for i, axis in enumerate("xyz")
+        }
         columns = {
             "key.frame_timestamp_micros": pa.array([b.time_us for b in segment.boxes], pa.int64()),
             "key.laser_object_id": pa.array([b.name for b in segment.boxes], pa.string()),
             **{
-                f"{BOX}.box.{part}.{axis}": pa.array(
-                    [getattr(b, attribute)[i] for b in segment.boxes], pa.float64()
-                )
-                for part, attribute in (("center", "centre"), ("size", "size"))
-                for i, axis in enumerate("xyz")
+                f"{BOX}.box.{name}": pa.array(values, pa.float64())
+                for name, values in sides.items()
             },
             f"{BOX}.box.heading": pa.array([b.heading for b in segment.boxes], pa.float64()),
             f"{BOX}.type": pa.array([b.kind for b in segment.boxes], pa.int8()),

@@ -165,7 +165,7 @@ def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: st
     try:
         return Poses(matrices[:, :3, 3], Rotation.from_matrix(matrices[:, :3, :3]))
     except ValueError as error:  # a matrix that is no rotation
-        raise ValueError(f"{source}: {column}: {error}") from None
+        raise ValueError(f"{source}: {column}: {' '.join(str(error).split())}") from None
 
 
 def _boxes(
