@@ -15,8 +15,6 @@ TIME = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 START_S = 1_760_000_000
 """Since 1970, of the first frame of every drive."""
 CATEGORIES = {"Car": "passenger_car", "Cyclist": "bicyclist", "Pedestrian": "person"}
-
-
 RATE_HZ = 10
 SIZES = {"Car": (4.4, 1.8, 1.5), "Cyclist": (1.8, 0.6, 1.7), "Pedestrian": (0.6, 0.6, 1.8)}
 
@@ -72,20 +70,10 @@ def write_in_manner(log: BoxLog, manner: Manner) -> pd.DataFrame:
 def mapping_of(log: BoxLog, manner: Manner) -> dict[str, object]:
     """The mapping that tells all of this."""
     poses = {"poses": {"x": "host_x", "y": "host_y", "yaw": "host_heading"}, "coordinates": "world"}
+    keys = "drive time object category x y z length width height yaw"
+    names = "recording stamp track kind posX posY posZ len wid hgt heading"
     return {
-        "columns": {
-            "drive": "recording",
-            "time": "stamp",
-            "object": "track",
-            "category": "kind",
-            "x": "posX",
-            "y": "posY",
-            "z": "posZ",
-            "length": "len",
-            "width": "wid",
-            "height": "hgt",
-            "yaw": "heading",
-        },
+        "columns": dict(zip(keys.split(), names.split(), strict=True)),
         "units": {key: getattr(manner, key) for key in ("position", "size", "angle", "time")},
         "box_z": manner.box_z,
         "origin": dict(zip("xyz", manner.origin, strict=True)),
@@ -104,9 +92,7 @@ def traffic(
     boxes, rows = [], []
     for drive in range(drives):
         place = random.uniform(-30, 30, (objects, 2))
-        heading = (
-            random.uniform(-0.05, 0.05, objects) if straight else random.uniform(-3, 3, objects)
-        )
+        heading = random.uniform(-1, 1, objects) * (0.05 if straight else 3.0)
         speed = random.uniform(2, 12, objects)
         kind = [list(CATEGORIES)[k % 3] for k in range(objects)]
         size = [SIZES[name] for name in kind]

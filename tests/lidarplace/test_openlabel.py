@@ -21,9 +21,8 @@ AXLE = (-1.4, 0.0, 0.3)
 
 def test_a_file_of_the_formats_library():
     ignored = Counter()
-    log = read_openlabel(
-        DRIVE, origin=AXLE, class_map={"kiosk": "Car", "Pedestrian": "ignore"}, ignored=ignored
-    )
+    own = {"kiosk": "Car", "Pedestrian": "ignore"}
+    log = read_openlabel(DRIVE, origin=AXLE, class_map=own, ignored=ignored)
     assert ignored == {"Pedestrian": 2}
     assert log.frames["timestamp_s"].tolist() == [0.0, 0.5]
     # The vehicle stands at the origin of the world, then 2 m ahead, turned by 0.2.
@@ -31,17 +30,10 @@ def test_a_file_of_the_formats_library():
     ego = [[1.4, 0.0, 0.0], [2 + 1.4 * c, 1.4 * s, 0.2]]
     np.testing.assert_allclose(log.frames[list(POSE_COLUMNS)], ego, atol=1e-12)
     # The kiosk stands at (30, 0) of the world; in the second frame it is seen from there.
-    seen = [28 * c - 1.4, -28 * s, 1.3, 3.0, 3.0, 2.0, -0.2]
-    np.testing.assert_allclose(
-        log.boxes[list(GEOMETRY)],
-        [
-            [8.6, 2.0, 0.8, 4.5, 1.9, 1.6, 0.3],
-            [28.6, 0.0, 1.3, 3.0, 3.0, 2.0, 0.0],
-            [9.6, 2.0, 0.8, 4.5, 1.9, 1.6, 0.3],
-            seen,
-        ],
-        atol=1e-12,
-    )
+    car, kiosk = [2.0, 0.8, 4.5, 1.9, 1.6, 0.3], [1.3, 3.0, 3.0, 2.0]
+    seen = [28 * c - 1.4, -28 * s, *kiosk, -0.2]
+    expected = [[8.6, *car], [28.6, 0.0, *kiosk, 0.0], [9.6, *car], seen]
+    np.testing.assert_allclose(log.boxes[list(GEOMETRY)], expected, atol=1e-12)
     assert log.boxes["object_id"].tolist() == ["0", "2", "0", "2"]
 
 
@@ -138,9 +130,8 @@ def test_a_wrong_file_is_one_line(where, value, told, tmp_path):
             del content[last]
 
     path = changed(tmp_path, change)
-    done = CliRunner().invoke(
-        app, ["openlabel", str(path), str(tmp_path / "log"), "--origin", *"000"]
-    )
+    words = ["openlabel", str(path), str(tmp_path / "log"), "--origin", *"000"]
+    done = CliRunner().invoke(app, words)
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert done.stderr.startswith(f"{path}: ")
     assert told in done.stderr
