@@ -30,11 +30,9 @@ def lattice(buildings: pd.DataFrame, spacing: float = 0.5) -> list[np.ndarray]:
     """Points over every building, its corners and walls included, each (P, 2)."""
     found = []
     for row in buildings.itertuples():
-        u, v = (
-            np.linspace(-size / 2, size / 2, int(size / spacing) + 2)
-            for size in (row.length, row.width)
-        )
-        u, v = (axis.ravel() for axis in np.meshgrid(u, v))
+        sides = (row.length, row.width)
+        along = (np.linspace(-side / 2, side / 2, int(side / spacing) + 2) for side in sides)
+        u, v = (axis.ravel() for axis in np.meshgrid(*along))
         cos, sin = np.cos(row.yaw), np.sin(row.yaw)
         found.append(np.stack([row.x + cos * u - sin * v, row.y + sin * u + cos * v], axis=1))
     return found
@@ -64,24 +62,17 @@ def test_none_is_on_a_lane_or_a_junction(town):
     network, buildings = town
     points = np.concatenate(lattice(buildings, 1.5))
     for edge in network.getEdges():
-        if edge.getFunction() == "walkingarea":
-            continue
-        for lane in edge.getLanes():
+        for lane in edge.getLanes() if edge.getFunction() != "walkingarea" else ():
             shape = np.array(lane.getShape())[:, :2]
             assert distance_to_line(points, shape).min() > lane.getWidth() / 2 - 1e-6
     points = np.concatenate(lattice(buildings, 8.0))
-    areas = [
-        lane.getShape()
-        for e in network.getEdges()
-        for lane in e.getLanes()
-        if e.getFunction() == "walkingarea"
-    ]
+    walked = [edge for edge in network.getEdges() if edge.getFunction() == "walkingarea"]
+    areas = [lane.getShape() for edge in walked for lane in edge.getLanes()]
     for polygon in [*areas, *(node.getShape() for node in network.getNodes())]:
-        if len(polygon) < 3:
+        shape = np.array(polygon).reshape(len(polygon), -1)[:, :2]
+        if len(shape) < 3:
             continue
-        shape = np.array(polygon)[:, :2]
-        near = points[(points > shape.min(axis=0)).all(axis=1)]
-        near = near[(near < shape.max(axis=0)).all(axis=1)]
+        near = points[((points > shape.min(axis=0)) & (points < shape.max(axis=0))).all(axis=1)]
         assert not any(isWithin(tuple(point), shape.tolist()) for point in near)
 
 
@@ -136,10 +127,9 @@ def test_far_ones_are_left_out(town):
     _, buildings = town
     positions = np.array([[0.0, 0.0], [10.0, 0.0]])
     near = within_reach(buildings, positions)
-    points = [
-        np.hypot(*(p[:, None] - positions).transpose(2, 0, 1)).min() for p in lattice(buildings)
-    ]
-    must = buildings[np.array(points) <= REACH_M]
+    apart = (p[:, None] - positions for p in lattice(buildings))
+    nearest = np.array([np.hypot(*offset.transpose(2, 0, 1)).min() for offset in apart])
+    must = buildings[nearest <= REACH_M]
     assert set(must["x"]) <= set(near["x"])
     far = np.hypot(buildings["x"] - 10, buildings["y"]) > REACH_M + 40
     assert not np.isin(buildings["x"][far], near["x"]).any()

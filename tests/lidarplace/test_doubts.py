@@ -26,7 +26,7 @@ def without_poses(log):
     return replace(log, frames=log.frames.drop(columns=list(POSE_COLUMNS)))
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), poses=st.booleans())
 def test_vehicles_that_move_along_their_yaw_have_no_sine(seed, poses):
     """The writer moves them so in the world; the vehicle's own motion is known, or found again."""
@@ -64,9 +64,12 @@ def test_radians_of_the_world_taken_for_degrees():
     wrong = np.radians(log.boxes["yaw"] + ego) - ego
     (doubt,) = doubts_of_motion(with_yaw(log, wrong), "deg")
     assert doubt.remedy == "units.angle: rad"
+    # Few steps tell nothing.
+    log = traffic(5, drives=1, frames=2)
+    assert list(doubts_of_motion(with_yaw(log, np.degrees(log.boxes["yaw"])), "rad")) == []
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_yaw_that_has_nothing_to_do_with_motion_accuses_no_unit(seed):
     log = traffic(3, objects=9)
@@ -92,30 +95,15 @@ def test_a_vehicle_drives_where_it_heads(seed, turn):
         assert "21 of 24 frames (87.5%)" in doubt.where(shuffled.frames)
 
 
-def test_few_steps_tell_nothing():
-    log = traffic(5, drives=1, frames=2)
-    assert list(doubts_of_motion(with_yaw(log, np.degrees(log.boxes["yaw"])), "rad")) == []
-
-
 def test_whole_numbers_are_degrees():
     log = traffic()
     yaw = np.zeros(len(log.boxes))
     yaw[:3] = 2, -1, 3
     (doubt,) = doubts_of_units(with_yaw(log, yaw))
-    assert doubt.boxes.sum() == 3
-    assert doubt.where(with_yaw(log, yaw).boxes) == (
-        "3 of 144 boxes (2.1%), the first in frame 0 with 2"
-    )
+    where = doubt.where(with_yaw(log, yaw).boxes)
+    assert where == "3 of 144 boxes (2.1%), the first in frame 0 with 2"
     yaw[2] = 3.1
     assert list(doubts_of_units(with_yaw(log, yaw))) == []
-
-
-def test_radians_that_end_at_pi_are_no_degrees():
-    log = traffic()
-    yaw = np.radians(np.linspace(-math.pi, math.pi, len(log.boxes)))
-    (doubt,) = doubts_of_degrees(with_yaw(log, yaw))
-    assert doubt.remedy == "units.angle: rad"
-    assert "yaw ends at 3.14 degrees" in doubt.why
 
 
 def test_a_sound_log_and_an_empty_one_are_not_doubted():

@@ -52,12 +52,9 @@ def test_the_second_ego_is_where_the_first_is_not():
 
 
 def test_two_met_in_a_frame_each_are_better_than_one_met_in_two():
-    one_for_long = [0.0, (PEDESTRIAN, [10.0, 10.0, FAR_M / 2, FAR_M / 2, FAR_M / 2])]
-    two_for_short = [
-        FAR_M,
-        (PEDESTRIAN, [FAR_M, *[FAR_M / 2] * 4]),
-        (PEDESTRIAN, [*[FAR_M / 2] * 4, FAR_M]),
-    ]
+    away = [FAR_M / 2] * 4
+    one_for_long = [0.0, (PEDESTRIAN, [10.0, 10.0, *away[1:]])]
+    two_for_short = [FAR_M, (PEDESTRIAN, [FAR_M, *away]), (PEDESTRIAN, [*away, FAR_M])]
     traffic = world(*one_for_long, *two_for_short)
     assert choose_egos(traffic, 1) == [2]
 
@@ -90,9 +87,8 @@ def test_a_towns_egos_meet_more_than_others_would():
     pytest.importorskip("sumolib")
     from lidarplace.scenes.sumo.record import drive
 
-    scene = SumoScene(
-        seed=3, density=60, pedestrians=20, frames_per_route=20, frame_stride=10, test_routes=0
-    )
+    frames = {"frames_per_route": 20, "frame_stride": 10}
+    scene = SumoScene(seed=3, density=60, pedestrians=20, test_routes=0, **frames)
     _, _, traffic = drive(scene, scene.town_runs()[0])
     cars = [u for u, user in enumerate(traffic.users) if user.kind is CAR]
     distance = traffic.speed[:, cars].sum(axis=0)

@@ -73,11 +73,7 @@ def test_a_simulated_log(tmp_path, log):
     }
     numbers = log.frames["frame"].to_numpy()
     clouds = collect(log, numbers, rig, KEPT, 3)
-    inside = log.boxes[
-        log.boxes["x"].between(0, 40)
-        & log.boxes["y"].between(-20, 20)
-        & log.boxes["z"].between(0, 4)
-    ]
+    inside = log.boxes.query("0 <= x <= 40 and -20 <= y <= 20 and 0 <= z <= 4")
     assert f"{len(numbers)} frames, {len(inside)} boxes, {clouds.counts.sum():,} points" in told
     assert [one["frame"] for one in by_topic(found, "/frame")] == numbers.tolist()
     assert np.array_equal([t for topic, _, t, _ in found if topic == "/tf"], clock(log.frames))
@@ -85,9 +81,8 @@ def test_a_simulated_log(tmp_path, log):
         for lidar in range(4):
             cloud = by_topic(found, f"/lidar_{lidar}")[index]
             assert (cloud.frame_id, cloud.point_stride) == ("ego", 16)
-            assert [(f.name, f.offset) for f in cloud.fields] == [
-                *(("x", 0), ("y", 4), ("z", 8), ("intensity", 12))
-            ]
+            fields = [(f.name, f.offset) for f in cloud.fields]
+            assert fields == [("x", 0), ("y", 4), ("z", 8), ("intensity", 12)]
             points = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)
             owner = clouds.lidar(index)
             np.testing.assert_array_equal(points, clouds[index][owner == lidar])
@@ -130,14 +125,8 @@ def test_recorded_clouds_are_taken_as_they_are(tmp_path, log):
 
 
 def test_drives_follow_each_other():
-    frames = pd.DataFrame(
-        {
-            "scene": ["a", "b", "a", "b", "b"],
-            "route": [0, 1, 0, 1, 2],
-            "timestamp_s": [5.0, np.nan, 5.5, np.nan, 9.0],
-        },
-        index=[9, 8, 7, 6, 5],
-    )
+    rows = [("a", 0, 5.0), ("b", 1, np.nan), ("a", 0, 5.5), ("b", 1, np.nan), ("b", 2, 9.0)]
+    frames = pd.DataFrame(rows, [9, 8, 7, 6, 5], ["scene", "route", "timestamp_s"])
     assert (clock(frames) / 1e9).tolist() == [0.0, 1.5, 0.5, 1.6, 2.6]
 
 

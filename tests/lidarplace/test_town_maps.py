@@ -20,15 +20,8 @@ from sumolib.net import readNet
 MAPS = Path(__file__).parents[1] / "data" / "maps"
 STREET, BLOCK = MAPS / "street.xodr", MAPS / "block.net.xml"
 
-SMALL = SumoScene(
-    towns=(str(STREET),),
-    density=10,
-    pedestrians=6,
-    routes=2,
-    test_routes=1,
-    frames_per_route=10,
-    warmup_s=2,
-)
+SHORT = {"routes": 2, "test_routes": 1, "frames_per_route": 10, "warmup_s": 2}
+SMALL = SumoScene(towns=(str(STREET),), density=10, pedestrians=6, **SHORT)
 
 
 @pytest.fixture
@@ -66,11 +59,14 @@ def test_a_missing_carla_map_says_how_to_get_it(no_maps):
         find_carla_map("Town03")
 
 
+def network_of(path, folder):
+    town = build_network(str(path), 0, folder)
+    return readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
+
+
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("street")
-    town = build_network(str(STREET), 0, folder)
-    return readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
+    return network_of(STREET, tmp_path_factory.mktemp("street"))
 
 
 def test_opendrive_lanes_and_coordinates(street):
@@ -82,8 +78,11 @@ def test_opendrive_lanes_and_coordinates(street):
     np.testing.assert_allclose(right, [(-100, 0, 2), (-100, 1.25, 2), (-100, 3.25, 2)], atol=0.01)
 
 
-def test_a_street_with_two_dead_ends_is_driven_for_ever():
-    log = record(SMALL)
+def test_a_street_with_two_dead_ends_is_driven_for_ever(tmp_path, monkeypatch):
+    shutil.copy(STREET, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    log = record(SMALL.model_copy(update={"towns": ("street.xodr",)}))
+    assert os.listdir(tmp_path) == ["street.xodr"], "the working folder stays clean"
     assert len(log.frames) == 30
     assert set(log.boxes["class"]) == {"Car", "Cyclist", "Pedestrian"}
     names = ["sumo-0-train-street", "sumo-0-test-street"]
@@ -95,21 +94,12 @@ def test_a_street_with_two_dead_ends_is_driven_for_ever():
     assert len(both) > 5  # the town is the same in training and testing
 
 
-def test_gzip_makes_no_difference(tmp_path):
-    packed = tmp_path / "street.xodr.gz"
-    packed.write_bytes(gzip.compress(STREET.read_bytes()))
-    one, two = (record(SMALL.model_copy(update={"towns": (str(p),)})) for p in (STREET, packed))
-    np.testing.assert_array_equal(one.boxes["x"], two.boxes["x"])
-
-
-def test_a_centre_lane_needs_no_type(street, tmp_path):
+def test_a_packed_map_whose_centre_lane_has_no_type_makes_no_difference(street, tmp_path):
     """As in OpenDRIVE 1.8; sidewalks are called walking there."""
     text = STREET.read_text().replace('<lane id="0" type="none"', '<lane id="0"')
-    text = text.replace('"sidewalk"', '"walking"')
-    path = tmp_path / "street.xodr"
-    path.write_text(text)
-    town = build_network(str(path), 0, tmp_path)
-    network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
+    path = tmp_path / "street.xodr.gz"
+    path.write_bytes(gzip.compress(text.replace('"sidewalk"', '"walking"').encode()))
+    network = network_of(path, tmp_path)
     for old, new in zip(street.getEdges(), network.getEdges(), strict=True):
         for a, b in zip(old.getLanes(), new.getLanes(), strict=True):
             assert a.getShape3D() == b.getShape3D()
@@ -127,35 +117,24 @@ def test_a_sumo_network_needs_no_pedestrians():
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "content", "message"),
     [
-        ("a.xodr.gz", gzip.compress(b"<OpenDRIVE>", mtime=0)[:-9], r"a.xodr.gz: not a gzip file"),
-        (
-            "a.xodr.gz",
-            gzip.compress(b"", mtime=0)[:10] + b"\xff" * 20,
-            r"a.xodr.gz: not a gzip file",
-        ),
-        ("a.net.xml", b"<net><edge", r"a.net.xml: not a SUMO network: "),
+        ("a.xodr.gz", gzip.compress(b"<OpenDRIVE>", mtime=0)[:-9], "a.xodr.gz: not a gzip file"),
+        ("a.xodr.gz", gzip.compress(b"", mtime=0)[:10] + b"\xff" * 20, "xodr.gz: not a gzip file"),
+        ("a.net.xml", b"<net><edge", "a.net.xml: not a SUMO network: "),
     ],
 )
-def test_bad_maps_are_named_in_one_line(tmp_path, name, text, message):
-    if text is not None:
-        (tmp_path / name).write_bytes(text)
+def test_bad_maps_are_named_in_one_line(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=message) as error:
         record(SMALL.model_copy(update={"towns": (str(tmp_path / name),)}))
     assert "\n" not in str(error.value)
 
 
 def test_runs_are_numbered_before_anything_is_recorded():
-    scene = SMALL.model_copy(
-        update={
-            "towns": ("generated", str(STREET), "generated"),
-            "test_towns": ("generated", str(STREET)),
-            "routes": 5,
-            "egos_per_run": 2,
-            "test_routes": 2,
-        }
-    )
+    both = ("generated", str(STREET))
+    towns = {"towns": (*both, "generated"), "test_towns": both}
+    scene = SMALL.model_copy(update=towns | {"routes": 5, "egos_per_run": 2, "test_routes": 2})
     runs = scene.town_runs()
     assert [run.routes for run in runs] == [2, 2, 1] * 3 + [2, 2]
     assert [run.first_route for run in runs] == [0, 2, 4, 5, 7, 9, 10, 12, 14, 15, 17]
@@ -180,8 +159,7 @@ def test_a_run_is_recorded_on_its_own_from_json():
         mine = getattr(whole, table)
         mine = mine[mine["scene"] == run.name].reset_index(drop=True)
         assert mine.equals(getattr(part, table))
-    first = whole.frames[whole.frames["route"] == 0]
-    second = whole.frames[whole.frames["route"] == 1]
+    first, second = (whole.frames[whole.frames["route"] == route] for route in (0, 1))
     assert not np.isin(first[[*POSE_COLUMNS]], second[[*POSE_COLUMNS]]).any()
 
 
@@ -194,11 +172,3 @@ def test_a_carla_town_without_sidewalks_gets_some(monkeypatch):
     log = record(scene.model_copy(update={"warmup_s": 2.0}))
     assert {"Car", "Cyclist"} <= set(log.boxes["class"])
     assert len(log.buildings) > 0
-
-
-def test_the_working_folder_stays_clean(tmp_path, monkeypatch):
-    shutil.copy(STREET, tmp_path)
-    monkeypatch.chdir(tmp_path)
-    log = record(SMALL.model_copy(update={"towns": ("street.xodr",)}))
-    assert len(log.frames) == 30
-    assert os.listdir(tmp_path) == ["street.xodr"]

@@ -42,8 +42,7 @@ def test_every_step_is_a_connection(generated, sumo_class):
 
 
 def test_a_walk_lasts_as_long_as_asked(generated):
-    graph = drive_graph(generated, "passenger")
-    rng = np.random.default_rng(1)
+    graph, rng = drive_graph(generated, "passenger"), np.random.default_rng(1)
     walk = list(graph.walk(300, rng, graph.anywhere(rng)))
     edges = [generated.getEdge(name) for name in walk]
     least = sum(e.getLength() / max(lane.getSpeed() for lane in e.getLanes()) for e in edges[1:])
@@ -80,12 +79,9 @@ def test_pedestrians_walk_both_ways_and_cross(generated):
         a, b = generated.getEdge(here), generated.getEdge(there)
         assert {a.getFromNode(), a.getToNode()} & {b.getFromNode(), b.getToNode()}
         assert here != there
-    assert {name for name, _ in graph.keys} == {
-        edge.getID() for edge in generated.getEdges(withInternal=False)
-    }
-
-
-def test_no_sidewalks_give_an_empty_graph():
+    edges = {edge.getID() for edge in generated.getEdges(withInternal=False)}
+    assert {name for name, _ in graph.keys} == edges
+    # No sidewalks give an empty graph.
     assert foot_graph(read(MAPS / "block.net.xml"), 1.5).edges == []
 
 
