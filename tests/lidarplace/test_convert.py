@@ -23,15 +23,11 @@ def words(text):
     return [line.split() for line in text.splitlines()]
 
 
-@pytest.fixture
-def nuscenes(tmp_path):
+def test_nuscenes(tmp_path):
     boxes = [Box(name, (9.0, 0.0, 1.0), instance=name) for name in CATEGORIES]
     samples = [Sample(5, boxes), Sample(6), Sample(7, boxes[:2])]
     scenes = [Scene(f"scene-{n}", samples, f"log-{n}") for n in range(2)]
-    return write_nuscenes(tmp_path / "nuscenes" / "v1.0-mini", scenes, CATEGORIES).parent
-
-
-def test_nuscenes(tmp_path, nuscenes):
+    nuscenes = write_nuscenes(tmp_path / "nuscenes" / "v1.0-mini", scenes, CATEGORIES).parent
     names = tmp_path / "val.txt"
     names.write_text("scene-1\n")
     result = convert("nuscenes", nuscenes, tmp_path / "log", "--test-scenes", names)

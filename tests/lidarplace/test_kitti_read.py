@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.clouds.clouds import PointClouds
-from lidarplace.logs.box_log import read_box_log, write_box_log
+from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from lidarplace.scenes.datasets.class_maps import OwnNames
 from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
@@ -34,6 +34,14 @@ def folder_of(path: Path, labels: dict[str, str], calibration: str | None = None
         (path / "training" / "label_2" / f"{stem}.txt").write_text(lines)
         (path / "training" / "calib" / f"{stem}.txt").write_text(text)
     return path
+
+
+def named_or_skipped(root: Path, message: str) -> tuple[BoxLog, list[str]]:
+    """The log without what is wrong in the folder, and the lines of it; the first is an error."""
+    with pytest.raises(ValueError, match=message):
+        read_kitti(root)
+    skipped: list[str] = []
+    return read_kitti(root, skipped=skipped), skipped
 
 
 def test_boxes_of_hand_computed_labels(tmp_path) -> None:
@@ -120,16 +128,9 @@ def test_how_far_openpcdets_centres_are(tmp_path, height, apart):
 
 
 finite = st.floats(-80, 80)
-boxes_of_a_frame = st.lists(
-    st.tuples(
-        st.sampled_from(CLASSES),
-        *(finite, finite, st.floats(-3, 5)),
-        *(st.floats(0, 15), st.floats(0, 4), st.floats(0, 5)),
-        st.floats(-7, 7),
-        st.integers(0, 3),
-    ),
-    max_size=5,
-)
+geometry = (finite, finite, st.floats(-3, 5), st.floats(0, 15), st.floats(0, 4), st.floats(0, 5))
+box = st.tuples(st.sampled_from(CLASSES), *geometry, st.floats(-7, 7), st.integers(0, 3))
+boxes_of_a_frame = st.lists(box, max_size=5)
 
 
 @settings(derandomize=True, max_examples=25)
@@ -191,10 +192,8 @@ def test_image_sets_choose_and_split(tmp_path) -> None:
         assert frames == [[0, 0, "train"], [2, 1, "test"], [3, 0, "train"]]
     (root / "ImageSets" / "val.txt").write_text("000002\n7\n000008\n000003\n")
     faults = ["2: expected a number like", "3: .*000008.txt is missing", "4: frame 000003 is list"]
-    with pytest.raises(ValueError, match=rf"val\.txt: line {faults[0]}"):
-        read_kitti(root)
-    skipped: list[str] = []
-    assert len(read_kitti(root, skipped=skipped).frames) == 3
+    log, skipped = named_or_skipped(root, rf"val\.txt: line {faults[0]}")
+    assert len(log.frames) == 3
     for fault, message in zip(faults, skipped, strict=True):
         assert re.search(rf"val\.txt: line {fault}", message)
 
@@ -214,6 +213,8 @@ def test_a_list_that_cannot_be_read_drops_no_split(tmp_path, name, what) -> None
 
 
 def test_labels_alone_are_enough_if_asked_for(tmp_path) -> None:
+    with pytest.raises(FileNotFoundError, match="label_2"):
+        read_kitti(tmp_path)
     (tmp_path / "label_2").mkdir()
     (tmp_path / "label_2" / "000012.txt").write_text(CAR)
     with pytest.raises(ValueError, match=r"calib/000012\.txt: no such file"):
@@ -237,10 +238,7 @@ def test_labels_alone_are_enough_if_asked_for(tmp_path) -> None:
 )
 def test_a_broken_line_is_named_or_skipped(tmp_path, line, message) -> None:
     root = folder_of(tmp_path, {"000000": CAR, "000001": f"{CAR} 0.9\n{line}\n{CAR}\n"})
-    with pytest.raises(ValueError, match=rf"label_2/000001\.txt: line 2: {message}"):
-        read_kitti(root)
-    skipped: list[str] = []
-    log = read_kitti(root, skipped=skipped)
+    log, skipped = named_or_skipped(root, rf"label_2/000001\.txt: line 2: {message}")
     assert (len(log.boxes), len(log.frames), len(skipped)) == (3, 2, 1)
     assert message in skipped[0]
 
@@ -259,10 +257,7 @@ def test_a_broken_line_is_named_or_skipped(tmp_path, line, message) -> None:
 def test_a_broken_calibration_is_named_or_skipped(tmp_path, text, message) -> None:
     root = folder_of(tmp_path, {"000000": CAR, "000001": CAR})
     (root / "training" / "calib" / "000001.txt").write_text(text)
-    with pytest.raises(ValueError, match=rf"calib/000001\.txt: {message}"):
-        read_kitti(root)
-    skipped: list[str] = []
-    log = read_kitti(root, skipped=skipped)
+    log, skipped = named_or_skipped(root, rf"calib/000001\.txt: {message}")
     assert (log.frames["frame"].tolist(), log.boxes["frame"].tolist()) == ([0], [0])
     assert len(skipped) == 1
 
@@ -276,15 +271,10 @@ def test_names_of_other_layouts_are_understood(tmp_path) -> None:
     pd.testing.assert_frame_equal(first, plain)
 
 
-def test_file_names_and_missing_folders(tmp_path) -> None:
-    with pytest.raises(FileNotFoundError, match="label_2"):
-        read_kitti(tmp_path)
+def test_file_names(tmp_path) -> None:
     root = folder_of(tmp_path, {"1": CAR, "000000": CAR})
-    with pytest.raises(ValueError, match=r"label_2/1\.txt: expected a name like"):
-        read_kitti(root)
-    skipped: list[str] = []
-    assert read_kitti(root, skipped=skipped).frames["frame"].tolist() == [0]
-    assert len(skipped) == 1
+    log, skipped = named_or_skipped(root, r"label_2/1\.txt: expected a name like")
+    assert (log.frames["frame"].tolist(), len(skipped)) == ([0], 1)
 
 
 def write_bin(root: Path, frame: int, points: np.ndarray) -> Path:

@@ -28,9 +28,9 @@ def log_of(boxes=12, rig=RIG, seed=0):
     around = np.linspace(0, 2 * np.pi, boxes, endpoint=False)
     table = pd.DataFrame({"x": 20 * np.cos(around), "y": 20 * np.sin(around), "z": 0.8})
     table = table.assign(length=4.4, width=1.8, height=1.6, yaw=rng.uniform(-3, 3, boxes))
-    table = table.assign(frame=3, scene="a", timestamp_s=0.0, object_id=range(boxes))
+    table["object_id"] = [str(number) for number in range(boxes)]
+    table = table.assign(frame=3, scene="a", timestamp_s=0.0, **{"class": "Car"})
     frames = pd.DataFrame({"frame": [3, 4], "scene": "a", "timestamp_s": 0.0, "route": 0})
-    table = table.astype({"object_id": str}).assign(**{"class": "Car"})
     return BoxLog(table, frames.assign(split="test"), rigs={} if rig is None else {"a": rig})
 
 

@@ -16,7 +16,7 @@ from lidarplace.clouds.static_world import WorldAround, cast_in_world, stops, wo
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.visibility import visible_share
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
-from lidarplace.logs.boxes import BUILDING_COLUMNS, GEOMETRY
+from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from lidarplace.logs.world import (
     CELL_M,
     PATCH_M,
@@ -34,14 +34,8 @@ from lidarplace.scenes.static_world import static_worlds
 NO_PARTS = bricks(np.empty((0, 7)), 0)
 CAR = bricks(np.array([[9.0, 2, 1, 2, 2, 2, 0.3]]), 0)
 AROUND = (-60.0, -60.0, -12.0, 60.0, 60.0, 15.0)
-RIG = RecordedRig(
-    ("up", "down"),
-    Placement(
-        "recorded",
-        [Mount(0.3, 0.0, 1.9), Mount(-0.3, 0.0, 1.7, roll=np.pi)],
-        lidar=Lidar.named("vlp32c"),
-    ),
-)
+MOUNTS = [Mount(0.3, 0.0, 1.9), Mount(-0.3, 0.0, 1.7, roll=np.pi)]
+RIG = RecordedRig(("up", "down"), Placement("recorded", MOUNTS, lidar=Lidar.named("vlp32c")))
 
 
 @njit()
@@ -109,16 +103,15 @@ def test_an_object_is_seen_where_neither_a_box_nor_the_world_hides_it():
     cells = rng.integers((20, -40, -4), (60, 40, 12), (600, 3))
     yaw, shift = 0.4, np.array([0.5, -0.7, 0.3])
     before_box = rotation(0, 0, yaw) @ [7.0, 0.8, 0.4] + shift  # they hide the same
-    cells = np.concatenate(
-        [cells, (before_box / CELL_M).astype(int) + np.argwhere(np.ones((3,) * 3))]
-    )
+    hiding = (before_box / CELL_M).astype(int) + np.argwhere(np.ones((3,) * 3))
+    cells = np.concatenate([cells, hiding])
     flat = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)], np.int32)
     world = world_of(cells, rng, flat, lambda x, y: 0.0 * x - 0.8)
     whole = world.cells.copy()
     whole[:, 6] = 255
     world = replace(world, cells=whole, origin=np.zeros(3))
-    objects = np.array([[14.0, 1, 0, 4, 2, 1.5, 0.3], [12.0, -6, 0, 4, 2, 1.5, 1.0],
-                        [9.0, 1, 0.2, 1, 1, 2, 0.0]])  # fmt: skip
+    places = [(14.0, 1, 0, 4, 2, 1.5, 0.3), (12, -6, 0, 4, 2, 1.5, 1), (9, 1, 0.2, 1, 1, 2, 0)]
+    objects = np.array(places)
     boxes = world.boxes()
     ground = np.array([[-60.0, -60, -2.3, 60, 60, -0.8]])
     low, high = np.split(np.concatenate([boxes, ground]) - np.tile(shift, 2), 2, axis=1)
@@ -129,9 +122,8 @@ def test_an_object_is_seen_where_neither_a_box_nor_the_world_hides_it():
     seen = visible_share(eye, cars, 3, (40, 30), around)
     np.testing.assert_allclose(seen, visible_share(eye, cars.and_(walls), 3, (40, 30)), atol=3e-3)
     alone = visible_share(eye, cars, 3, (40, 30))
-    past_world = np.array([
-        visible_share(eye, bricks(objects[n : n + 1], 0), 1, (40, 30), around)[0] for n in range(3)
-    ])  # fmt: skip
+    each = (bricks(own[None], 0) for own in objects)
+    past_world = np.array([visible_share(eye, own, 1, (40, 30), around)[0] for own in each])
     assert 0.1 < alone[0] < 0.9
     assert ((past_world > 0.1) & (past_world < 0.98)).all()
     assert abs(seen[0] - alone[0] * past_world[0]) > 0.01
@@ -169,12 +161,10 @@ def drive(ground=None):
         ("a", n, n / 10, "mover", "Car", 5 + 0.7 * n - x[n], 2.0, 0.75, 4.5, 1.8, 1.5, 0.0)
         for n in range(frames)
     ]
-    columns = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
-    table = pd.DataFrame(
-        {"scene": "a", "frame": np.arange(frames), "timestamp_s": 0.1, "route": 0, "split": "train"}
-    ).assign(ego_x=x, ego_y=0.0, ego_yaw=0.0)
+    table = pd.DataFrame({"scene": "a", "frame": np.arange(frames), "timestamp_s": 0.1, "route": 0})
+    table = table.assign(split="train", ego_x=x, ego_y=0.0, ego_yaw=0.0)
     buildings = pd.DataFrame([("a", *row) for row in still], columns=list(BUILDING_COLUMNS))
-    log = BoxLog(pd.DataFrame(boxes, columns=list(columns)), table, rigs={"a": RIG})
+    log = BoxLog(pd.DataFrame(boxes, columns=list(BOX_COLUMNS)), table, rigs={"a": RIG})
     return replace(log, buildings=buildings), log
 
 
@@ -234,10 +224,9 @@ def test_the_world_hides_objects_in_clouds_and_in_recall_alike(rebuilt):
 
 def test_uneven_ground_is_rebuilt_from_clouds():
     _, bare = drive()
-    world = replace(
-        world_of(np.empty((0, 3)), np.random.default_rng(0), TILES, lambda x, y: rising(x, 0 * y)),
-        origin=np.zeros(3),
-    )
+    rng = np.random.default_rng(0)
+    world = world_of(np.empty((0, 3)), rng, TILES, lambda x, y: rising(x, 0 * y))
+    world = replace(world, origin=np.zeros(3))
     x = bare.frames["ego_x"].to_numpy()
     slope = np.arctan(1.5 / 25 * np.cos(x / 25))
     frames = bare.frames.assign(ego_z=rising(x, 0.0), ego_roll=0.0, ego_pitch=-slope)
