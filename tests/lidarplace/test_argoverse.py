@@ -108,31 +108,16 @@ def test_classes(tmp_path):
     assert "TRUCK_CAB" not in own.boxes["object_id"].tolist()
 
 
-def test_wrong_files(tmp_path):
-    def fails(message, **arguments):
-        with refused(message):
-            read_argoverse(tmp_path, **arguments)
-
-    write_argoverse(tmp_path, [Log("train", "a", [car()], HERE, sorted(HERE))])
-    (odd := tmp_path / "train" / "a" / "sensors" / "lidar" / "first.feather").touch()
-    fails(r"lidar/first\.feather: a sweep must be named by its time")
-    odd.rename(long := odd.with_name(f"{2**63}.feather"))
-    fails(rf"lidar/{2**63}\.feather: a sweep must be named by its time")
-    long.unlink()
+def test_poses_without_a_length_or_a_column_are_named(tmp_path):
+    write_argoverse(tmp_path, [Log("train", "a", [car()], HERE)])
     path = tmp_path / "train" / "a" / "city_SE3_egovehicle.feather"
     poses = pd.read_feather(path)
-    poses[2:].to_feather(path)
-    fails(rf"city_SE3_egovehicle\.feather: no pose at timestamp_ns {START}")
     poses.assign(qw=0.0).to_feather(path)
-    fails(rf"egovehicle\.feather: timestamp_ns {START}: the rotation is a quaternion of length 0")
+    with refused(f"timestamp_ns {START}: the rotation is a quaternion of length 0", path.name):
+        read_argoverse(tmp_path)
     poses.drop(columns=["tz_m", "qx"]).to_feather(path)
-    fails(("egovehicle.feather", "qx, tz_m", "timestamp_ns, qw, qy"))
-    path.write_bytes(b"not Arrow")
-    fails(r"egovehicle\.feather: no Feather file")
-    path.unlink()
-    fails(r"egovehicle\.feather: no such file")
-    (tmp_path / "train" / "a" / "annotations.feather").unlink()
-    fails(r"train/a/annotations\.feather: no such file")
+    with refused(("egovehicle.feather", "qx, tz_m", "timestamp_ns, qw, qy")):
+        read_argoverse(tmp_path)
 
 
 MOUNTS = {

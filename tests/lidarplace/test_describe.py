@@ -16,16 +16,9 @@ def box(scene: str, frame: int, name: str, x: float, y: float = 0.0) -> tuple:
     return (scene, frame, 0.0, f"{frame}-{x}", name, x, y, 0.8, 4.0, 2.0, 1.6, 0.0)
 
 
-BOXES = pd.DataFrame(
-    [
-        box("a", 0, "Car", 10),
-        box("a", 0, "Car", -10),
-        box("a", 0, "Car", 50),
-        box("a", 0, "Pedestrian", 5, 25),
-        box("b", 2, "Cyclist", 40),
-    ],
-    columns=BOX_COLUMNS,
-)
+ROWS = [box("a", 0, "Car", x) for x in (10, -10, 50)]
+ROWS += [box("a", 0, "Pedestrian", 5, 25), box("b", 2, "Cyclist", 40)]
+BOXES = pd.DataFrame(ROWS, columns=BOX_COLUMNS)
 
 
 def test_objects_per_frame_by_region():

@@ -35,9 +35,7 @@ def test_a_file_of_the_formats_library():
     expected = [[8.6, *car], [28.6, 0.0, *kiosk, 0.0], [9.6, *car], seen]
     np.testing.assert_allclose(log.boxes[list(GEOMETRY)], expected, atol=1e-12)
     assert log.boxes["object_id"].tolist() == ["0", "2", "0", "2"]
-
-
-def test_a_cuboid_in_the_frame_of_a_sensor():
+    # A cuboid in the frame of a sensor.
     log = read_openlabel(DRIVE, origin=(0.0, 0.0, 0.0), class_map={"kiosk": "ignore"})
     person = log.boxes[log.boxes["class"] == "Pedestrian"].iloc[0]
     # The LiDAR is 1.2 m ahead and 1.6 m up; the quaternion turns by 0.8.

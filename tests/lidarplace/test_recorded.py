@@ -6,7 +6,6 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 import pytest
-from pydantic import ValidationError
 
 from lidarplace.clouds.clouds import PointClouds, read_clouds, write_clouds
 from lidarplace.clouds.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
@@ -31,21 +30,6 @@ def test_a_log_is_a_scene(tmp_path):
     before = scene.digest()
     write_box_log(tmp_path / "town", BoxLog(BOXES, FRAMES.assign(route=1)))
     assert scene.digest() != before
-
-
-@pytest.mark.parametrize(
-    ("frames", "message"),
-    [
-        (FRAMES.assign(split="val"), "row 0: split: "),
-        (FRAMES.drop(columns="split"), "split: missing column"),
-        (None, "no such file"),
-    ],
-)
-def test_what_is_no_scene_is_named(tmp_path, frames, message):
-    if frames is not None:
-        frames.to_parquet(tmp_path / "frames.parquet")
-    with pytest.raises(ValidationError, match=message):
-        LogScene(source="log", folder=tmp_path)
 
 
 @pytest.mark.parametrize("table", ["boxes", "buildings"])

@@ -290,16 +290,13 @@ def test_rectangles_meet(a, b, meet):
     assert rectangles_meet(second, first).tolist() == [meet]
 
 
-def test_more_routes_than_cars():
+def test_more_routes_than_cars_and_more_vehicles_than_fit():
     with pytest.raises(ValueError, match="density 10 gives 7 cars, too few for 8 train routes"):
         record(SumoScene(density=10, routes=8))
     runs = SumoScene(density=10, routes=8, egos_per_run=4).town_runs()
     assert [run.routes for run in runs] == [4, 4, 4]
     assert cars_among(1) == 1
     assert cars_among(80) == 56
-
-
-def test_more_vehicles_than_fit():
     scene = TINY.model_copy(update={"density": 2000, "frames_per_route": 1, "warmup_s": 0.0})
     with pytest.raises(ValueError, match=r"density 2000: \d+ vehicles found no room in the town"):
         record(scene)
