@@ -168,9 +168,3 @@ def test_versions(tmp_path):
     assert len(read_nuscenes(tmp_path, version="v1.0-trainval").frames) == 8
     with pytest.raises(ValueError, match=r"found v1\.0-mini, v1\.0-trainval; name a version"):
         read_nuscenes(tmp_path)
-
-
-def test_the_public_test_set_has_no_boxes(tmp_path):
-    folder = write_nuscenes(tmp_path / "v1.0-test", [Scene("scene-1", [Sample(START)])], CATEGORIES)
-    with pytest.raises(ValueError, match=r"sample_annotation\.json: has no boxes"):
-        read_nuscenes(folder)

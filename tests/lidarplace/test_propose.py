@@ -104,14 +104,10 @@ def test_classes_are_guessed_where_the_name_says_so(tmp_path):
     assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["classes"] == wanted
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        "Fahrzeug_X Fahrzeug_Y Fahrzeug_Gierwinkel",
-        "ego_x ego_y ego_kurs",
-        "véhicule_x véhicule_y véhicule_cap",
-    ],
-)
+GERMAN, FRENCH = "Fahrzeug_X Fahrzeug_Y Fahrzeug_Gierwinkel", "véhicule_x véhicule_y véhicule_cap"
+
+
+@pytest.mark.parametrize("names", [GERMAN, "ego_x ego_y ego_kurs", FRENCH])
 def test_names_of_poses(names):
     keys = ["poses.x", "poses.y", "poses.yaw"]
     found = guess_columns(["x", "y", "Gierwinkel", *names.split()])
@@ -119,9 +115,7 @@ def test_names_of_poses(names):
     assert [found[key] for key in ("x", "y", "yaw")] == ["x", "y", "Gierwinkel"]
 
 
-@pytest.mark.parametrize(
-    ("separator", "decimal"), [(";", ","), (";", "."), ("\t", ","), (",", ".")]
-)
+@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), (";", "."), ("\t", ",")])
 def test_separators_and_decimal_commas(tmp_path, separator, decimal):
     """The guess of such a file converts it."""
     labels, guess = tmp_path / "labels.csv", tmp_path / "guess.yaml"
