@@ -26,8 +26,7 @@ Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
 def read_record(path: Path, kind: type[T], what: str) -> T:
     """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
 
-    Raises:
-        ValueError: as `read_json`, or what the file holds is something else; names file and key.
+    Raises ValueError: as `read_json`, or what the file holds is something else.
     """
     try:
         return TypeAdapter(kind).validate_python(read_json(path))

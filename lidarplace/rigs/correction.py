@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,8 @@ from numpy.typing import NDArray
 OTHER = "other"
 """Class of a factor for objects of all classes without one of their own."""
 
-MOST_FACTOR = 10.0
-"""Beyond, the recording and its simulation are not of one rig."""
-
-LEAST_DISTANCE = 1e-300
-"""Metres; its inverse is a number."""
-
+MOST_FACTOR = 10.0  # beyond, the recording and its simulation are not of one rig
+LEAST_DISTANCE = 1e-300  # metres; its inverse is a number
 _HAIR = 1e-9  # of a bin: a ray on an edge belongs to the upper bin, whatever rounding makes of it
 
 
@@ -27,12 +24,8 @@ class Mask:
 
     Attributes:
         shares: rows by elevation from the lowest, each of equal bins of azimuth over a full turn,
-            the first of which begins at -pi; in [0, 1].
+            the first of which begins at -pi; in [0, 1], not all 0.
         edges: elevations between the rows, ascending, radians; one less than there are rows.
-
-    Raises:
-        ValueError: rows differ in length or in number from what `edges` need, edges do not rise, a
-            share is not within [0, 1], or all are 0.
     """
 
     shares: tuple[tuple[float, ...], ...]
@@ -47,15 +40,13 @@ class Mask:
                 f"expected {len(self.edges) + 1} rows of shares for {len(self.edges)} "
                 f"elevations between them, found {len(rows)}"
             )
-        if len({len(row) for row in rows}) > 1 or not rows[0]:
-            found = sorted({len(row) for row in rows})
-            raise ValueError(f"rows need equally many shares, at least one, found {found}")
-        if any(not low < high for low, high in zip(self.edges, self.edges[1:], strict=False)):
+        if len(lengths := sorted({len(row) for row in rows})) > 1 or not rows[0]:
+            raise ValueError(f"rows need equally many shares, at least one, found {lengths}")
+        if any(not low < high for low, high in pairwise(self.edges)):
             raise ValueError("elevations between rows must rise")
-        shares = [share for row in rows for share in row]
-        if not all(0 <= share <= 1 for share in shares):
+        if not all(0 <= share <= 1 for row in rows for share in row):
             raise ValueError("shares must be within [0, 1]")
-        if not any(shares):
+        if not any(map(any, rows)):
             raise ValueError("all shares are 0; leave the LiDAR out")
 
     def at(
@@ -81,9 +72,6 @@ class Correction:
             for those without one, whose factor is 1 otherwise.
         distance: metres after which 1/e of the rays return from objects; None: infinitely many.
         mask: None: 1 in all directions.
-
-    Raises:
-        ValueError: a value is out of its bounds, or a class has two factors.
     """
 
     factor: tuple[tuple[str, float], ...] = ()

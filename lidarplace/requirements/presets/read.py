@@ -59,22 +59,13 @@ def preset_file(name: str) -> PresetFile:
 
 
 def preset(name: str, vehicle: Vehicle) -> Area:
-    """The area of a preset around this vehicle.
-
-    Raises:
-        ValueError: there is no preset of that name, or the vehicle has no body.
-    """
+    """The area of a preset around this vehicle. Raises ValueError: the vehicle has no body."""
     area = preset_file(name).area
     if not len(vehicle.extents):
         raise ValueError(f"where.preset: {name} needs the vehicle's body, and the vehicle has none")
     rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
     front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
-    ends = {
-        "front": front,
-        "rear": rear,
-        "left": left,
-        "right": right,
-        "middle": (left + right) / 2,
-    }
+    ends = {"front": front, "rear": rear, "left": left, "right": right}
+    ends["middle"] = (left + right) / 2
     (x0, x1), (y0, y1) = ([ends[end] + by for end, by in axis] for axis in (area.x, area.y))
     return Area(x=(x0, x1), y=((y0, y1),))
