@@ -8,6 +8,7 @@ them may be any number, so models are not read.
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,12 +70,10 @@ class _SensorViewConfiguration(_Message):
 
 
 def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The sensors of a configuration, called by kind and id, `lidar_1`.
+    """The sensors of a configuration, called by kind and id, `lidar_1`; ValueError if it is none.
 
     Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
     and no range.
-
-    Raises ValueError: the file is no such configuration.
     """
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []
@@ -91,10 +90,8 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
 
 
 def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSettings:
-    across, up = (
-        round(math.degrees(angle), 9)
-        for angle in (own.field_of_view_horizontal, own.field_of_view_vertical)
-    )
+    view = (own.field_of_view_horizontal, own.field_of_view_vertical)
+    across, up = (round(math.degrees(angle), 9) for angle in view)
     pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
     known: dict[str, Any] = {"z": 0.0}
     try:
@@ -118,18 +115,10 @@ def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
     found: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
     for each in lidars:
         views = found.setdefault(f"{each.kind}SensorViewConfiguration", [])
-        views.append(
-            {
-                "sensorId": {"value": str(len(views) + 1)},
-                "mountingPosition": {
-                    "position": {axis: getattr(each.mount, axis) for axis in "xyz"},
-                    "orientation": {
-                        axis: getattr(each.mount, axis) for axis in ("roll", "pitch", "yaw")
-                    },
-                },
-                **_rays(each),
-            }
-        )
+        numbers = list(asdict(each.mount).items())
+        place = {"position": dict(numbers[:3]), "orientation": dict(numbers[3:])}
+        known = {"sensorId": {"value": str(len(views) + 1)}, "mountingPosition": place}
+        views.append(known | _rays(each))
     write_text(path, json.dumps(found, indent=1))
 
 
@@ -152,8 +141,8 @@ def _rays(mounted: MountedLidar) -> dict[str, Any]:
         return {}
     lidar = mounted.model.lidar()
     view = {
-        "fieldOfViewHorizontal": 2 * max(abs(end) for end in lidar.azimuth),
-        "fieldOfViewVertical": 2 * max(abs(elevation) for elevation in lidar.elevations),
+        "fieldOfViewHorizontal": 2 * max(map(abs, lidar.azimuth)),
+        "fieldOfViewVertical": 2 * max(map(abs, lidar.elevations)),
     }
     if lidar.pattern is not None:
         return view
