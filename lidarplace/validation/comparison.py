@@ -1,6 +1,7 @@
 """Real and simulated points of the same objects: how far apart they are."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,8 +16,7 @@ BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)
 LEAST = (5, 20)
 """Points of an object that a detector can find: shares are reported for both."""
 
-_FEWEST = 20
-"""Objects of a row of a table; of fewer there is none."""
+_FEWEST = 20  # objects of a row of a table
 
 
 def log_ratio(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -30,11 +30,9 @@ def scores(
     real: NDArray[np.float64],
     chance: dict[int, NDArray[np.float64]],
 ) -> dict[str, float]:
-    """How far simulated points are from real ones.
+    """How far simulated points of objects are from real ones.
 
-    Args:
-        simulated, real: points of every object, shape (objects,).
-        chance: probability that a simulated object has at least so many points, by `LEAST`.
+    `chance` is the probability that a simulated object has at least so many points, by `LEAST`.
 
     Returns:
         objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of its
@@ -42,19 +40,22 @@ def scores(
         for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
     """
     ratio = log_ratio(simulated, real)
-    some = bool(len(ratio))
     found = {
         "objects": float(len(real)),
         "ratio": float(simulated.sum() / real.sum()) if real.sum() else np.nan,
-        "bias": float(np.median(ratio)) if some else np.nan,
-        "spread": float(np.median(np.abs(ratio))) if some else np.nan,
-        "within_2": float(np.mean(np.abs(ratio) <= 1)) if some else np.nan,
+        "bias": _of_some(np.median, ratio),
+        "spread": _of_some(np.median, np.abs(ratio)),
+        "within_2": _of_some(np.mean, np.abs(ratio) <= 1),
         "rho": rank_correlation(simulated, real),
     }
     for least in LEAST:
-        found[f"real_{least}"] = float(np.mean(real >= least)) if len(real) else np.nan
-        found[f"simulated_{least}"] = float(np.mean(chance[least])) if len(real) else np.nan
+        found[f"real_{least}"] = _of_some(np.mean, real >= least)
+        found[f"simulated_{least}"] = _of_some(np.mean, chance[least])
     return found
+
+
+def _of_some(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float:
+    return float(statistic(values)) if len(values) else np.nan
 
 
 def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -67,12 +68,8 @@ def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def chances(
     rays: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
-    """Probability of at least so many points, by `LEAST`, if each of `rays` returns by itself.
-
-    Args:
-        rays: that meet every object, shape (objects,).
-        expected: number of returns, shape (objects,).
-    """
+    """Probability of at least so many points of every object, by `LEAST`, if each of its `rays`
+    returns by itself, `expected` many in all; shape (objects,)."""
     from scipy.stats import binom
 
     share = np.divide(expected, rays, out=np.zeros_like(expected), where=rays > 0)
@@ -85,7 +82,6 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     Args:
         objects: columns class, route, distance, world, real, rays/MODEL (of them, before anything
             gets lost) and points/MODEL.
-        models: such as "shipped" and "corrected".
 
     Returns:
         Columns model, by (all, distance, class or route), group, those of `scores`, and world, the

@@ -23,10 +23,8 @@ SHADOW = 0.6
 DOWN = (math.sin(math.radians(-20.0)), math.sin(math.radians(-2.2)))
 """Sines of the elevations, in the ego frame, of rays that meet ground within 60 m."""
 
-_SAME = np.radians(0.5)
-_FAR_M = 8.0
-"""What another LiDAR sees so near to a ray, and so far away, the ray would meet, too."""
-
+_SAME, _FAR_M = np.radians(0.5), 8.0
+# What another LiDAR sees so near to a ray, and so far away, the ray would meet, too.
 _OPEN = 0.9  # quantile over sectors: the share of rays that return where nothing is in the way
 _AROUND_M = 0.2  # what returns so near to the vehicle is the vehicle
 
@@ -39,13 +37,8 @@ def returned(
 ) -> NDArray[np.float64]:
     """Share of the rays with something to return from that did, shape (LiDARs, SECTORS).
 
-    NaN where there is no such ray.
-
-    Args:
-        points: x, y, z of a frame in the ego frame, shape (n, 3).
-        lidar: number of the LiDAR of each, shape (n,).
-        placement: of the LiDARs.
-        vehicle: carries them; None: a sedan.
+    NaN where there is no such ray. `points` are x, y, z of a frame in the ego frame, shape (n, 3),
+    each of the LiDAR of a number. No vehicle: a sedan.
     """
     body = (vehicle or sedan()).extents[:, :, :2]
     low, high = body[:, 0].min(axis=0, initial=np.inf), body[:, 1].max(axis=0, initial=-np.inf)
@@ -80,8 +73,7 @@ def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np
 def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     """What every sector returns of what open ones do, 1 where it is open; (LiDARs, SECTORS).
 
-    Args:
-        shares: `returned` of frames, at least one.
+    `shares` are `returned` of frames, at least one.
     """
     best = np.max(np.nan_to_num(np.array(shares), nan=np.inf, posinf=np.inf), axis=0)
     known = np.where(np.isfinite(best), best, np.nan)
