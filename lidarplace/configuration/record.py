@@ -19,8 +19,7 @@ def _no_truth(value: object) -> object:
 
 NoTruth = BeforeValidator(_no_truth)
 """Of numbers that may be in quotes, as CARLA and protobuf write them; `true` is none."""
-Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
-"""Finite."""
+Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]  # finite
 
 
 def read_record(path: Path, kind: type[T], what: str) -> T:

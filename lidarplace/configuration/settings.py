@@ -44,8 +44,7 @@ Height = Annotated[
     float, Strict(), Field(ge=LIDAR_HEIGHT.low, le=LIDAR_HEIGHT.high, allow_inf_nan=False)
 ]
 """Metres of a LiDAR above the ground."""
-Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]
-"""Metres."""
+Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]  # metres
 Angle = Annotated[float, Strict(), Field(ge=ANGLE.low, le=ANGLE.high, allow_inf_nan=False)]
 """Radians, a turn to either side. Degrees that were taken for radians are mostly beyond."""
 Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
@@ -81,8 +80,7 @@ def _class_name(name: str) -> str:
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 """What something is called: pages, tables and plots have room for it."""
 ClassName = Annotated[str, AfterValidator(_class_name)]
-Text = Annotated[str, Field(max_length=2000)]
-"""An address, or what another program has a name for."""
+Text = Annotated[str, Field(max_length=2000)]  # an address, or what another program has a name for
 
 
 def _possible(path: Path) -> Path:

@@ -17,8 +17,7 @@ from lidarplace.files.regular import regular
 
 MOST_BYTES = 16_000_000
 """Of a file: some 50,000 placements of four mounts. Beyond, it is likely to be another file."""
-MOST_VALUES = 5_000_000
-"""Keys and values of a file; what an alias stands for is counted each time."""
+MOST_VALUES = 5_000_000  # keys and values of a file; what an alias stands for is counted each time
 DEEPEST = 100  # mappings and lists inside each other
 
 _TAG = "tag:yaml.org,2002:"

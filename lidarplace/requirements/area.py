@@ -14,8 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 
 _HAIR = 1e-9  # limits belong to an area, whatever rounding makes of them
 
-MOST_POSITIONS = 1_000_000
-"""Of one grid: a circle of 150 m at 0.25 m."""
+MOST_POSITIONS = 1_000_000  # of one grid: a circle of 150 m at 0.25 m
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.further_sensors import Camera, MountedSensor
 from lidarplace.rigs.placement import Placement
 
-POINTS = 5
-"""Along each edge of an object: at these its surface is looked at."""
+POINTS = 5  # along each edge of an object: at these its surface is looked at
 
 
 def seen_by_each(

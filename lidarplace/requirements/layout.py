@@ -12,10 +12,8 @@ from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import PlacedObject, Requirement
 
-MOST_OBJECTS = 4_000_000
-"""At all positions, in all headings."""
-MOST_VOXELS = 20_000_000
-"""Of the volume of a coverage."""
+MOST_OBJECTS = 4_000_000  # at all positions, in all headings
+MOST_VOXELS = 20_000_000  # of the volume of a coverage
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,8 @@
-"""How many rays of every LiDAR hit each of many objects, past its vehicle and other LiDARs.
-
-Each object is alone there: others hide nothing. Exact, every ray is tested that can meet it.
+"""How many rays of every LiDAR hit each of many objects, past its vehicle and other LiDARs; exact,
+and each object alone: others hide nothing.
 
 Numbers are expected ones: a ray counts as a point with the probability p that it returns, and a
-cell with `1 - product of (1 - p)` over the rays that hit it. They are whole where neither drop-off
-nor a correction loses returns.
+cell with `1 - product of (1 - p)` over the rays that hit it.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,8 +33,7 @@ from lidarplace.requirements.requirement import DARK
 from lidarplace.rigs.correction import OTHER, Correction
 from lidarplace.rigs.placement import Placement, blocks
 
-MOST_CELLS = 10_000_000
-"""Of one object."""
+MOST_CELLS = 10_000_000  # of one object
 
 _MOST_BYTES = 2**27  # of who hits which cell, for the objects that a thread takes at a time
 

@@ -18,8 +18,7 @@ from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.weather import Weather
 
-DARK = 0.1
-"""Reflectivity of which data sheets tell a range: dark clothes, black paint less."""
+DARK = 0.1  # reflectivity of which data sheets tell a range: dark clothes, black paint less
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,7 @@ def measured(measure: Measure, sensors: int | None, kinds: int) -> str:
     return f"{measure} by {sensors} sensor{'s'[: sensors > 1]}{of}"
 
 
-MOST_DEAD = 1000
-"""Sets of dead sensors of one rig."""
+MOST_DEAD = 1000  # sets of dead sensors of one rig
 
 
 def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from lidarplace.requirements.judge import Finding, Outcome
     from lidarplace.requirements.layout import Laid
 
-MOST_CELLS = 160
-"""Along an axis; of more positions a cell shows the worst one."""
+MOST_CELLS = 160  # along an axis; of more positions a cell shows the worst one
 
 
 @dataclass(frozen=True, eq=False)

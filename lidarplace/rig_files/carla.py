@@ -1,8 +1,5 @@
-"""Rigs as the sensors of a vehicle in `objects.json`, of which CARLA's ROS bridge spawns them.
-
-https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects describes the file.
-Poses in it are right-handed, as ROS has them, in degrees; the bridge turns them into CARLA's.
-"""
+"""Rigs as `objects.json` of CARLA's ROS bridge; poses are right-handed, as ROS has them, in degrees
+(https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects)."""
 
 from __future__ import annotations
 

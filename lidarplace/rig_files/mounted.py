@@ -13,8 +13,7 @@ from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import angles
 
-Vector = tuple[float, float, float]
-"""x, y, z in metres."""
+Vector = tuple[float, float, float]  # x, y, z in metres
 
 
 @dataclass(frozen=True)

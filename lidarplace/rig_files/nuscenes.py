@@ -1,7 +1,5 @@
-"""Rigs as nuScenes calibrates them: the tables `sensor` and `calibrated_sensor`.
-
-https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md
-"""
+"""Rigs as nuScenes calibrates them: the tables `sensor` and `calibrated_sensor`
+(https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md)."""
 
 import json
 import uuid
@@ -23,8 +21,7 @@ from lidarplace.scenes.datasets.se3 import poses
 
 PIXELS = (1600, 900)
 _SOURCE = "camera_intrinsic; images of nuScenes are 1600 x 900"
-DECIMALS = 9
-"""Of metres and parts of a rotation, up to which two calibrations are one."""
+DECIMALS = 9  # of metres and parts of a rotation, up to which two calibrations are one
 
 
 def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:

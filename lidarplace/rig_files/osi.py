@@ -1,8 +1,7 @@
-"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON.
+"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON
+(https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen).
 
-https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen describes the
-messages. They say how a simulator shall show the world to a LiDAR, not which LiDAR it is: rays in
-them may be any number, so models are not read.
+It says how a simulator shall show the world to a LiDAR, not which LiDAR it is: models are not read.
 """
 
 import json

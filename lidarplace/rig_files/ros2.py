@@ -1,8 +1,5 @@
-"""Rigs as static transforms of ROS 2: nodes of an XML launch file.
-
-https://docs.ros.org/en/rolling/p/tf2_ros describes `static_transform_publisher`; both its ways to
-write arguments are read.
-"""
+"""Rigs as static transforms of ROS 2: nodes `static_transform_publisher` of an XML launch file
+with either way to write arguments (https://docs.ros.org/en/rolling/p/tf2_ros)."""
 
 import math
 import shlex

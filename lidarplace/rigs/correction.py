@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-OTHER = "other"
-"""Class of a factor for objects of all classes without one of their own."""
+OTHER = "other"  # class of a factor for objects of all classes without one of their own
 
 MOST_FACTOR = 10.0  # beyond, the recording and its simulation are not of one rig
 LEAST_DISTANCE = 1e-300  # metres; its inverse is a number
@@ -20,16 +19,12 @@ _HAIR = 1e-9  # of a bin: a ray on an edge belongs to the upper bin, whatever ro
 
 @dataclass(frozen=True)
 class Mask:
-    """Share of rays that return by direction in the sensor's frame: the vehicle's own shadow.
-
-    Attributes:
-        shares: rows by elevation from the lowest, each of equal bins of azimuth over a full turn,
-            the first of which begins at -pi; in [0, 1], not all 0.
-        edges: elevations between the rows, ascending, radians; one less than there are rows.
-    """
+    """Share of rays that return by direction in the sensor's frame: the vehicle's own shadow."""
 
     shares: tuple[tuple[float, ...], ...]
-    edges: tuple[float, ...] = ()
+    """Rows by elevation from the lowest, each of equal bins of azimuth over a full turn, the first
+    of which begins at -pi; in [0, 1], not all 0."""
+    edges: tuple[float, ...] = ()  # elevations between the rows, ascending, radians
 
     def __post_init__(self) -> None:
         rows = tuple(tuple(map(float, row)) for row in self.shares)
@@ -66,17 +61,13 @@ class Correction:
 
     It is `factor * exp(-range / distance) * mask`, at most 1, for a ray on an object and `mask` for
     all other hits. `Lidar.drop_off` is lost besides.
-
-    Attributes:
-        factor: pairs of a class of objects and its factor, in [0, MOST_FACTOR]; class OTHER stands
-            for those without one, whose factor is 1 otherwise.
-        distance: metres after which 1/e of the rays return from objects; None: infinitely many.
-        mask: None: 1 in all directions.
     """
 
     factor: tuple[tuple[str, float], ...] = ()
-    distance: float | None = None
-    mask: Mask | None = None
+    """Pairs of a class of objects and its factor, in [0, MOST_FACTOR]; class OTHER stands for those
+    without one, whose factor is 1 otherwise."""
+    distance: float | None = None  # metres after which 1/e of the rays return from objects
+    mask: Mask | None = None  # None: 1 in all directions
 
     def __post_init__(self) -> None:
         pairs = tuple(sorted((str(name), float(share)) for name, share in self.factor))

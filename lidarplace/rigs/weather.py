@@ -13,16 +13,12 @@ GREEN_M = 550e-9  # wavelength for which a visibility is meant, metres
 
 @dataclass(frozen=True)
 class Weather:
-    """Fog and rain, the same everywhere around the vehicle.
-
-    Attributes:
-        visibility: in fog or haze, metres: how far a black object is visible against the sky (2 %
-            of contrast); infinite for clear air.
-        rain: rate, millimetres an hour.
-    """
+    """Fog and rain, the same everywhere around the vehicle."""
 
     visibility: float = math.inf
-    rain: float = 0.0
+    """In fog or haze, metres: how far a black object is visible against the sky (2 % of contrast);
+    infinite for clear air."""
+    rain: float = 0.0  # rate, millimetres an hour
 
     def __post_init__(self) -> None:
         if not self.visibility > 0:

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 BELOW_M = 75.0
 """Objects farther away are left out: they have few points, real ones or simulated ones."""
 
-BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)
-"""Edges of the bands of distance in tables."""
+BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)  # edges of the bands of distance in tables
 
-LEAST = (5, 20)
-"""Points of an object that a detector can find: shares are reported for both."""
+LEAST = (5, 20)  # points of an object that a detector can find: shares are reported for both
 
 _FEWEST = 20  # objects of a row of a table
 

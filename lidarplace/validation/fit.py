@@ -17,8 +17,7 @@ from lidarplace.rigs.correction import OTHER
 from lidarplace.validation.comparison import BELOW_M
 from lidarplace.validation.simulation import Returns
 
-FEWEST_TRACKS = 40
-"""Of fewer tracks one number is fitted, and the page says that they are too few."""
+FEWEST_TRACKS = 40  # of fewer tracks one number is fitted, and the page says that they are too few
 
 FEWEST_OF_CLASS = 10  # tracks of a class with a factor of its own
 DISTANCES_M = (

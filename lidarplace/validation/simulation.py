@@ -1,8 +1,5 @@
-"""Returns of the recorded rig from every box of a log, as the simulator has them.
-
-Rays end at the static world of the log, where it has one. The log's ground is not the plane of our
-ego frame: boxes far away stand metres above or below it. Where it has no ground, there is none.
-"""
+"""Returns of the recorded rig from every box of a log, as the simulator has them. Where the log has
+no static world there is no ground, as boxes far away stand metres above or below a plane."""
 
 import math
 from collections.abc import Sequence
@@ -26,11 +23,9 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
-SECTORS = 72
-"""Of the azimuth of a LiDAR in its own frame, from -180 degrees on."""
+SECTORS = 72  # of the azimuth of a LiDAR in its own frame, from -180 degrees on
 
-REACH_M = 300.0
-"""How far off buildings may hide."""
+REACH_M = 300.0  # how far off buildings may hide
 
 
 @dataclass(frozen=True, eq=False)

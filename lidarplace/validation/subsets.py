@@ -11,8 +11,7 @@ from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.validation.cloud_frames import Seen
 from lidarplace.validation.comparison import BELOW_M, rank_correlation
 
-MOST_LIDARS = 6
-"""With all their subsets; of more LiDARs each by itself, all, and all but one."""
+MOST_LIDARS = 6  # with all their subsets; of more LiDARs each by itself, all, and all but one
 
 WHAT = ("real", "shipped", "corrected")
 _COLUMNS = ["subset", "measure", "class", "objects", *WHAT]

@@ -25,10 +25,8 @@ from lidarplace.validation.shadow import returned, shadows
 from lidarplace.validation.simulation import SECTORS, Recording, Returns, simulate
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
 
-MOST_CLOUDS = 60
-"""Frames with clouds that are looked at, spread evenly; shadows need no more."""
-WORST = 20
-"""Objects in the table of the worst."""
+MOST_CLOUDS = 60  # frames with clouds that are looked at, spread evenly; shadows need no more
+WORST = 20  # objects in the table of the worst
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,12 @@ from typing import NamedTuple
 from lidarplace.validation.fit import FEWEST_TRACKS
 from lidarplace.validation.validation import Validation
 
-BIAS = 0.1
-"""Largest median of log2(simulated / real) of all objects: 7 %."""
+BIAS = 0.1  # largest median of log2(simulated / real) of all objects: 7 %
 SPREAD = 0.5
 """Largest median of its absolute value. A real object against itself in the next frame has 0.12."""
-WITHIN_2 = 0.75
-"""Least share of objects within a factor 2."""
-RHO = 0.85
-"""Least Spearman's rho over objects."""
-SHARE = 0.05
-"""Largest difference of the shares of objects with at least 5 points."""
+WITHIN_2 = 0.75  # least share of objects within a factor 2
+RHO = 0.85  # least Spearman's rho over objects
+SHARE = 0.05  # largest difference of the shares of objects with at least 5 points
 
 
 class Verdict(NamedTuple):

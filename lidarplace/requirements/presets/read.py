@@ -20,33 +20,29 @@ End = tuple[Literal["front", "rear", "left", "right", "middle"], Length]
 class AreaFile(Settings):
     """A rectangle around the vehicle."""
 
-    x: tuple[End, End] = Field(description="from the rear to the front")
-    y: tuple[End, End] = Field(description="from the right to the left")
+    x: tuple[End, End]  # from the rear to the front
+    y: tuple[End, End]  # from the right to the left
 
 
 class NumberFile(Settings):
     """A number of the text."""
 
-    value: float = Field(description="metres")
-    meaning: Text = Field(alias="is", description="what it is")
-    paragraph: Text = Field(description="of the text")
-    checked: bool = Field(description="whether it was compared with the text")
+    value: float  # metres
+    meaning: Text = Field(alias="is")
+    paragraph: Text  # of the text
+    checked: bool  # whether it was compared with the text
 
 
 class PresetFile(Settings):
     """A regulation's zone."""
 
-    about: Text = Field(description="what it is about")
-    text: Text = Field(description="the regulation")
-    vehicles: Text = Field(description="categories to which it applies")
-    area: AreaFile = Field(description="where the middle of the object may be")
-    numbers: tuple[NumberFile, ...] = Field(min_length=1, description="each with its paragraph")
-    leaves_out: tuple[Text, ...] = Field(
-        min_length=1, description="what our model of it does not have"
-    )
-    requirements: tuple[dict[str, Any], ...] = Field(
-        min_length=1, description="as in a file of requirements"
-    )
+    about: Text
+    text: Text  # the regulation
+    vehicles: Text  # categories to which it applies
+    area: AreaFile  # where the middle of the object may be
+    numbers: tuple[NumberFile, ...] = Field(min_length=1)
+    leaves_out: tuple[Text, ...] = Field(min_length=1)  # what our model of it does not have
+    requirements: tuple[dict[str, Any], ...] = Field(min_length=1)  # as in a file of them
 
 
 @cache
