@@ -150,10 +150,8 @@ class RadarSettings(FurtherSensorSettings):
 def further_sensors(
     cameras: Sequence[CameraSettings], radars: Sequence[RadarSettings], mounts: Sequence[Mount]
 ) -> tuple[MountedSensor, ...]:
-    """Cameras, then radars, on their mounts; those without a name are numbered from 1.
-
-    Raises ValueError: it is not known what one sees, or two have one name.
-    """
+    """Cameras, then radars, on their mounts; those without a name are numbered from 1. Raises
+    ValueError: it is not known what one sees, or two have one name."""
     of = (("camera", cameras), ("radar", radars))
     places = [(f"{kind}s[{n}]", f"{kind} {n + 1}") for kind, own in of for n in range(len(own))]
     every: tuple[CameraSettings | RadarSettings, ...] = (*cameras, *radars)

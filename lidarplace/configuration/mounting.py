@@ -85,10 +85,8 @@ class PlaceSettings(Settings):
         return Zone.box(name, self.x, self.y, self.z)
 
     def within_standoff(self, name: str, vehicle: Vehicle) -> Zone:
-        """The part of the zone that is not too far above the body beneath it.
-
-        Raises ValueError: there is none; says what to write.
-        """
+        """The part of the zone that is not too far above the body beneath it. Raises ValueError:
+        there is none; says what to write."""
         zone = self.zone(name)
         ys = [y for _, y in zone.polygon]
         top = top_near(vehicle, zone.x, (min(ys), max(ys)))

@@ -59,10 +59,8 @@ class PlacementSettings(Settings):
         return [Mount(*(from_carla(*p) if self.convention == "carla" else p)) for p in poses]
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
-        """The placement in our ego frame, `lidar` on mounts that have none of their own.
-
-        Raises ValueError as `Placement` does.
-        """
+        """The placement in our ego frame, `lidar` on mounts that have none of their own. Raises
+        ValueError as `Placement` does."""
         return Placement(name, self.in_ego(self.mounts), _lidars(self.mounts, lidar))
 
 
@@ -112,10 +110,8 @@ def _lidars(mounts: Sequence[MountSettings], lidar: Lidar) -> list[Lidar]:
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:
-    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`.
-
-    Raises OSError and ValueError as `read_placement`; or there is no placement of that name.
-    """
+    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`. Raises
+    OSError and ValueError as `read_placement`; or there is no placement of that name."""
     if name.endswith((".yaml", ".yml")):
         return read_placement(Path(name), lidar)
     if name not in PAPER_PLACEMENTS:

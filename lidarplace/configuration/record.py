@@ -24,9 +24,7 @@ Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]  # finite
 
 def read_record(path: Path, kind: type[T], what: str) -> T:
     """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
-
-    Raises ValueError: as `read_json`, or what the file holds is something else.
-    """
+    Raises ValueError: as `read_json`, or what the file holds is something else."""
     try:
         return TypeAdapter(kind).validate_python(read_json(path))
     except ValidationError as error:

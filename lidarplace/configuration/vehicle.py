@@ -115,10 +115,8 @@ def vehicle_of(settings: VehicleSettings | None) -> Vehicle:
 
 
 def read_vehicle(path: Path) -> Vehicle | None:
-    """The vehicle in a file: YAML of what a field holds, or a mesh in metres.
-
-    Raises OSError: the file cannot be read; ValueError: it holds no vehicle.
-    """
+    """The vehicle in a file: YAML of what a field holds, or a mesh in metres. Raises OSError: the
+    file cannot be read; ValueError: it holds no vehicle."""
     raw = read_yaml_file(path) if path.suffix in (".yaml", ".yml") else path.name
     field: TypeAdapter[VehicleSettings | None] = TypeAdapter(OwnVehicle)
     try:

@@ -87,9 +87,7 @@ class Positions:
 
 def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
     """Points at most `step` metres apart; the sides of the rectangle around the area have some.
-
-    Raises ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none.
-    """
+    Raises ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none."""
     sides = area.sides(vehicle)
     numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]
     if math.prod(numbers) > MOST_POSITIONS:
@@ -124,11 +122,9 @@ def distance_from(
 def in_the_way(
     vehicle: Vehicle, points: NDArray[np.float64], size: Sequence[float], heading: float
 ) -> NDArray[np.bool_]:
-    """Whether a box that stands there would be within the vehicle's body; a touch is not.
-
-    By the theorem of the separating axis, of the body's boxes, and of what its triangles have at
-    the heights of the box. Its middle is at `points`, shape (P, 2); metres and radians.
-    """
+    """Whether a box that stands there would be within the vehicle's body; a touch is not. By the
+    theorem of the separating axis, of the body's boxes, and of what its triangles have at the
+    heights of the box. Its middle is at `points`, shape (P, 2); metres and radians."""
     c, s = math.cos(heading), math.sin(heading)
     half_x = 0.5 * (abs(c) * size[0] + abs(s) * size[1])
     half_y = 0.5 * (abs(s) * size[0] + abs(c) * size[1])

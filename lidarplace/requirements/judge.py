@@ -70,11 +70,9 @@ def judge(
     vehicle: Vehicle,
     further: Sequence[MountedSensor] = (),
 ) -> list[Outcome]:
-    """What becomes of requirements that are laid out around `vehicle` under one rig.
-
-    LiDARs that are dead cost little: what a rig has without them follows from the counts of all.
-    One inside of the vehicle's body sees nothing. Cameras and radars, `further`, are as built.
-    """
+    """What becomes of requirements that are laid out around `vehicle` under one rig. LiDARs that
+    are dead cost little: what a rig has without them follows from the counts of all. One inside of
+    the vehicle's body sees nothing. Cameras and radars, `further`, are as built."""
 
     @cache
     def sights_once(rig: Placement, pose: str) -> list[Sight]:
@@ -203,10 +201,8 @@ def by_several(
     each: NDArray[np.float64], kinds: Sequence[str], dead: Sequence[int], sensors: int, of: int
 ) -> NDArray[np.float64]:
     """What so many sensors of at least `of` kinds have, each by itself; 0 where there are fewer.
-
     `each` has a column for every sensor, shape (B, sensors); those whose numbers are `dead` do not
-    count.
-    """
+    count."""
     alive = [number for number in range(len(kinds)) if number not in dead]
     found = _nth_largest(each[:, alive], sensors)
     if of > 1:

@@ -35,10 +35,8 @@ class Laid:
 
 
 def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
-    """Find the positions of a requirement.
-
-    Raises ValueError: the area has no end, is empty, or lies within the vehicle.
-    """
+    """Find the positions of a requirement. Raises ValueError: the area has no end, is empty, or
+    lies within the vehicle."""
     placed = requirement.placed
     if requirement.common_view is not None:
         nowhere = Positions(np.empty(0), np.empty(0), np.empty((0, 0), np.bool_))

@@ -93,13 +93,9 @@ def count_points(
     reflectivity: float = DARK,
     dead: Sequence[tuple[int, ...]] = (),
 ) -> Counts:
-    """Rays that hit each box and return.
-
-    Args:
-        boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
-        reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
-        dead: sets of numbers of LiDARs, for `Counts.left`.
-    """
+    """Rays that hit each box, a row of `lidarplace.logs.boxes.GEOMETRY`, and return; by its
+    reflectivity for LiDARs whose `range_10` is known. `dead` are sets of numbers of LiDARs, for
+    `Counts.left`."""
 
     def points(part: NDArray[np.float64]) -> NDArray[np.float64]:
         no_cells, found = np.empty((len(part), 0)), np.zeros((len(part), sights[-1].number + 1))
@@ -120,10 +116,8 @@ def count_cells(
     dead: Sequence[tuple[int, ...]] = (),
 ) -> Counts:
     """Cells of the surface of each box that are hit, as `lidarplace.recall.surface_cells` has them.
-
     Boxes are of one size, `cell` is an edge in metres, other arguments are as of `count_points`.
-    Raises ValueError: a box has too many cells.
-    """
+    Raises ValueError: a box has too many cells."""
     cells, lidars = _cells_of(boxes, cell), sights[-1].number + 1
     marked = _marked(dead, lidars)
 
@@ -150,9 +144,7 @@ def missed_cells(
     sights: list[Sight], boxes: NDArray[np.float64], cell: float, reflectivity: float = DARK
 ) -> NDArray[np.float64]:
     """Probability that no ray of these LiDARs returns from each cell of each box, shape (B, cells).
-
-    Arguments and errors are those of `count_cells`.
-    """
+    Arguments and errors are those of `count_cells`."""
     cells = _cells_of(boxes, cell)
 
     def missed(part: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -301,10 +293,8 @@ def _put_out(enter, ends, fired, planes, facing, ce, se, reflectivity, beams):
 
 @inner
 def _frame(sight, part, cell, frame):
-    """Fill `frame`: from the sensor's to that of the cells, whose edge is the unit of length.
-
-    Its last column is where the sensor is. Returns the number of cells along each axis.
-    """
+    """Fill `frame`: from the sensor's to that of the cells, whose edge is the unit of length. Its
+    last column is where the sensor is. Returns the number of cells along each axis."""
     c, s = np.cos(part[6]), np.sin(part[6])
     turn, at = sight.rotation, sight.origin - part[:3]
     for k in range(4):

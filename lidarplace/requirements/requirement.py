@@ -81,10 +81,8 @@ MOST_DEAD = 1000  # sets of dead sensors of one rig
 
 
 def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
-    """All sets of so many dead sensors of a rig; all of them if it has no more.
-
-    Raises ValueError: there are too many sets.
-    """
+    """All sets of so many dead sensors of a rig; all of them if it has no more. Raises ValueError:
+    there are too many sets."""
     dead = min(dead, sensors)
     if (sets := math.comb(sensors, dead)) > MOST_DEAD:
         raise ValueError(
@@ -107,10 +105,8 @@ class AlsoWhen:
     sensors_dead: int = 0  # any so many of the sensors see nothing
 
     def dead(self, names: Sequence[str], lidars: int) -> dict[str, tuple[int, ...]]:
-        """Numbers of the sensors that are dead, by case; first "", in which none is.
-
-        `names` has the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`.
-        """
+        """Numbers of the sensors that are dead, by case; first "", in which none is. `names` has
+        the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`."""
         sets = dead_sets(1, lidars) if self.one_lidar_dead else []
         sets += dead_sets(self.sensors_dead, len(names)) if self.sensors_dead else []
         return {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}

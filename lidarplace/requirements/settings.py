@@ -342,10 +342,8 @@ class RequirementSettings(Settings):
 
     def not_of(self, lidar: Lidar) -> tuple[str, str] | None:
         """Why it cannot be asked of a LiDAR, if it cannot: the key, and what is missing or wrong.
-
         By light nobody knows how far a LiDAR without `range_10` sees; a case of `also_when` may
-        leave one no range.
-        """
+        leave one no range."""
         if self.what is not None and self.what.reflectivity is not None and lidar.range_10 is None:
             return "what.reflectivity", "has no range_10; set it, or remove this key"
         try:

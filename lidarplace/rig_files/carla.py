@@ -36,11 +36,9 @@ class Fan(NamedTuple):
 
 
 def even_fans(elevations: Sequence[float]) -> list[Fan]:
-    """The beam table as few fans as a greedy search finds, from the lowest beam up.
-
-    CARLA spreads the channels of a sensor evenly between two elevations, so an even table is one
-    fan; any other one is made of several sensors in one place.
-    """
+    """The beam table as few fans as a greedy search finds, from the lowest beam up. CARLA spreads
+    the channels of a sensor evenly between two elevations, so an even table is one fan; any other
+    one is made of several sensors in one place."""
     table = np.sort(np.asarray(elevations, np.float64))
     fans, first = [], 0
     for end in range(1, len(table) + 1):
@@ -125,12 +123,10 @@ class _Objects(BaseModel):
 
 
 def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The ray-cast LiDARs on the one vehicle that has some.
-
-    Sensors in one place that follow each other are one LiDAR: CARLA's have even beams, so a LiDAR
-    of uneven beams is written as several. How CARLA weakens intensity is left out. Raises
-    ValueError: the file is none of this kind, LiDARs are on several vehicles, or one cannot be.
-    """
+    """The ray-cast LiDARs on the one vehicle that has some. Sensors in one place that follow each
+    other are one LiDAR: CARLA's have even beams, so a LiDAR of uneven beams is written as several.
+    How CARLA weakens intensity is left out. Raises ValueError: the file is none of this kind,
+    LiDARs are on several vehicles, or one cannot be."""
     objects = read_record(path, _Objects, "list of objects of CARLA's ROS bridge").objects
     carrying = [each for each in objects if any(o.type == BLUEPRINT for o in each.on_it)]
     if len(carrying) > 1:
@@ -178,11 +174,9 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
 
 
 def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second.
-
-    Raises ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not
-    even about its x axis.
-    """
+    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second. Raises
+    ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not even
+    about its x axis."""
     sensors = []
     for each in lidars_in(lidars):
         if each.model is None:

@@ -56,10 +56,8 @@ def mount_at(position: Iterable[float], turned: Iterable[float], where: str) -> 
 
 
 def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> list[str]:
-    """Those of the names that a pattern fits, whatever their case; all, without a pattern.
-
-    `*` stands for any text. Raises ValueError if a pattern fits none of them.
-    """
+    """Those of the names that a pattern fits, whatever their case; all, without a pattern. `*`
+    stands for any text. Raises ValueError if a pattern fits none of them."""
     found = set(names) if not patterns else set()
     for pattern in patterns:
         own = [name for name in names if fnmatchcase(name.lower(), pattern.lower())]
@@ -122,11 +120,9 @@ class Joint:
 
 
 def lidars_of(joints: Sequence[Joint], only: Sequence[str], source: str) -> list[MountedLidar]:
-    """The frames that patterns name, in the frame of the vehicle.
-
-    Raises ValueError: frames hang together otherwise than as a tree, no pattern is given or one
-    fits no frame, or a frame of a LiDAR moves.
-    """
+    """The frames that patterns name, in the frame of the vehicle. Raises ValueError: frames hang
+    together otherwise than as a tree, no pattern is given or one fits no frame, or a frame of a
+    LiDAR moves."""
     holds: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in holds:

@@ -70,10 +70,8 @@ class _SensorViewConfiguration(_Message):
 
 def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     """The sensors of a configuration, called by kind and id, `lidar_1`; ValueError if it is none.
-
     Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
-    and no range.
-    """
+    and no range."""
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []
     for kind in ("lidar", "camera", "radar"):
@@ -106,11 +104,9 @@ def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSe
 
 
 def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write a configuration; ids count from 1, of each kind.
-
-    Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
-    OSI's fields of view are even about the sensor's axis: the smallest that holds all beams.
-    """
+    """Write a configuration; ids count from 1, of each kind. Rays are given for LiDARs that have a
+    model, and their numbers for those without a pattern. OSI's fields of view are even about the
+    sensor's axis: the smallest that holds all beams."""
     found: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
     for each in lidars:
         views = found.setdefault(f"{each.kind}SensorViewConfiguration", [])

@@ -34,11 +34,9 @@ BY_ORDER = {
 
 
 def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The frames that are LiDARs, as `lidars_of` knows them.
-
-    The file is read, not launched: substitutions and conditions are refused. Raises ValueError: it
-    is no launch file, a transform is none, or frames are not of a vehicle.
-    """
+    """The frames that are LiDARs, as `lidars_of` knows them. The file is read, not launched:
+    substitutions and conditions are refused. Raises ValueError: it is no launch file, a transform
+    is none, or frames are not of a vehicle."""
     root = read_xml(path)
     if root.tag != "launch":
         raise ValueError(f"{path}: is no XML launch file: its root is {root.tag}, not launch")

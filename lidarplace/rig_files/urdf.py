@@ -21,11 +21,9 @@ from lidarplace.rig_files.mounted import (
 
 
 def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The links that are LiDARs, as `lidars_of` knows them.
-
-    `rpy` are roll, pitch and yaw about fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises
-    ValueError: the file is no URDF, is xacro, or its frames are none of a vehicle.
-    """
+    """The links that are LiDARs, as `lidars_of` knows them. `rpy` are roll, pitch and yaw about
+    fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises ValueError: the file is no URDF, is
+    xacro, or its frames are none of a vehicle."""
     root = read_xml(path)
     if root.tag != "robot":
         raise ValueError(f"{path}: not a URDF: its root is {root.tag}, not robot")

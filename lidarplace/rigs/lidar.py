@@ -371,11 +371,9 @@ def _in_frame(lidar: Lidar, number: int) -> Lidar:
 def unit_vectors(
     elevations: NDArray[np.float64], azimuths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous.
-
-    Elevations are above the xy plane, shape (beams,), azimuths from the x axis towards y, of all
-    beams, shape (steps,), or of each, shape (beams, steps); radians.
-    """
+    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous. Elevations
+    are above the xy plane, shape (beams,), azimuths from the x axis towards y, of all beams, shape
+    (steps,), or of each, shape (beams, steps); radians."""
     up = elevations[:, None]
     level = np.cos(up)
     x, y = level * np.cos(azimuths), level * np.sin(azimuths)

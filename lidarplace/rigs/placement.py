@@ -159,10 +159,8 @@ class Placement(Plottable):
 
 def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
     """A LiDAR as LiDARs whose rays start at their origins: the runs of beams with one offset.
-
     Mount, model without offsets and, in the order of `Lidar.directions()`, the numbers of the rays
-    of each; the LiDAR itself where it has no offsets.
-    """
+    of each; the LiDAR itself where it has no offsets."""
     if lidar.offsets is None:
         return [(mount, lidar, slice(0, lidar.rays))]
     up, first, found = mount.rotation[:, 2], 0, []

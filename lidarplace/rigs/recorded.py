@@ -17,9 +17,8 @@ MOST_DEGREES = 0.5
 class RecordedRig:
     """LiDARs by name, as they were when a log was recorded. JSON holds it as `asdict` does.
 
-    Raises:
-        ValueError: there is not one name for each mount, two names are equal or one is empty, or a
-            LiDAR fires a pattern of rays, which no file holds.
+    Raises ValueError: there is not one name for each mount, two names are equal or one is empty, or
+    a LiDAR fires a pattern of rays, which no file holds.
     """
 
     names: tuple[str, ...]  # in the order of the mounts, such as ("up_lidar", "down_lidar")
@@ -58,11 +57,8 @@ class RecordedRig:
 
 
 def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
-    """The rig of all scenes, that of the first one.
-
-    Raises ValueError: there is none, or scenes have other LiDARs, or mounts that differ by more
-    than `MOST_MM` or `MOST_DEGREES`.
-    """
+    """The rig of all scenes, that of the first one. Raises ValueError: there is none, or scenes
+    have other LiDARs, or mounts that differ by more than `MOST_MM` or `MOST_DEGREES`."""
     if not rigs:
         raise ValueError("no recorded rig; convert the log with its calibration")
     (first, rig), *others = rigs.items()

@@ -56,11 +56,9 @@ def seen_in(
     loss: float,
     cell: float,
 ) -> Seen:
-    """Compare a real cloud with its simulation.
-
-    The correction: `share` is what the own shadow leaves, shape (LiDARs, SECTORS), `factor` is of
-    every box of the log, `loss` is 1 / distance, 1/m. `cell` is the edge of a cell, metres.
-    """
+    """Compare a real cloud with its simulation. The correction: `share` is what the own shadow
+    leaves, shape (LiDARs, SECTORS), `factor` is of every box of the log, `loss` is 1 / distance,
+    1/m. `cell` is the edge of a cell, metres."""
     rows, placement = recording.surroundings.rows(cloud.frame), recording.placement
     boxes = recording.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[rows]
     every = recording.met(cloud.frame)

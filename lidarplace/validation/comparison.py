@@ -28,14 +28,12 @@ def scores(
     real: NDArray[np.float64],
     chance: dict[int, NDArray[np.float64]],
 ) -> dict[str, float]:
-    """How far simulated points of objects are from real ones.
+    """How far simulated points of objects are from real ones; `chance` is the probability that a
+    simulated object has at least so many points, by `LEAST`.
 
-    `chance` is the probability that a simulated object has at least so many points, by `LEAST`.
-
-    Returns:
-        objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of its
-        absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
-        for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
+    Returns objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of
+    its absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
+    for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
     """
     ratio = log_ratio(simulated, real)
     found = {
@@ -75,15 +73,12 @@ def chances(
 
 
 def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """`scores` of models by distance, class and route; rows of few objects are left out.
+    """`scores` of models by distance, class and route; rows of few objects are left out. Objects
+    have columns class, route, distance, world, real, rays/MODEL (of them, before anything gets
+    lost) and points/MODEL.
 
-    Args:
-        objects: columns class, route, distance, world, real, rays/MODEL (of them, before anything
-            gets lost) and points/MODEL.
-
-    Returns:
-        Columns model, by (all, distance, class or route), group, those of `scores`, and world, the
-        share of objects in scenes with a static world.
+    Returns columns model, by (all, distance, class or route), group, those of `scores`, and world,
+    the share of objects in scenes with a static world.
     """
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)

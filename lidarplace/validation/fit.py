@@ -43,10 +43,8 @@ class Fit:
     def points(
         self, returns: Returns, classes: NDArray[np.str_], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Expected returns of every row of `returns`, shape (N,).
-
-        `classes` are of the log's boxes, `shares` what shadows leave of every row, shape (N,).
-        """
+        """Expected returns of every row of `returns`, shape (N,). `classes` are of the log's boxes,
+        `shares` what shadows leave of every row, shape (N,)."""
         kept = self.factors(classes)[returns.box]
         kept = kept * np.exp(-returns.distance / (self.distance or math.inf)) * shares
         return np.asarray(returns.points * np.minimum(kept, 1.0))
@@ -82,11 +80,8 @@ class Problem:
         return len(np.unique(self.track))
 
     def fit(self, kept: NDArray[np.int64] | None = None) -> Fit:
-        """The correction of the boxes `kept`, some perhaps repeatedly; of all for None.
-
-        Raises:
-            ValueError: no object has both real and simulated points.
-        """
+        """The correction of the boxes `kept`, some perhaps repeatedly; of all for None. Raises
+        ValueError: no object has both real and simulated points."""
         if kept is None:
             kept = np.arange(len(self.real))
         real, names = self.real[kept], self.name[kept]
@@ -110,10 +105,8 @@ class Problem:
         return best
 
     def intervals(self, seed: int = 0) -> dict[str, tuple[float, float]]:
-        """95 % intervals of the factors and of the distance, from resampled tracks.
-
-        An infinite distance is infinite in them, too.
-        """
+        """95 % intervals of the factors and of the distance, from resampled tracks. An infinite
+        distance is infinite in them, too."""
         random = np.random.default_rng(seed)
         order = np.argsort(self.track, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self.track))[:-1])

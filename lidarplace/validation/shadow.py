@@ -34,11 +34,9 @@ def returned(
     placement: Placement,
     vehicle: Vehicle | None = None,
 ) -> NDArray[np.float64]:
-    """Share of the rays with something to return from that did, shape (LiDARs, SECTORS).
-
-    NaN where there is no such ray. `points` are x, y, z of a frame in the ego frame, shape (n, 3),
-    each of the LiDAR of a number. No vehicle: a sedan.
-    """
+    """Share of the rays with something to return from that did, shape (LiDARs, SECTORS). NaN where
+    there is no such ray. `points` are x, y, z of a frame in the ego frame, shape (n, 3), each of
+    the LiDAR of a number. No vehicle: a sedan."""
     body = (vehicle or sedan()).extents[:, :, :2]
     low, high = body[:, 0].min(axis=0, initial=np.inf), body[:, 1].max(axis=0, initial=-np.inf)
     world = ((points[:, :2] < low - _AROUND_M) | (points[:, :2] > high + _AROUND_M)).any(axis=1)
@@ -71,9 +69,7 @@ def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np
 
 def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     """What every sector returns of what open ones do, 1 where it is open; (LiDARs, SECTORS).
-
-    `shares` are `returned` of frames, at least one.
-    """
+    `shares` are `returned` of frames, at least one."""
     best = np.max(np.nan_to_num(np.array(shares), nan=np.inf, posinf=np.inf), axis=0)
     known = np.where(np.isfinite(best), best, np.nan)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # no ray goes down

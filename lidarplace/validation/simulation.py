@@ -49,11 +49,8 @@ class Met(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A rig in the frames of a log that it recorded.
-
-    `surroundings` raise ValueError: a box is bad, or a scene with a static world has a frame
-    without a pose.
-    """
+    """A rig in the frames of a log that it recorded. `surroundings` raise ValueError: a box is bad,
+    or a scene with a static world has a frame without a pose."""
 
     log: BoxLog
     placement: Placement

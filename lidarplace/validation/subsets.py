@@ -24,14 +24,9 @@ def subsets(lidars: int) -> list[tuple[int, ...]]:
 
 
 def points_by_subset(objects: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    """Mean points on an object nearer than `BELOW_M`, of the boxes that every LiDAR was counted in.
-
-    Args:
-        objects: columns distance, and WHAT/NAME for `WHAT` and every name of a LiDAR.
-
-    Returns:
-        Columns subset, measure ("points"), class ("all"), objects, and `WHAT`.
-    """
+    """Mean points on an object nearer than `BELOW_M`, of the boxes that every LiDAR was counted in:
+    columns distance, and WHAT/NAME for `WHAT` and every name of a LiDAR. Returns columns subset,
+    measure ("points"), class ("all"), objects, and `WHAT`."""
     columns = {what: [f"{what}/{name}" for name in names] for what in WHAT}
     known = objects[objects["distance"] < BELOW_M].dropna(subset=columns["real"])
     rows = []
@@ -49,16 +44,9 @@ def cells_by_subset(
     names: Sequence[str],
     curves: DetectionCurves,
 ) -> pd.DataFrame:
-    """Mean cells of an object that are hit, and its probability to be found, of frames with clouds.
-
-    Args:
-        classes: of the log's boxes, shape (boxes,).
-        near: whether a box counts, shape (boxes,).
-        curves: detection curves, at `IOU`.
-
-    Returns:
-        As `points_by_subset`, measures "cells" and "expected_recall", by class with a curve.
-    """
+    """Mean cells of an object that are hit, and its probability to be found, of frames with clouds:
+    as `points_by_subset`, measures "cells" and "expected_recall", by class with a curve at `IOU`.
+    `classes` and `near`, whether a box counts, are of the log's boxes."""
     every = np.concatenate([seen.rows for seen in frames] or [np.empty(0, np.int64)])
     of_class = np.where(near[every], classes[every], "")
     known = [str(name) for name in np.unique(of_class) if curves.has(name, IOU)]
@@ -83,10 +71,8 @@ def _counts(seen: Seen, what: str, own: Sequence[int]) -> NDArray[np.int64]:
 
 
 def agreement(table: pd.DataFrame) -> pd.DataFrame:
-    """How alike subsets are ranked: Spearman's rho of real values and of each simulation.
-
-    Returns columns measure, class, subsets, shipped, corrected; NaN of fewer than 3 subsets.
-    """
+    """How alike subsets are ranked: Spearman's rho of real values and of each simulation. Returns
+    columns measure, class, subsets, shipped, corrected; NaN of fewer than 3 subsets."""
     rows = []
     for (measure, name), part in table.groupby(["measure", "class"], sort=False):
         real = part["real"].to_numpy(np.float64)

@@ -213,10 +213,8 @@ def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
 
 
 def _objects(log: BoxLog) -> pd.DataFrame:
-    """Boxes with their distance, route and real points.
-
-    In a log that has classes of `CLASSES` others only hide what is behind them.
-    """
+    """Boxes with their distance, route and real points. In a log that has classes of `CLASSES`
+    others only hide what is behind them."""
     boxes = log.boxes
     own = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
     own["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])

@@ -34,12 +34,9 @@ Report = Callable[[str], None]
 
 
 def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report) -> Traffic:
-    """Record one route, no LiDAR is mounted yet; `report` receives what was left out.
-
-    Raises:
-        ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown.
-        RuntimeError: the server failed.
-    """
+    """Record one route, no LiDAR is mounted yet; `report` receives what was left out. Raises
+    ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown;
+    RuntimeError: the server failed."""
     world = load_town(client, route.town)
     traffic_manager = client.get_trafficmanager(scene.traffic_manager_port)
     with synchronous(world), closing(Actors(client, world)) as own:
@@ -101,11 +98,9 @@ def _spawn_vehicles(
 def starts(
     points: Sequence[tuple[float, float]], count: int, scene: CarlaScene, route: Route
 ) -> int:
-    """Index of the `count`-th start of a town. Raises ValueError: the town has fewer.
-
-    The first is drawn by the scene's seed, each next one lies farthest from those before it, so
-    that the routes cover the town.
-    """
+    """Index of the `count`-th start of a town. Raises ValueError: the town has fewer. The first is
+    drawn by the scene's seed, each next one lies farthest from those before it, so that the routes
+    cover the town."""
     if len(points) < count:
         raise ValueError(f"{route.town} has {len(points)} starts, too few for {count} routes")
     place = np.array(points)
@@ -206,10 +201,8 @@ def object_class(
     blueprint: str, wheels: int, size: tuple[float, float, float], overrides: Mapping[str, str]
 ) -> str:
     """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
-
     `overrides` by blueprint come first, then `CLASS_OF`. What neither names is Pedestrian if it
-    walks, Cyclist on two wheels or over `BOX_TRUCK_M` in all three dimensions, Car otherwise.
-    """
+    walks, Cyclist on two wheels or over `BOX_TRUCK_M` in all three dimensions, Car otherwise."""
     if named := overrides.get(blueprint) or CLASS_OF.get(blueprint):
         return named
     if blueprint.startswith("walker."):

@@ -44,11 +44,9 @@ class Rig:
         crop: Crop,
         seed: int,
     ) -> None:
-        """Mount the sensors; they take part from the next step on.
-
-        Points outside of `crop`, in the ego frame, are left out; `seed` decides which returns are
-        dropped. Raises RuntimeError: the server cannot make one of them.
-        """
+        """Mount the sensors; they take part from the next step on. Points outside of `crop`, in the
+        ego frame, are left out; `seed` decides which returns are dropped. Raises RuntimeError: the
+        server cannot make one of them."""
         self._placement, self._crop = placement, crop
         extent = ego.bounding_box.extent
         self._body = (2 * extent.x, 2 * extent.y, 2 * extent.z)
@@ -69,11 +67,8 @@ class Rig:
                 sensor.listen(partial(_deliver, self._arrived, number))
 
     def clouds(self, step: int, timeout_s: float) -> list[Points]:
-        """The returns of every LiDAR in CARLA's frame `step`, in the ego frame.
-
-        Waits until all sensors have delivered, or raises TimeoutError; data of earlier frames are
-        dropped.
-        """
+        """The returns of every LiDAR in CARLA's frame `step`, in the ego frame. Waits until all
+        sensors have delivered, or raises TimeoutError; data of earlier frames are dropped."""
         returns: dict[int, Points] = {}
         while len(returns) < len(self._mount_of):
             try:

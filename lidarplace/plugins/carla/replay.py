@@ -30,12 +30,8 @@ APART_M, ABOVE_M = 25.0, 300.0  # distance of actors, and height, while they wai
 def replay(
     client: carla.Client, scene: CarlaScene, route: Route, traffic: Traffic, placement: Placement
 ) -> PointClouds:
-    """The clouds of one placement in all frames of a recorded route.
-
-    Raises:
-        TimeoutError: a LiDAR did not deliver.
-        RuntimeError: the server failed, or somebody is not where it was put.
-    """
+    """The clouds of one placement in all frames of a recorded route. Raises TimeoutError: a LiDAR
+    did not deliver; RuntimeError: the server failed, or somebody is not where it was put."""
     import carla
 
     world = load_town(client, route.town)

@@ -21,11 +21,8 @@ def ego_points(
 ) -> Points:
     """Points in the ego frame, without those out of sight, out of `crop` and on the own body.
 
-    CARLA fired the full turn: the field of view of `lidar` counts.
-
-    Args:
-        returns: x, y, z, intensity in the sensor's left-handed frame, shape (n, 4), float32.
-        body: the ego's length, width and height; its box stands on the origin.
+    CARLA fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity
+    in the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height.
     """
     turn = mount.rotation @ np.diag([1.0, -1.0, 1.0])  # from the left-handed frame
     low, high = lidar.azimuth

@@ -57,9 +57,7 @@ def _release(version: str) -> str:
 
 def load_town(client: carla.Client, town: str) -> carla.World:
     """Load a map anew and take its parked cars away: they are no actors, so they have no boxes.
-
-    Servers before 0.9.11 cannot take them away. Raises ValueError: the server has no such map.
-    """
+    Servers before 0.9.11 cannot take them away. Raises ValueError: the server has no such map."""
     import carla
 
     maps = sorted(path.rsplit("/", 1)[-1] for path in client.get_available_maps())

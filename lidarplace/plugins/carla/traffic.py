@@ -41,11 +41,9 @@ class Traffic(NamedTuple):
 
 
 def box_log(traffic: Traffic) -> BoxLog:
-    """Boxes within `KEEP_M` of the ego, in its frame; the ego itself is not among them.
-
-    The ego frame leans with the vehicle: on a slope the road stays level in it. A box has a yaw
-    only, that of its length; what it leans against the ego is left out.
-    """
+    """Boxes within `KEEP_M` of the ego, in its frame; the ego itself is not among them. The ego
+    frame leans with the vehicle: on a slope the road stays level in it. A box has a yaw only, that
+    of its length; what it leans against the ego is left out."""
     where = traffic.poses.merge(traffic.actors, on="actor").merge(
         traffic.frames[["scene", "frame", "timestamp_s", "route"]], on="frame"
     )
