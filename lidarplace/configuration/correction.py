@@ -30,8 +30,7 @@ from lidarplace.rigs.correction import MOST_FACTOR, OTHER, Correction, Mask
 from lidarplace.rigs.lidar import MOST_OFFSET, Lidar
 
 PACKAGED = "lidarplace.rigs.corrections"
-MOST_SHARES = 100_000
-"""Of a mask: half a degree in both directions is less."""
+MOST_SHARES = 100_000  # of a mask: half a degree in both directions is less
 
 
 def _one_row(shares: Any) -> Any:
@@ -121,17 +120,19 @@ class CorrectionFile(Settings):
     def applied_to(self, lidar: Lidar, unit: str | None = None) -> Lidar:
         """The LiDAR with what is lost. See `Lidar.corrected`.
 
-        Raises:
-            ValueError: there is no such unit, or its beams are not those of `lidar`.
+        Raises ValueError: there is no such unit, or its beams are not those of `lidar`.
         """
-        own = UnitSettings() if unit is None else self._unit(unit)
-        known: dict[str, Any] = {}
-        if own.azimuth_steps is not None:
-            known["azimuth_steps"] = own.azimuth_steps
-        if own.elevations_deg is not None:
-            known["elevations"] = tuple(map(math.radians, own.elevations_deg))
-        if own.offsets_m is not None:
-            known["offsets"] = own.offsets_m
+        if unit is not None and unit not in self.lidars:
+            raise ValueError(
+                f"unit: no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}; "
+                f"expected one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}"
+            )
+        own = UnitSettings() if unit is None else self.lidars[unit]
+        elevations = own.elevations_deg and tuple(map(math.radians, own.elevations_deg))
+        known: dict[str, Any] = {
+            "azimuth_steps": own.azimuth_steps, "elevations": elevations, "offsets": own.offsets_m
+        }  # fmt: skip
+        known = {name: value for name, value in known.items() if value is not None}
         if known and lidar.pattern is not None:
             raise ValueError(f"unit {unit}: has beams that turn, and the LiDAR has a pattern")
         for table in (own.elevations_deg, own.offsets_m):
@@ -142,14 +143,6 @@ class CorrectionFile(Settings):
                 )
         mask = None if own.mask is None else own.mask.mask
         return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
-
-    def _unit(self, name: str) -> UnitSettings:
-        if name not in self.lidars:
-            raise ValueError(
-                f"unit: no LiDAR model {name!r}{did_you_mean(name, self.lidars)}; "
-                f"expected one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}"
-            )
-        return self.lidars[name]
 
 
 def packaged() -> tuple[str, ...]:
@@ -166,9 +159,7 @@ def is_file(source: str) -> bool:
 def read_correction(source: str | Path) -> CorrectionFile:
     """The correction in a YAML file, read again when it was changed, or a packaged one by name.
 
-    Raises:
-        ValueError: there is none of that name, the file cannot be read, or a value is wrong; names
-            file, key and value.
+    Raises ValueError: there is none of that name, the file cannot be read, or a value is wrong.
     """
     name = str(source)
     if not is_file(name):
@@ -194,10 +185,8 @@ def _read(path: Path, changed: int, size: int) -> CorrectionFile:
 @lru_cache(maxsize=8)
 def _packaged(name: str) -> CorrectionFile:
     if name not in packaged():
-        listed = ", ".join((*packaged(), "a FILE.yaml"))
-        raise InputError(
-            f"no correction is called {name!r}{did_you_mean(name, packaged())}", expected=listed
-        )
+        wrong = f"no correction is called {name!r}{did_you_mean(name, packaged())}"
+        raise InputError(wrong, expected=", ".join((*packaged(), "a FILE.yaml")))
     text = files(PACKAGED).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return _checked(parse_yaml(text), name)
 

@@ -44,6 +44,7 @@ class FurtherSensorSettings(PoseSettings):
     """A camera or a radar on its mount."""
 
     KIND: ClassVar[str]
+    NEEDED: ClassVar[str]
 
     model: Name | None = Field(None, description="name in the catalogue; other keys override it")
     range: Distance | None = Field(
@@ -66,12 +67,7 @@ class FurtherSensorSettings(PoseSettings):
                 f"model: no {cls.KIND} is called {name!r}{did_you_mean(name, known)}; expected "
                 f"{', '.join(known)}"
             )
-        told = {key: own for key, own in known[name].items() if key in cls.model_fields}
-        return told | data
-
-    def built(self) -> Camera | Radar | None:
-        """What it is; None where it is not known what it sees."""
-        raise NotImplementedError
+        return {key: own for key, own in known[name].items() if key in cls.model_fields} | data
 
     @property
     def by_class(self) -> tuple[tuple[str, float], ...]:
@@ -84,6 +80,7 @@ class CameraSettings(FurtherSensorSettings):
     """A camera that looks along the x axis of its mount."""
 
     KIND = "camera"
+    NEEDED = "pixels and fov_deg or intrinsic"
 
     pixels: tuple[CountFromOne, CountFromOne] | None = Field(
         None, description="width and height of its images"
@@ -125,6 +122,7 @@ class RadarSettings(FurtherSensorSettings):
     """A radar."""
 
     KIND = "radar"
+    NEEDED = "azimuth_deg, elevation_deg and range"
 
     azimuth_deg: Turn | None = Field(None, description="[from, to], to the left")
     elevation_deg: tuple[Elevation, Elevation] | None = Field(None, description="[lowest, highest]")
@@ -152,21 +150,17 @@ class RadarSettings(FurtherSensorSettings):
 def further_sensors(
     cameras: Sequence[CameraSettings], radars: Sequence[RadarSettings], mounts: Sequence[Mount]
 ) -> tuple[MountedSensor, ...]:
-    """Cameras, then radars, on their mounts; those without a name are numbered from 1.
-
-    Raises ValueError: it is not known what one sees, or two have one name.
-    """
-    places = [(f"cameras[{n}]", f"camera {n + 1}") for n in range(len(cameras))]
-    places += [(f"radars[{n}]", f"radar {n + 1}") for n in range(len(radars))]
-    found: list[MountedSensor] = []
-    for own, mount, (where, number) in zip((*cameras, *radars), mounts, places, strict=True):
+    """Cameras, then radars, on their mounts; those without a name are numbered from 1. Raises
+    ValueError: it is not known what one sees, or two have one name."""
+    of = (("camera", cameras), ("radar", radars))
+    places = [(f"{kind}s[{n}]", f"{kind} {n + 1}") for kind, own in of for n in range(len(own))]
+    every: tuple[CameraSettings | RadarSettings, ...] = (*cameras, *radars)
+    found: dict[str, MountedSensor] = {}
+    for own, mount, (where, number) in zip(every, mounts, places, strict=True):
         model, name = own.built(), own.name or number
         if model is None:
-            needed = "pixels and fov_deg or intrinsic"
-            if own.KIND == "radar":
-                needed = "azimuth_deg, elevation_deg and range"
-            raise ValueError(f"{where}: field of view: unknown; expected model, or {needed}")
-        if any(sensor.name == name for sensor in found):
+            raise ValueError(f"{where}: field of view: unknown; expected model, or {own.NEEDED}")
+        if name in found:
             raise ValueError(f"{where}.name: duplicate name {name!r}; rename one")
-        found.append(MountedSensor(name, mount, model))
-    return tuple(found)
+        found[name] = MountedSensor(name, mount, model)
+    return tuple(found.values())

@@ -1,4 +1,5 @@
-"""What a vehicle allows its LiDARs in a configuration: zones, keep-outs and limits."""
+"""What a vehicle allows its LiDARs in a configuration: zones, keep-outs, limits, and how far mounts
+are off."""
 
 from __future__ import annotations
 
@@ -16,6 +17,7 @@ from lidarplace.configuration.settings import (
     Aside,
     Count,
     CountFromOne,
+    Degrees,
     Distance,
     Height,
     Length,
@@ -24,6 +26,7 @@ from lidarplace.configuration.settings import (
     Settings,
 )
 from lidarplace.mounting.common_view import CommonView
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.polygon import NANOMETRE
 from lidarplace.mounting.vehicle import Vehicle, top_near
 from lidarplace.mounting.zone import Zone
@@ -48,7 +51,6 @@ Span = Annotated[tuple[Aside, Aside], BeforeValidator(number_as_interval), After
 Heights = Annotated[
     tuple[Height, Height], BeforeValidator(number_as_interval), AfterValidator(ordered)
 ]
-"""The same above the ground."""
 
 
 class PlaceSettings(Settings):
@@ -76,18 +78,15 @@ class PlaceSettings(Settings):
 
     def zone(self, name: str) -> Zone:
         """The zone in the terms of `lidarplace`. Raises ValueError if its shape is impossible."""
-        corners = self.polygon
-        if corners is None:
-            assert self.x is not None
-            assert self.y is not None
-            return Zone.box(name, self.x, self.y, self.z)
-        return Zone(name, corners, self.z)
+        if self.polygon is not None:
+            return Zone(name, self.polygon, self.z)
+        assert self.x is not None
+        assert self.y is not None
+        return Zone.box(name, self.x, self.y, self.z)
 
     def within_standoff(self, name: str, vehicle: Vehicle) -> Zone:
-        """The part of the zone that is not too far above the body beneath it.
-
-        Raises ValueError: there is none; says what to write.
-        """
+        """The part of the zone that is not too far above the body beneath it. Raises ValueError:
+        there is none; says what to write."""
         zone = self.zone(name)
         ys = [y for _, y in zone.polygon]
         top = top_near(vehicle, zone.x, (min(ys), max(ys)))
@@ -106,10 +105,8 @@ class PlaceSettings(Settings):
 
 
 def mountable(zones: Mapping[str, PlaceSettings], vehicle: Vehicle) -> tuple[Zone, ...]:
-    """The zones, cut off where they are too far above the vehicle.
-
-    Raises ValueError: all of a zone is.
-    """
+    """The zones, cut off where they are too far above the vehicle. Raises ValueError: one is all
+    off."""
     return tuple(own.within_standoff(name, vehicle) for name, own in zones.items())
 
 
@@ -137,7 +134,6 @@ KeepOuts = Annotated[
     dict[Name, KeepOutSettings],
     Field(description="regions by name: no LiDAR may be inside, and they hide objects behind them"),
 ]
-"""A field of a model."""
 
 
 def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float64]:
@@ -193,3 +189,32 @@ class LimitSettings(Settings):
     facing: Count | None = Field(
         None, description="largest number of pairs of LiDARs that may face each other"
     )
+
+
+class OffsetSettings(Settings):
+    """How far mounts are off."""
+
+    offset: Distance = Field(0.0, description="metres at most, along each axis")
+    angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
+        0.0, description="degrees at most, about each axis"
+    )
+
+    def errors(self) -> MountingErrors:
+        """In the terms of `lidarplace`."""
+        return MountingErrors(self.offset, math.radians(self.angle_deg))
+
+
+class MountingErrorSettings(OffsetSettings):
+    """How far mounts are off in simulated clouds: each frame has another vehicle of a fleet."""
+
+    vehicle: Count | None = Field(
+        None,
+        description="test frames are all of this vehicle of the fleet; trainings do not depend on "
+        "it",
+    )
+
+    @model_validator(mode="after")
+    def _differ(self) -> MountingErrorSettings:
+        if self.vehicle is not None and not self.errors():
+            raise ValueError("vehicle: has no effect without offset or angle_deg")
+        return self

@@ -16,16 +16,9 @@ LIVOX = ("Azimuth/deg", "Zenith/deg")
 
 
 def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
-    """The pattern in a CSV file; read again when the file was changed.
-
-    Args:
-        path: with the columns OURS or LIVOX; others are ignored.
-        rays_per_frame: None: all rows are one frame.
-
-    Raises:
-        ValueError: the file cannot be read, has neither columns, not one frame of rows, or an
-            angle that is no number or out of bounds; the message names file, row and column.
-    """
+    """The pattern in the columns OURS or LIVOX of a CSV file; read again when it was changed.
+    Without `rays_per_frame` all rows are one frame. Raises ValueError: the file cannot be read, has
+    neither columns, not one frame of rows, or an angle that is no number or out of bounds."""
     try:
         told = regular(path).stat()
         return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)
@@ -53,23 +46,19 @@ def _read(path: Path, rays_per_frame: int | None, changed: int, size: int) -> Sc
         )
     azimuth, other = (_degrees(table, name, path) for name in names)
     elevation = other if names is OURS else 90.0 - other
-    if (np.abs(elevation) > 90.0).any():
-        row = int(np.argmax(np.abs(elevation) > 90.0))
+    for row in np.flatnonzero(np.abs(elevation) > 90.0):
         raise ValueError(
             f"pattern: {path}: row {row + 1}: {names[1]} {other[row]:g} is not an elevation "
             "within ±90 degrees"
         )
-    return ScanPattern(
-        np.radians(azimuth % 360.0), np.radians(elevation), rays_per_frame or len(table)
-    )
+    rays = rays_per_frame or len(table)
+    return ScanPattern(np.radians(azimuth % 360.0), np.radians(elevation), rays)
 
 
 def _degrees(table: pd.DataFrame, name: str, path: Path) -> np.ndarray:
     """A column of finite numbers within two turns."""
     angles = pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64)
-    bad = ~(np.abs(angles) <= 720.0)
-    if bad.any():
-        row = int(np.argmax(bad))
+    for row in np.flatnonzero(~(np.abs(angles) <= 720.0)):
         raise ValueError(
             f"pattern: {path}: row {row + 1}: {name} must be degrees, found {table[name][row]}"
         )

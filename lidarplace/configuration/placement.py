@@ -59,10 +59,8 @@ class PlacementSettings(Settings):
         return [Mount(*(from_carla(*p) if self.convention == "carla" else p)) for p in poses]
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
-        """The placement in our ego frame, `lidar` on mounts that have none of their own.
-
-        Raises ValueError as `Placement` does.
-        """
+        """The placement in our ego frame, `lidar` on mounts that have none of their own. Raises
+        ValueError as `Placement` does."""
         return Placement(name, self.in_ego(self.mounts), _lidars(self.mounts, lidar))
 
 
@@ -88,10 +86,9 @@ class SweptPlacementSettings(PlacementSettings):
 
     @model_validator(mode="after")
     def _one_kind(self) -> SweptPlacementSettings:
-        if self.recorded and (self.model_fields_set - {"recorded"}):
-            other = sorted(self.model_fields_set - {"recorded"})[0]
+        if self.recorded and (others := self.model_fields_set - {"recorded"}):
             raise ValueError(
-                f"recorded and {other}: a recorded rig is as it was; set only one of the two"
+                f"recorded and {min(others)}: a recorded rig is as it was; set only one of the two"
             )
         if not (self.mounts or self.recorded):
             raise ValueError(
@@ -113,12 +110,8 @@ def _lidars(mounts: Sequence[MountSettings], lidar: Lidar) -> list[Lidar]:
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:
-    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: there is no placement of that name, or the file is wrong.
-    """
+    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`. Raises
+    OSError and ValueError as `read_placement`; or there is no placement of that name."""
     if name.endswith((".yaml", ".yml")):
         return read_placement(Path(name), lidar)
     if name not in PAPER_PLACEMENTS:
@@ -132,9 +125,7 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
 def read_placement(path: Path, lidar: Lidar) -> Placement:
     """Read the keys of `PlacementSettings`; the placement has the name of the file.
 
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is not such a list; the message names file, key and value.
+    Raises OSError: the file cannot be read; ValueError: it is not such a list.
     """
     settings = read_placement_settings(path)
     try:

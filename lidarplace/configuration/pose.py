@@ -33,10 +33,6 @@ class PoseSettings(Settings):
     @property
     def pose(self) -> tuple[float, float, float, float, float, float]:
         """x, y, z in metres; roll, pitch, yaw in radians."""
-        radians = (self.roll, self.pitch, self.yaw)
-        degrees = (self.roll_deg, self.pitch_deg, self.yaw_deg)
-        roll, pitch, yaw = (
-            angle if other is None else math.radians(other)
-            for angle, other in zip(radians, degrees, strict=True)
-        )
+        units = ((self.roll, self.roll_deg), (self.pitch, self.pitch_deg), (self.yaw, self.yaw_deg))
+        roll, pitch, yaw = (own if deg is None else math.radians(deg) for own, deg in units)
         return self.x, self.y, self.z, roll, pitch, yaw

@@ -19,16 +19,12 @@ def _no_truth(value: object) -> object:
 
 NoTruth = BeforeValidator(_no_truth)
 """Of numbers that may be in quotes, as CARLA and protobuf write them; `true` is none."""
-Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
-"""Finite."""
+Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]  # finite
 
 
 def read_record(path: Path, kind: type[T], what: str) -> T:
     """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
-
-    Raises:
-        ValueError: as `read_json`, or what the file holds is something else; names file and key.
-    """
+    Raises ValueError: as `read_json`, or what the file holds is something else."""
     try:
         return TypeAdapter(kind).validate_python(read_json(path))
     except ValidationError as error:

@@ -33,12 +33,8 @@ Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 MOST_BEAMS = 10_000
 MOST_RAYS = 20_000_000
 """Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
-
-
-BEAM_KEYS = {
-    *("beams", "elevation_deg", "elevations_deg", "offsets_m", "azimuth_steps", "azimuth_deg")
-}
-"""Of a LiDAR whose beams turn."""
+TURNING = {"azimuth_deg", "azimuth_steps", "beams", "elevation_deg", "elevations_deg", "offsets_m"}
+"""Keys of a LiDAR whose beams turn."""
 
 
 def _beside_or_packaged(source: str, info: ValidationInfo) -> str:
@@ -129,30 +125,22 @@ class SensorSettings(Settings):
         if not isinstance(name, str):
             return data
         sheet = datasheet(name)
-        if sheet.rosette is not None:
-            for key in sorted(BEAM_KEYS & data.keys()):
+        for key in sorted(TURNING & data.keys()):
+            if sheet.rosette is not None:
                 raise ValueError(f"{key}: {name} has a pattern of its own and no beams")
-        for key in ("beams", "elevation_deg"):
-            if key in data:
+            if key in ("beams", "elevation_deg"):
                 raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
-        beams: dict[str, Any] = {
-            "elevations_deg": sheet.elevations_deg,
-            "azimuth_deg": sheet.azimuth_deg,
-            "azimuth_steps": sheet.azimuth_steps,
-        }
-        own = data.get("elevations_deg")
-        if not isinstance(own, (list, tuple)) or len(own) == len(sheet.elevations_deg):
-            beams["offsets_m"] = sheet.offsets_m  # else they are of other lasers
-        known = beams if sheet.rosette is None and data.get("pattern") is None else {}
-        known |= {
-            "range": sheet.range,
-            "range_10": sheet.range_10,
-            "range_80": sheet.range_80,
-            "min_range": sheet.min_range or 0.0,
-            "range_noise": sheet.range_noise or 0.0,
-            "wavelength_nm": sheet.wavelength_nm or 905.0,
-            "size_mm": sheet.size_mm,
-        }
+        keys = ["range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm"]
+        if sheet.rosette is None and data.get("pattern") is None:
+            keys += ["elevations_deg", "azimuth_deg", "azimuth_steps"]
+            own = data.get("elevations_deg")
+            if not isinstance(own, (list, tuple)) or len(own) == len(sheet.elevations_deg):
+                keys.append("offsets_m")  # else they are of other lasers
+        known = {key: getattr(sheet, key) for key in (*keys, "size_mm")}
+        # What no source gives is the default.
+        for key in ("min_range", "range_noise", "wavelength_nm"):
+            if known[key] is None:
+                del known[key]
         return known | data
 
     @field_validator("elevation_deg", "elevations_deg")
@@ -168,9 +156,8 @@ class SensorSettings(Settings):
             raise ValueError("unit: needs correction")
         if self.pattern is None and self.pattern_rays is not None:
             raise ValueError("pattern_rays: needs pattern")
-        if self.pattern is not None:
-            for key in sorted(BEAM_KEYS & self.model_fields_set):
-                raise ValueError(f"{key}: a pattern has it for every ray; remove one of the two")
+        if self.pattern is not None and (keys := sorted(TURNING & self.model_fields_set)):
+            raise ValueError(f"{keys[0]}: a pattern has it for every ray; remove one of the two")
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
             raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
@@ -203,9 +190,7 @@ class SensorSettings(Settings):
 
     def corrected(self, lidar: Lidar, name: str) -> Lidar:
         """Another LiDAR with the correction of these settings, as its unit `name` if it has one.
-
-        Raises ValueError if the unit does not fit the LiDAR.
-        """
+        Raises ValueError if the unit does not fit the LiDAR."""
         if self.correction is None:
             return lidar
         try:
@@ -225,19 +210,10 @@ class SensorSettings(Settings):
             low, high = self.elevation_deg
             step = (high - low) / (self.beams - 1) if self.beams > 1 else 0.0
             degrees = tuple(low + i * step for i in range(self.beams))
+        start, end = map(math.radians, self.azimuth_deg)
         return Lidar(
-            tuple(math.radians(e) for e in degrees),
-            self.azimuth_steps if pattern is None else 1,
-            self.range,
-            self.range_noise,
-            self.drop_off,
-            (math.radians(self.azimuth_deg[0]), math.radians(self.azimuth_deg[1])),
-            self.min_range,
-            self.range_10,
-            self.range_80,
-            1e-9 * self.wavelength_nm,
-            window=self.window,
-            size=self.size_mm and metres(self.size_mm),
-            pattern=pattern,
-            offsets=self.offsets_m,
-        )
+            tuple(map(math.radians, degrees)), self.azimuth_steps if pattern is None else 1,
+            self.range, self.range_noise, self.drop_off, (start, end), self.min_range,
+            self.range_10, self.range_80, 1e-9 * self.wavelength_nm, window=self.window,
+            size=self.size_mm and metres(self.size_mm), pattern=pattern, offsets=self.offsets_m,
+        )  # fmt: skip

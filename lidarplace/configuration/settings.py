@@ -34,11 +34,8 @@ class Settings(BaseModel):
 # kind is `Annotated[Kind, Field(le=…)]`.
 
 Count = Annotated[int, Strict(), Field(ge=0, le=10_000_000)]
-"""How many of something there are."""
 CountFromOne = Annotated[int, Strict(), Field(ge=1, le=10_000_000)]
-"""The same, where there has to be one."""
 Seed = Annotated[int, Strict(), Field(ge=SEED.low, le=SEED.high)]
-"""Of random numbers."""
 Length = Annotated[float, Strict(), Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
 """Metres: a coordinate."""
 Aside = Annotated[float, Strict(), Field(ge=-100, le=100, allow_inf_nan=False)]
@@ -47,12 +44,10 @@ Height = Annotated[
     float, Strict(), Field(ge=LIDAR_HEIGHT.low, le=LIDAR_HEIGHT.high, allow_inf_nan=False)
 ]
 """Metres of a LiDAR above the ground."""
-Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]
-"""Metres, not negative."""
+Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]  # metres
 Angle = Annotated[float, Strict(), Field(ge=ANGLE.low, le=ANGLE.high, allow_inf_nan=False)]
 """Radians, a turn to either side. Degrees that were taken for radians are mostly beyond."""
 Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
-"""Degrees, a turn to either side."""
 
 
 def _up_to_a_turn(interval: tuple[float, float]) -> tuple[float, float]:
@@ -66,7 +61,6 @@ Turn = Annotated[tuple[Degrees, Degrees], AfterValidator(_up_to_a_turn)]
 Elevation = Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)]
 """Degrees above the horizon."""
 Probability = Annotated[float, Strict(), Field(ge=SHARE.low, le=SHARE.high, allow_inf_nan=False)]
-"""A probability or a share."""
 Seconds = Annotated[float, Strict(), Field(ge=0, le=10_000_000, allow_inf_nan=False)]
 """Seconds of a wait, of work or of a simulation, up to 16 weeks."""
 Factor = Annotated[float, Strict(), Field(ge=0, le=1_000_000, allow_inf_nan=False)]
@@ -86,9 +80,7 @@ def _class_name(name: str) -> str:
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 """What something is called: pages, tables and plots have room for it."""
 ClassName = Annotated[str, AfterValidator(_class_name)]
-"""Of a class of objects."""
-Text = Annotated[str, Field(max_length=2000)]
-"""An address, or what another program has a name for."""
+Text = Annotated[str, Field(max_length=2000)]  # an address, or what another program has a name for
 
 
 def _possible(path: Path) -> Path:
@@ -151,10 +143,8 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
     bounds = mistake.get("ctx", {})
     if bounds.get("ge") == ANGLE.low or bounds.get("le") == ANGLE.high:
         allowed = f"{allowed} radians"
-    if mistake["type"] in ("tuple_type", "list_type"):
-        allowed = (
-            f"should be a list, such as [{shortened(value)}]" if isinstance(value, str) else allowed
-        )
+    if mistake["type"] in ("tuple_type", "list_type") and isinstance(value, str):
+        allowed = f"should be a list, such as [{shortened(value)}]"
     if mistake["type"] == "literal_error" and isinstance(value, str):
         hint = did_you_mean(value, re.findall("'([^']+)'", mistake["ctx"]["expected"]))
     return f"found {found(value)}{hint}; {allowed}"

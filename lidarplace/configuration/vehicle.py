@@ -66,18 +66,15 @@ class VehicleSettings(Settings):
 
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:
-        if self.mesh is None and self.model_fields_set - {"boxes", "mesh", "trailer"}:
-            key = min(self.model_fields_set - {"boxes", "mesh", "trailer"})
-            raise ValueError(f"{key}: needs mesh")
+        of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer"}
+        if self.mesh is None and of_mesh:
+            raise ValueError(f"{min(of_mesh)}: needs mesh")
         self.vehicle()
         return self
 
     def vehicle(self) -> Vehicle:
-        """In the terms of `lidarplace`.
-
-        Raises:
-            ValueError: as `Vehicle` and `read_mesh`; also if the file cannot be read.
-        """
+        """In the terms of `lidarplace`. Raises ValueError as `Vehicle` and `read_mesh`; also if the
+        file cannot be read."""
         if self.mesh is None:
             return _vehicle(self, 0, 0)
         try:
@@ -92,11 +89,10 @@ class VehicleSettings(Settings):
 @lru_cache(maxsize=8)
 def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
     """The vehicle, read again when the file of its mesh was changed."""
-    mesh = None
+    mesh, own = None, settings.trailer
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
         mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
-    own = settings.trailer
     if own is None:
         return Vehicle("vehicle", np.array(settings.boxes), mesh)
     boxes = np.array([*own.boxes, *settings.boxes])
@@ -119,18 +115,12 @@ def vehicle_of(settings: VehicleSettings | None) -> Vehicle:
 
 
 def read_vehicle(path: Path) -> Vehicle | None:
-    """The vehicle in a file: YAML of what a field holds, or a mesh in metres.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it holds no vehicle; names file, key and value.
-    """
+    """The vehicle in a file: YAML of what a field holds, or a mesh in metres. Raises OSError: the
+    file cannot be read; ValueError: it holds no vehicle."""
     raw = read_yaml_file(path) if path.suffix in (".yaml", ".yml") else path.name
+    field: TypeAdapter[VehicleSettings | None] = TypeAdapter(OwnVehicle)
     try:
-        settings = _FIELD.validate_python(raw, context={"folder": path.parent})
+        settings = field.validate_python(raw, context={"folder": path.parent})
     except ValidationError as error:
         raise fault(error, str(path)) from None
     return None if settings is None else settings.vehicle()
-
-
-_FIELD: TypeAdapter[VehicleSettings | None] = TypeAdapter(OwnVehicle)

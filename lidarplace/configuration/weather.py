@@ -9,9 +9,7 @@ from lidarplace.configuration.settings import Settings
 from lidarplace.rigs.weather import Weather
 
 Visibility = Annotated[float, Strict(), Field(gt=0, le=1e9, allow_inf_nan=False)]
-"""Metres."""
 RainRate = Annotated[float, Strict(), Field(ge=0, le=1000, allow_inf_nan=False)]
-"""Millimetres an hour."""
 
 
 class WeatherSettings(Settings):
@@ -24,4 +22,4 @@ class WeatherSettings(Settings):
 
     def weather(self) -> Weather:
         """In the terms of `lidarplace`."""
-        return Weather(math.inf if self.visibility is None else self.visibility, self.rain)
+        return Weather(self.visibility or math.inf, self.rain)

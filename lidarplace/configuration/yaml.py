@@ -17,10 +17,8 @@ from lidarplace.files.regular import regular
 
 MOST_BYTES = 16_000_000
 """Of a file: some 50,000 placements of four mounts. Beyond, it is likely to be another file."""
-MOST_VALUES = 5_000_000
-"""Keys and values of a file; what an alias stands for is counted each time."""
-DEEPEST = 100
-"""Mappings and lists inside each other."""
+MOST_VALUES = 5_000_000  # keys and values of a file; what an alias stands for is counted each time
+DEEPEST = 100  # mappings and lists inside each other
 
 _TAG = "tag:yaml.org,2002:"
 _KINDS = {f"{_TAG}{kind}" for kind in ("null", "bool", "int", "float", "str", "seq", "map")}
@@ -70,7 +68,7 @@ class _Loader(Composer, _Parser, SafeConstructor, Resolver):
         self._sizes: dict[int, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """A value with all that is in it."""
+        """Count what is in a value, and how deep it is."""
         event: Any = self.peek_event()
         before = self._values
         self._depth += 1
@@ -123,15 +121,14 @@ _Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+0123456789"))
 def parse_yaml(text: str) -> Any:
     """The content of a YAML document, None for an empty one; no two places share an object.
 
-    Raises:
-        YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the
-            limits `MOST_VALUES` and `DEEPEST`.
+    Raises YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the
+    limits `MOST_VALUES` and `DEEPEST`.
     """
     try:
         return _unshared(_Loader(text).get_single_data())
     except ReaderError as error:
-        before = text[: error.position]
-        where = f"line {before.count(chr(10)) + 1}, column {len(before.rpartition(chr(10))[2]) + 1}"
+        lines = text[: error.position].split("\n")
+        where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
         raise YamlError(f"{where}: is not YAML: {error.reason}") from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -144,12 +141,8 @@ def parse_yaml(text: str) -> Any:
 
 
 def read_yaml_file(path: Path) -> Any:
-    """The content of a YAML file, as `parse_yaml` has it.
-
-    Raises:
-        OSError: the file cannot be read.
-        YamlError: it is no text, too large, or not as `parse_yaml` takes it; names the file.
-    """
+    """The content of a YAML file, as `parse_yaml` has it. Raises OSError and, naming the file,
+    YamlError; also if it is no text or too large."""
     with regular(path).open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:

@@ -14,38 +14,29 @@ from lidarplace.mounting.vehicle import Vehicle
 
 _HAIR = 1e-9  # limits belong to an area, whatever rounding makes of them
 
-MOST_POSITIONS = 1_000_000
-"""Of one grid: a circle of 150 m at 0.25 m."""
+MOST_POSITIONS = 1_000_000  # of one grid: a circle of 150 m at 0.25 m
 
 
 @dataclass(frozen=True)
 class Area:
-    """What all of its limits allow; limits belong to it.
-
-    Attributes:
-        x: metres; None for any.
-        y: one of these intervals, metres; none for any.
-        distance: from the vehicle's body as seen from above, metres; None for any.
-        sectors: directions from the ego frame's origin, one of these intervals of degrees from the
-            x axis to the left, which may cross 180; none for any.
-    """
+    """What all of its limits allow, in metres; limits belong to it. None, or no interval: any."""
 
     x: Interval | None = None
-    y: tuple[Interval, ...] = ()
-    distance: Interval | None = None
+    y: tuple[Interval, ...] = ()  # one of these
+    distance: Interval | None = None  # from the vehicle's body as seen from above
     sectors: tuple[Interval, ...] = ()
+    """Directions from the ego frame's origin, one of these intervals of degrees from the x axis to
+    the left, which may cross 180."""
 
     def sides(self, vehicle: Vehicle) -> tuple[Interval, Interval]:
         """The rectangle around the area: its x and its y, metres.
 
-        Raises:
-            ValueError: the area has no end, is empty, or has a distance from a vehicle without
-                body.
+        Raises ValueError: it has no end, is empty, or has a distance from a vehicle without body.
         """
         x = self.x or (-math.inf, math.inf)
         y = (-math.inf, math.inf)
         if self.y:
-            y = (min(low for low, _ in self.y), max(high for _, high in self.y))
+            y = (min(self.y)[0], max(high for _, high in self.y))
         if self.distance is not None:
             if not len(vehicle.extents):
                 raise ValueError(
@@ -69,32 +60,23 @@ class Area:
         if self.x is not None:
             held &= _within(x, self.x)
         if self.y:
-            held &= np.logical_or.reduce([_within(y, interval) for interval in self.y])
+            held &= np.any([_within(y, interval) for interval in self.y], axis=0)
         if self.distance is not None:
             held &= _within(distance_from(vehicle, x, y), self.distance)
         if self.sectors:
             azimuth = np.degrees(np.arctan2(y, x))
-            held &= np.logical_or.reduce(
-                [
-                    (azimuth - low + _HAIR) % 360 <= high - low + 2 * _HAIR
-                    for low, high in self.sectors
-                ]
-            )
+            ends = [(low - _HAIR, high + _HAIR) for low, high in self.sectors]
+            held &= np.any([(azimuth - low) % 360 <= high - low for low, high in ends], axis=0)
         return held
 
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """A rectangular grid, and which of its points lie in an area.
+    """A rectangular grid, and which of its points lie in an area."""
 
-    Attributes:
-        x, y: coordinates of its lines, metres, shapes (nx,) and (ny,).
-        held: whether a point belongs to the area, shape (nx, ny).
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    held: NDArray[np.bool_]
+    x: NDArray[np.float64]  # of its lines, metres, shape (nx,)
+    y: NDArray[np.float64]  # the same, shape (ny,)
+    held: NDArray[np.bool_]  # whether a point belongs to the area, shape (nx, ny)
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -105,9 +87,7 @@ class Positions:
 
 def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
     """Points at most `step` metres apart; the sides of the rectangle around the area have some.
-
-    Raises ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none.
-    """
+    Raises ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none."""
     sides = area.sides(vehicle)
     numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]
     if math.prod(numbers) > MOST_POSITIONS:
@@ -126,13 +106,12 @@ def distance_from(
     vehicle: Vehicle, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """From points to the vehicle's body as seen from above, metres; 0 within it."""
-    found = [
-        np.hypot(
-            np.maximum(np.maximum(low[0] - x, x - high[0]), 0.0),
-            np.maximum(np.maximum(low[1] - y, y - high[1]), 0.0),
+    found = []
+    for low, high in vehicle.boxes:
+        out = (
+            np.maximum(np.maximum(low[i] - at, at - high[i]), 0.0) for i, at in enumerate((x, y))
         )
-        for low, high in vehicle.boxes
-    ]
+        found.append(np.hypot(*out))
     if vehicle.mesh is not None:
         x, y = np.broadcast_arrays(x, y)
         places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
@@ -143,16 +122,9 @@ def distance_from(
 def in_the_way(
     vehicle: Vehicle, points: NDArray[np.float64], size: Sequence[float], heading: float
 ) -> NDArray[np.bool_]:
-    """Whether a box that stands there would be within the vehicle's body; a touch is not.
-
-    By the theorem of the separating axis, of the body's boxes, and of what its triangles have at
-    the heights of the box.
-
-    Args:
-        points: its middle, metres, shape (P, 2).
-        size: length, width, height, metres.
-        heading: radians.
-    """
+    """Whether a box that stands there would be within the vehicle's body; a touch is not. By the
+    theorem of the separating axis, of the body's boxes, and of what its triangles have at the
+    heights of the box. Its middle is at `points`, shape (P, 2); metres and radians."""
     c, s = math.cos(heading), math.sin(heading)
     half_x = 0.5 * (abs(c) * size[0] + abs(s) * size[1])
     half_y = 0.5 * (abs(s) * size[0] + abs(c) * size[1])

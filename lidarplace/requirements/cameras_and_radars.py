@@ -14,8 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.further_sensors import Camera, MountedSensor
 from lidarplace.rigs.placement import Placement
 
-POINTS = 5
-"""Along each edge of an object: at these its surface is looked at."""
+POINTS = 5  # along each edge of an object: at these its surface is looked at
 
 
 def seen_by_each(
@@ -28,14 +27,10 @@ def seen_by_each(
     """What each sensor has of each object, shape (B, sensors).
 
     Of a camera the pixels across or up, whichever are fewer, that what it sees of the object
-    takes; of a radar its range for such objects as a multiple of the distance to the nearest part
-    that it sees, 0 beyond it.
-
-    Args:
-        boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
-        object_class: whose ranges count; None: those of any object.
-        rig: LiDARs, whose housings hide what is behind them.
-        vehicle: hides what is behind it, but for parts within which the sensor is.
+    takes; of a radar its range for objects of a class, or any, as a multiple of the distance to the
+    nearest part that it sees, 0 beyond it. Housings of the LiDARs of `rig` hide what is behind
+    them, and so does the vehicle, but for parts within which the sensor is. Boxes are rows of
+    `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
     """
     found = np.zeros((len(boxes), len(sensors)))
     for column, sensor in zip(found.T, sensors, strict=True):
@@ -69,9 +64,8 @@ def _seen(view, obstacles: Obstacles, boxes):
                     dx = box[0] + c * u - s * v - o[0]
                     dy = box[1] + s * u + c * v - o[1]
                     dz = box[2] + (k / last - 0.5) * box[5] - o[2]
-                    if not in_view(view, o[0] + dx, o[1] + dy, o[2] + dz):
-                        continue
-                    if stopped(o, dx, dy, dz, 1.0, obstacles, -1):
+                    there = in_view(view, o[0] + dx, o[1] + dy, o[2] + dz)
+                    if not there or stopped(o, dx, dy, dz, 1.0, obstacles, -1):
                         continue
                     nearest = min(nearest, math.sqrt(dx * dx + dy * dy + dz * dz))
                     ahead = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz

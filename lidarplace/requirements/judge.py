@@ -1,14 +1,11 @@
-"""What becomes of requirements under a rig.
-
-An object is placed at every position of a grid, in the worst of several headings. A requirement is
-met if enough positions have enough, as the rig is built and in every case that it names besides.
-"""
+"""What becomes of requirements under a rig: met if enough positions of an object, each in its worst
+heading, have enough, as the rig is built and in every case that a requirement names besides."""
 
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,43 +32,26 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class Finding:
-    """What a requirement finds in one case.
+    """What a requirement finds in one case."""
 
-    Attributes:
-        case: `AS_BUILT`, a dead LiDAR, a shorter range or mounts that are off.
-        value: what the share of positions that counts has at least; of coverage the share seen.
-        enough: share of the positions that have enough, or of pairs; of coverage the share seen.
-        x, y: the worst position, or column of voxels, metres; NaN for a common view.
-        heading: the worst there, radians; None for coverage.
-        at_worst: what is there.
-    """
-
-    case: str
-    value: float
-    enough: float
-    x: float
+    case: str  # `AS_BUILT`, a dead LiDAR, a shorter range or mounts that are off
+    value: float  # what the share of positions that counts has at least; of coverage what is seen
+    enough: float  # share of positions that have enough, or of pairs; of coverage what is seen
+    x: float  # of the worst position, or column of voxels, metres; NaN for a common view
     y: float
-    heading: float | None
-    at_worst: float
+    heading: float | None  # the worst there, radians; None for coverage
+    at_worst: float  # what is there
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A requirement under one rig.
-
-    Attributes:
-        rig: name.
-        requirement: the one that was asked.
-        findings: as built first.
-        positions: where it was looked.
-        least_of: of every position the least of all cases, float64, shape (P,).
-    """
+    """A requirement under one rig."""
 
     rig: str
     requirement: Requirement
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # as built first
     positions: Positions
-    least_of: NDArray[np.float64]
+    least_of: NDArray[np.float64]  # of every position the least of all cases, shape (P,)
 
     @property
     def worst(self) -> Finding:
@@ -90,70 +70,44 @@ def judge(
     vehicle: Vehicle,
     further: Sequence[MountedSensor] = (),
 ) -> list[Outcome]:
-    """What becomes of requirements that are laid out around `vehicle` under one rig.
+    """What becomes of requirements that are laid out around `vehicle` under one rig. LiDARs that
+    are dead cost little: what a rig has without them follows from the counts of all. One inside of
+    the vehicle's body sees nothing. Cameras and radars, `further`, are as built."""
 
-    LiDARs that are dead cost little: what a rig has without them follows from the counts of all.
-    One inside of the vehicle's body sees nothing.
-
-    Args:
-        further: cameras and radars of the rig, which are always as built.
-    """
-    sights: dict[tuple[Placement, str], list[Sight]] = {}
-
+    @cache
     def sights_once(rig: Placement, pose: str) -> list[Sight]:
-        if (rig, pose) not in sights:
-            sights[rig, pose] = sights_of(rig, poses_of(vehicle)[pose])
-        return sights[rig, pose]
+        return sights_of(rig, poses_of(vehicle)[pose])
 
     outcomes = []
     for own in laid:
-        findings, least = [], np.full(int(own.positions.held.sum()), np.inf)
-        variants = own.requirement.also_when.variants(placement).items()
+        wanted, findings = own.requirement, []
+        least = np.full(int(own.positions.held.sum()), np.inf)
+        variants = wanted.also_when.variants(placement).items()
         for (pose, body), (case, rig) in itertools.product(poses_of(vehicle).items(), variants):
             around = replace(own, boxes=own.boxes_in(pose))
             dead: dict[str, tuple[int, ...]] = {"": ()}
             if case == AS_BUILT:
-                kinds, names = _counting(own.requirement, rig, further)
-                dead = own.requirement.also_when.dead(names, kinds.count("lidar"))
-            if own.requirement.common_view is not None:
-                asked = own.requirement.common_view
-                values = _of_pairs(own.requirement, asked, rig, body, further)
-            elif own.requirement.sensors is not None and own.roi is None:
-                seeing = partial(sights_once, rig, pose)
-                values = _of_each(around, seeing, rig, body, further, dead)
-            elif own.roi is None:
-                values = _of_objects(around, sights_once(rig, pose), rig, dead)
-            else:
+                kinds, names = _counting(wanted, rig, further)
+                dead = wanted.also_when.dead(names, kinds.count("lidar"))
+            if wanted.common_view is not None:
+                values = _of_pairs(wanted, wanted.common_view, rig, body, further)
+            elif own.roi is not None:
                 values = _of_volume(own, own.roi, rig, body, dead)
+            else:
+                seeing = partial(sights_once, rig, pose)
+                values = _of_objects(around, seeing, rig, body, further, dead)
             for label, finding, shown in values:
                 named = label or case
                 if pose:
                     named = pose if named == AS_BUILT else f"{pose}, {named}"
                 findings.append(replace(finding, case=named))
                 least = np.fmin(least, shown)
-        outcomes.append(
-            Outcome(placement.name, own.requirement, tuple(findings), own.positions, least)
-        )
+        outcomes.append(Outcome(placement.name, wanted, tuple(findings), own.positions, least))
     return outcomes
 
 
 Found = tuple[str, Finding, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, what was found, and what every position has."""
-
-
-def _of_objects(
-    own: Laid, sights: list[Sight], rig: Placement, dead: Mapping[str, tuple[int, ...]]
-) -> Iterator[Found]:
-    wanted = own.requirement
-    there = ~np.isnan(own.boxes[:, :, 0])
-    if not there.any():
-        return
-    counts = _counts(wanted, wanted.measure, sights, rig, own.boxes[there], [*dead.values()])
-    for number, label in enumerate(dead):
-        by_heading = np.full(there.shape, np.inf)
-        left = counts.left[:, number]
-        by_heading[there] = wanted.curve.probability(left) if wanted.curve else left
-        yield label, *_worst_heading(own, by_heading)
 
 
 def _counts(
@@ -176,7 +130,7 @@ def _counting(
 ) -> tuple[list[Kind], list[str]]:
     """Kinds and names of the sensors that count, in the order of the columns of `_of_each`."""
     kinds: list[Kind] = []
-    names = []
+    names: list[str] = []
     for measure, _ in wanted.needs or ((wanted.measure, wanted.least),):
         kind = KIND_OF.get(measure, "lidar")
         if kind == "lidar":
@@ -187,7 +141,7 @@ def _counting(
     return kinds, names
 
 
-def _of_each(
+def _of_objects(
     own: Laid,
     sights: Callable[[], list[Sight]],
     rig: Placement,
@@ -195,40 +149,60 @@ def _of_each(
     further: Sequence[MountedSensor],
     dead: Mapping[str, tuple[int, ...]],
 ) -> Iterator[Found]:
-    """What several sensors have, each by itself, cameras and radars among them."""
-    wanted, placed = own.requirement, own.requirement.placed
+    """What all LiDARs have together; or several sensors, cameras and radars, each by itself."""
+    wanted, placed, there = own.requirement, own.requirement.placed, ~np.isnan(own.boxes[:, :, 0])
     assert placed is not None
-    assert wanted.sensors is not None
-    there = ~np.isnan(own.boxes[:, :, 0])
     if not there.any():
         return
-    boxes, columns = own.boxes[there], []
+    boxes = own.boxes[there]
+    if wanted.sensors is None:
+        left = _counts(wanted, wanted.measure, sights(), rig, boxes, [*dead.values()]).left
+        found = [*(wanted.curve.probability(left) if wanted.curve else left).T]
+    else:
+        each = _of_each(wanted, boxes, sights, rig, vehicle, further)
+        kinds, _ = _counting(wanted, rig, further)
+        found = [by_several(each, kinds, n, wanted.sensors, wanted.kinds) for n in dead.values()]
+    for label, has in zip(dead, found, strict=True):
+        by_heading = np.full(there.shape, np.inf)
+        by_heading[there] = has
+        values = by_heading.min(axis=0)
+        free = values[np.isfinite(values)]  # a trailer that turns may stand where others might
+        worst = int(values.argmin())
+        x, y = own.positions.points[worst].tolist()
+        value = float(np.sort(free)[may_fail(wanted.share, len(free))])
+        enough = float((free >= wanted.least).mean())
+        heading = float(placed.angles[by_heading[:, worst].argmin()])
+        yield label, Finding("", value, enough, x, y, heading, float(values[worst])), values
+
+
+def _of_each(
+    wanted: Requirement,
+    boxes: NDArray[np.float64],
+    sights: Callable[[], list[Sight]],
+    rig: Placement,
+    vehicle: Vehicle,
+    further: Sequence[MountedSensor],
+) -> NDArray[np.float64]:
+    """What each sensor has of what it needs, shape (B, sensors)."""
+    assert wanted.placed is not None
+    columns = []
     for measure, need in wanted.needs or ((wanted.measure, 1.0),):
         if measure in KIND_OF:
             some = [sensor for sensor in further if sensor.kind == KIND_OF[measure]]
-            found = seen_by_each(some, boxes, placed.object_class, rig, vehicle)
+            found = seen_by_each(some, boxes, wanted.placed.object_class, rig, vehicle)
         else:
             found = _counts(wanted, measure, sights(), rig, boxes).each
             found = wanted.curve.probability(found) if wanted.curve else found
         columns.append(found / need)
-    each, (kinds, _) = np.concatenate(columns, axis=1), _counting(wanted, rig, further)
-    for label, without in dead.items():
-        by_heading = np.full(there.shape, np.inf)
-        by_heading[there] = by_several(each, kinds, without, wanted.sensors, wanted.kinds)
-        yield label, *_worst_heading(own, by_heading)
+    return np.concatenate(columns, axis=1)
 
 
 def by_several(
     each: NDArray[np.float64], kinds: Sequence[str], dead: Sequence[int], sensors: int, of: int
 ) -> NDArray[np.float64]:
-    """What so many sensors have at least, each by itself; 0 where there are fewer.
-
-    Args:
-        each: of every sensor, shape (B, sensors).
-        kinds: of every sensor.
-        dead: numbers of sensors that do not count.
-        of: of so many kinds they have to be.
-    """
+    """What so many sensors of at least `of` kinds have, each by itself; 0 where there are fewer.
+    `each` has a column for every sensor, shape (B, sensors); those whose numbers are `dead` do not
+    count."""
     alive = [number for number in range(len(kinds)) if number not in dead]
     found = _nth_largest(each[:, alive], sensors)
     if of > 1:
@@ -246,27 +220,6 @@ def _nth_largest(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
     return np.asarray(np.partition(values, -n, axis=1)[:, -n])
 
 
-def _worst_heading(
-    own: Laid, by_heading: NDArray[np.float64]
-) -> tuple[Finding, NDArray[np.float64]]:
-    wanted, placed = own.requirement, own.requirement.placed
-    assert placed is not None
-    values = by_heading.min(axis=0)
-    free = values[np.isfinite(values)]  # a trailer that turns may stand where others might
-    worst = int(values.argmin())
-    x, y = own.positions.points[worst].tolist()
-    finding = Finding(
-        case="",
-        value=float(np.sort(free)[may_fail(wanted.share, len(free))]),
-        enough=float((free >= wanted.least).mean()),
-        x=x,
-        y=y,
-        heading=float(placed.angles[by_heading[:, worst].argmin()]),
-        at_worst=float(values[worst]),
-    )
-    return finding, values
-
-
 def _of_pairs(
     wanted: Requirement,
     asked: CommonView,
@@ -279,9 +232,7 @@ def _of_pairs(
     found = common_view(rig, vehicle, asked, further)
     share, pair = weakest(found, asked)
     enough = float(np.mean([own >= wanted.least for own in found.values()])) if found else 1.0
-    label = (
-        "" if pair is None else " and ".join(names[n] if n < len(names) else "none" for n in pair)
-    )
+    label = " and ".join(names[n] if n < len(names) else "none" for n in pair or ())
     yield label, Finding("", share, enough, math.nan, math.nan, None, share), np.empty(0)
 
 
@@ -299,5 +250,4 @@ def _of_volume(
         worst = int(shares.argmin())
         x, y = own.positions.points[worst].tolist()
         share = int(seen.sum()) / int(outside.sum())
-        at_worst = float(shares[worst])
-        yield label, Finding("", share, share, x, y, None, at_worst), shares
+        yield label, Finding("", share, share, x, y, None, float(shares[worst])), shares

@@ -10,31 +10,24 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
-from lidarplace.requirements.requirement import Requirement
+from lidarplace.requirements.requirement import PlacedObject, Requirement
 
-MOST_OBJECTS = 4_000_000
-"""At all positions, in all headings."""
-MOST_VOXELS = 20_000_000
-"""Of the volume of a coverage."""
+MOST_OBJECTS = 4_000_000  # at all positions, in all headings
+MOST_VOXELS = 20_000_000  # of the volume of a coverage
 
 
 @dataclass(frozen=True, eq=False)
 class Laid:
-    """A requirement laid out around a vehicle, the same for every rig; `lay_out` makes it.
-
-    Attributes:
-        positions: of the objects, or columns of voxels; none of a common view.
-        boxes: the objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape
-            (headings, P, 7), NaN where one would be within the body.
-        roi: voxels of a coverage.
-        bent: the objects by pose of a vehicle that bends, NaN where one would be within it.
-    """
+    """A requirement laid out around a vehicle, the same for every rig; `lay_out` makes it."""
 
     requirement: Requirement
-    positions: Positions
+    positions: Positions  # of the objects, or columns of voxels; none of a common view
     boxes: NDArray[np.float64]
-    roi: Roi | None
+    """The objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape (headings, P, 7),
+    NaN where one would be within the body."""
+    roi: Roi | None  # voxels of a coverage
     bent: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """`boxes` by pose of a vehicle that bends."""
 
     def boxes_in(self, pose: str) -> NDArray[np.float64]:
         """The objects around one of the vehicle's poses, as `boxes`."""
@@ -42,10 +35,8 @@ class Laid:
 
 
 def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
-    """Find the positions of a requirement.
-
-    Raises ValueError: the area has no end, is empty, or lies within the vehicle.
-    """
+    """Find the positions of a requirement. Raises ValueError: the area has no end, is empty, or
+    lies within the vehicle."""
     placed = requirement.placed
     if requirement.common_view is not None:
         nowhere = Positions(np.empty(0), np.empty(0), np.empty((0, 0), np.bool_))
@@ -60,8 +51,7 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
             f"{MOST_OBJECTS:,} objects"
         )
     boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
-    for own, angle in zip(boxes, placed.angles.tolist(), strict=True):
-        own[in_the_way(vehicle, points, placed.size, angle)] = np.nan
+    boxes = _outside(vehicle, boxes, placed, points)
     free = ~np.isnan(boxes[:, :, 0]).all(axis=0)
     if not free.any():
         raise ValueError(
@@ -69,13 +59,20 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
         )
     held = positions.held.copy()
     held[held] = free
-    boxes, bent = boxes[:, free], {}
-    for label, pose in poses_of(vehicle).items():
-        if label:
-            bent[label] = boxes.copy()
-            for own, angle in zip(bent[label], placed.angles.tolist(), strict=True):
-                own[in_the_way(pose, points[free], placed.size, angle)] = np.nan
+    boxes = boxes[:, free]
+    poses = {label: pose for label, pose in poses_of(vehicle).items() if label}
+    bent = {label: _outside(pose, boxes, placed, points[free]) for label, pose in poses.items()}
     return Laid(requirement, replace(positions, held=held), boxes, None, bent)
+
+
+def _outside(
+    body: Vehicle, boxes: NDArray[np.float64], placed: PlacedObject, points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The boxes of an object at `points` by heading, NaN where one would be within the body."""
+    found = boxes.copy()
+    for own, angle in zip(found, placed.angles.tolist(), strict=True):
+        own[in_the_way(body, points, placed.size, angle)] = np.nan
+    return found
 
 
 def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
@@ -88,16 +85,9 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
             f"step: {step:g} m makes {math.prod(numbers):,} voxels, allowed are {MOST_VOXELS:,}"
         )
     # What does not fit is spread over both sides, so that symmetry stays; the bottom stays, too.
-    over = [
-        number * step - (high - low) for (low, high), number in zip(sides, numbers, strict=True)
-    ]
+    dx, dy, dz = (n * step - (high - low) for (low, high), n in zip(sides, numbers, strict=True))
     (x0, x1), (y0, y1), (z0, z1) = sides
-    roi = Roi(
-        (x0 - over[0] / 2, x1 + over[0] / 2),
-        (y0 - over[1] / 2, y1 + over[1] / 2),
-        (z0, z1 + over[2]),
-        step,
-    )
+    roi = Roi((x0 - dx / 2, x1 + dx / 2), (y0 - dy / 2, y1 + dy / 2), (z0, z1 + dz), step)
     x, y = roi.centres(0), roi.centres(1)
     held = requirement.area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():

@@ -1,10 +1,8 @@
-"""How many rays of every LiDAR hit each of many objects, past its vehicle and other LiDARs.
-
-Each object is alone there: others hide nothing. Exact, every ray is tested that can meet it.
+"""How many rays of every LiDAR hit each of many objects, past its vehicle and other LiDARs; exact,
+and each object alone: others hide nothing.
 
 Numbers are expected ones: a ray counts as a point with the probability p that it returns, and a
-cell with `1 - product of (1 - p)` over the rays that hit it. They are whole where neither drop-off
-nor a correction loses returns.
+cell with `1 - product of (1 - p)` over the rays that hit it.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,37 +33,23 @@ from lidarplace.requirements.requirement import DARK
 from lidarplace.rigs.correction import OTHER, Correction
 from lidarplace.rigs.placement import Placement, blocks
 
-MOST_CELLS = 10_000_000
-"""Of one object."""
+MOST_CELLS = 10_000_000  # of one object
 
-_PORTION = 1024
-"""Objects that a thread takes at a time."""
-_MOST_BYTES = 2**27
-"""Of who hits which cell, in one portion."""
+_MOST_BYTES = 2**27  # of who hits which cell, for the objects that a thread takes at a time
 
 
 class Sight(NamedTuple):
-    """A LiDAR on the vehicle, as compiled code takes it.
+    """A LiDAR on the vehicle, as compiled code takes it; one with offsets has a sight for each
+    block of its lasers. Rays end at the body, at another LiDAR or for want of range."""
 
-    Attributes:
-        number: of the LiDAR in its rig; one with offsets has a sight for each block of its lasers.
-        origin, rotation: of the mount.
-        beams: its rays.
-        least: of every ray the inverse of the distance at which it ends, at the body, at another
-            LiDAR or for want of range, 1/m, shape (rays,).
-        lossy: whether returns are lost at random.
-        drop_off: probability of a loss without a correction.
-        factor: of `Correction` for the objects.
-    """
-
-    number: int
+    number: int  # of the LiDAR in its rig
     origin: NDArray[np.float64]
     rotation: NDArray[np.float64]
     beams: Beams
-    least: NDArray[np.float64]
-    lossy: bool
-    drop_off: float
-    factor: float
+    least: NDArray[np.float64]  # 1 / distance at which every ray ends, 1/m, shape (rays,)
+    lossy: bool  # whether returns are lost at random
+    drop_off: float  # probability of a loss without a correction
+    factor: float  # of `Correction` for the objects
 
 
 def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
@@ -95,20 +79,12 @@ def at_class(sights: list[Sight], placement: Placement, object_class: str | None
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """What a rig has on each of B objects: points, or distinct cells of the surface.
+    """What a rig has on each of B objects: points, or distinct cells of the surface."""
 
-    Attributes:
-        all: of all LiDARs together, shape (B,).
-        alone: what would be lost without each LiDAR, shape (B, LiDARs).
-        each: what each LiDAR has by itself, shape (B, LiDARs).
-        left: what is left of `all` without each of the sets of LiDARs that were asked for, shape
-            (B, sets).
-    """
-
-    all: NDArray[np.float64]
-    alone: NDArray[np.float64]
-    each: NDArray[np.float64]
-    left: NDArray[np.float64]
+    all: NDArray[np.float64]  # of all LiDARs together, shape (B,)
+    alone: NDArray[np.float64]  # what would be lost without each LiDAR, shape (B, LiDARs)
+    each: NDArray[np.float64]  # what each LiDAR has by itself, shape (B, LiDARs)
+    left: NDArray[np.float64]  # of `all` without each of the sets `dead`, shape (B, sets)
 
 
 def count_points(
@@ -117,22 +93,17 @@ def count_points(
     reflectivity: float = DARK,
     dead: Sequence[tuple[int, ...]] = (),
 ) -> Counts:
-    """Rays that hit each box and return.
-
-    Args:
-        boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
-        reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
-        dead: sets of numbers of LiDARs, for `Counts.left`.
-    """
+    """Rays that hit each box, a row of `lidarplace.logs.boxes.GEOMETRY`, and return; by its
+    reflectivity for LiDARs whose `range_10` is known. `dead` are sets of numbers of LiDARs, for
+    `Counts.left`."""
 
     def points(part: NDArray[np.float64]) -> NDArray[np.float64]:
-        no_cells = np.empty((len(part), 0))
-        found = np.zeros((len(part), sights[-1].number + 1))
+        no_cells, found = np.empty((len(part), 0)), np.zeros((len(part), sights[-1].number + 1))
         for sight in sights:
             found[:, sight.number] += _hit(sight, part, reflectivity, 1.0, no_cells)
         return found
 
-    alone = _in_threads(points, boxes, _PORTION)
+    alone = _in_threads(points, boxes)
     left = alone @ (~_marked(dead, alone.shape[1])).T.astype(np.float64)
     return Counts(alone.sum(axis=1), alone, alone, left)
 
@@ -145,17 +116,9 @@ def count_cells(
     dead: Sequence[tuple[int, ...]] = (),
 ) -> Counts:
     """Cells of the surface of each box that are hit, as `lidarplace.recall.surface_cells` has them.
-
-    Args:
-        boxes: of one size; rows of `GEOMETRY`, shape (B, 7).
-        cell: edge, metres.
-        reflectivity, dead: as of `count_points`.
-
-    Raises:
-        ValueError: a box has too many cells.
-    """
-    cells = _cells_of(boxes, cell)
-    lidars = sights[-1].number + 1
+    Boxes are of one size, `cell` is an edge in metres, other arguments are as of `count_points`.
+    Raises ValueError: a box has too many cells."""
+    cells, lidars = _cells_of(boxes, cell), sights[-1].number + 1
     marked = _marked(dead, lidars)
 
     def shares(part: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -164,8 +127,7 @@ def count_cells(
             _hit(sight, part, reflectivity, cell, missed[sight.number])
         return _expected(missed, marked)
 
-    portion = max(1, min(_PORTION, _MOST_BYTES // (8 * lidars * cells)))
-    found = _in_threads(shares, boxes, portion)
+    found = _in_threads(shares, boxes, max(1, min(1024, _MOST_BYTES // (8 * lidars * cells))))
     alone, each, left = np.split(found[:, 1:], [lidars, 2 * lidars], axis=1)
     return Counts(found[:, 0].copy(), alone, each, left)
 
@@ -182,9 +144,7 @@ def missed_cells(
     sights: list[Sight], boxes: NDArray[np.float64], cell: float, reflectivity: float = DARK
 ) -> NDArray[np.float64]:
     """Probability that no ray of these LiDARs returns from each cell of each box, shape (B, cells).
-
-    Arguments and errors are those of `count_cells`.
-    """
+    Arguments and errors are those of `count_cells`."""
     cells = _cells_of(boxes, cell)
 
     def missed(part: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -193,11 +153,10 @@ def missed_cells(
             _hit(sight, part, reflectivity, cell, found)
         return found
 
-    return _in_threads(missed, boxes, _PORTION)
+    return _in_threads(missed, boxes)
 
 
 def _cells_of(boxes: NDArray[np.float64], cell: float) -> int:
-    """Number of cells of a box. Raises ValueError: it has too many."""
     cells = int(slices_of(boxes[:1], cell).prod())
     if cells > MOST_CELLS:
         raise ValueError(
@@ -210,9 +169,9 @@ def _cells_of(boxes: NDArray[np.float64], cell: float) -> int:
 def _in_threads(
     work: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     boxes: NDArray[np.float64],
-    portion: int,
+    portion: int = 1024,
 ) -> NDArray[np.float64]:
-    """What `work` finds for the parts that boxes are, a portion after the other."""
+    """What `work` finds for the parts that boxes are, which threads take by portions."""
     parts = [bricks(boxes[at : at + portion], 0).geometry for at in range(0, len(boxes), portion)]
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         return np.concatenate(list(threads.map(work, parts)))
@@ -247,12 +206,8 @@ def _shade(sight, body):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _hit(sight, parts, reflectivity, cell, missed):
-    """How many rays of one LiDAR hit each of `parts` and return.
-
-    Args:
-        missed: probability that no ray returns from a cell, 1 before, shape (parts, cells); no
-            cells if points are all that is asked for.
-    """
+    """How many rays of one LiDAR hit each of `parts` and return; `missed` is multiplied with the
+    probability that none returns from a cell, shape (parts, cells), no cells for points alone."""
     origin, rotation, beams, least = sight.origin, sight.rotation, sight.beams, sight.least
     steps = beams.azimuths.shape[2]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
@@ -321,10 +276,8 @@ def _lost(sight, ray, inverse):
 
 @inner
 def _put_out(enter, ends, fired, planes, facing, ce, se, reflectivity, beams):
-    """Let rays miss that meet too little light; Lambert's law at the face that each enters.
-
-    `fired` has cosines and sines of their azimuths, `ce` and `se` are of the elevation.
-    """
+    """Let rays miss that meet too little light, by Lambert's law at the face that each enters;
+    `fired` has cosines and sines of their azimuths, `ce` and `se` are of the elevation."""
     for n in range(len(ends)):
         if enter[n] <= ends[n]:
             continue
@@ -340,20 +293,12 @@ def _put_out(enter, ends, fired, planes, facing, ce, se, reflectivity, beams):
 
 @inner
 def _frame(sight, part, cell, frame):
-    """Fill `frame`: from the sensor's to that of the cells, whose edge is the unit of length.
-
-    Its last column is where the sensor is. Returns the number of cells along each axis.
-    """
+    """Fill `frame`: from the sensor's to that of the cells, whose edge is the unit of length. Its
+    last column is where the sensor is. Returns the number of cells along each axis."""
     c, s = np.cos(part[6]), np.sin(part[6])
+    turn, at = sight.rotation, sight.origin - part[:3]
     for k in range(4):
-        if k < 3:
-            x, y, z = sight.rotation[0, k], sight.rotation[1, k], sight.rotation[2, k]
-        else:
-            x, y, z = (
-                sight.origin[0] - part[0],
-                sight.origin[1] - part[1],
-                sight.origin[2] - part[2],
-            )
+        x, y, z = (turn[0, k], turn[1, k], turn[2, k]) if k < 3 else (at[0], at[1], at[2])
         frame[0, k], frame[1, k], frame[2, k] = c * x + s * y, c * y - s * x, z
     for axis in range(3):
         frame[axis, 3] += 0.5 * part[3 + axis]
@@ -365,18 +310,13 @@ def _frame(sight, part, cell, frame):
 
 @inner
 def _slice(place, number):
-    """Which slice of an axis holds a place; rounding does not lead out of the box."""
     return min(max(int(np.floor(place)), 0), number - 1)
 
 
 @njit(cache=True, nogil=True)
 def _expected(missed, dead) -> NDArray[np.float64]:
     """Cells that any LiDAR hits; that no other hits and that each hits, a column for each LiDAR;
-    that any hits without each set of dead ones.
-
-    Args:
-        missed: of every LiDAR, shape (LiDARs, parts, cells).
-        dead: shape (sets, LiDARs).
+    that any hits without each of the `dead` sets (sets, LiDARs); `missed`: (LiDARs, parts, cells).
     """
     lidars, parts, cells = missed.shape
     counts, before = np.zeros((parts, 1 + 2 * lidars + len(dead))), np.empty(lidars + 1)

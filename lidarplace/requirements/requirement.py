@@ -18,27 +18,19 @@ from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.weather import Weather
 
-DARK = 0.1
-"""Reflectivity of which data sheets tell a range: dark clothes, black paint less."""
+DARK = 0.1  # reflectivity of which data sheets tell a range: dark clothes, black paint less
 
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """A box on the ground, turned to several headings.
-
-    Attributes:
-        length, width, height: metres.
-        headings: so many, evenly over half a turn; after it a box looks the same.
-        object_class: whose detection curve it has; None if it has none.
-        reflectivity: share of the light that it sends back, of a LiDAR whose range depends on it.
-    """
+    """A box on the ground, turned to several headings; metres."""
 
     length: float
     width: float
     height: float
-    headings: int = 4
-    object_class: str | None = None
-    reflectivity: float = DARK
+    headings: int = 4  # evenly over half a turn; after it a box looks the same
+    object_class: str | None = None  # whose detection curve it has
+    reflectivity: float = DARK  # share of the light that it sends back
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -73,8 +65,6 @@ AS_BUILT = "as built"
 Measure = Literal[
     "points", "cells", "probability", "coverage", "pixels", "reach", "common view", "times the need"
 ]
-
-
 KIND_OF: dict[Measure, Kind] = {"pixels": "camera", "reach": "radar"}
 """Who has a measure; others are of LiDARs."""
 
@@ -87,15 +77,12 @@ def measured(measure: Measure, sensors: int | None, kinds: int) -> str:
     return f"{measure} by {sensors} sensor{'s'[: sensors > 1]}{of}"
 
 
-MOST_DEAD = 1000
-"""Sets of dead sensors of one rig."""
+MOST_DEAD = 1000  # sets of dead sensors of one rig
 
 
 def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
-    """All sets of so many dead sensors of a rig; all of them if it has no more.
-
-    Raises ValueError: there are too many sets.
-    """
+    """All sets of so many dead sensors of a rig; all of them if it has no more. Raises ValueError:
+    there are too many sets."""
     dead = min(dead, sensors)
     if (sets := math.comb(sensors, dead)) > MOST_DEAD:
         raise ValueError(
@@ -108,33 +95,18 @@ def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
 @dataclass(frozen=True)
 class AlsoWhen:
     """Cases in which a requirement holds, too; each by itself, the rig being as built otherwise.
+    None, False and 0: no such case."""
 
-    Attributes:
-        one_lidar_dead: any one of the LiDARs sees nothing.
-        sensors_dead: any so many of the sensors see nothing; 0: no such case.
-        range_factor: every LiDAR reaches so much of its range; None: no such case.
-        weather: fog or rain; None: no such case.
-        mounts_off: how far every mount is off at most; each rig that is drawn is a case.
-        draws: how many are drawn.
-    """
-
-    one_lidar_dead: bool = False
-    range_factor: float | None = None
+    one_lidar_dead: bool = False  # any one of the LiDARs sees nothing
+    range_factor: float | None = None  # every LiDAR reaches so much of its range
     weather: Weather | None = None
-    mounts_off: MountingErrors | None = None
+    mounts_off: MountingErrors | None = None  # at most; each rig that is drawn is a case
     draws: int = 0
-    sensors_dead: int = 0
+    sensors_dead: int = 0  # any so many of the sensors see nothing
 
     def dead(self, names: Sequence[str], lidars: int) -> dict[str, tuple[int, ...]]:
-        """Numbers of the sensors that are dead, by case; first "", in which none is.
-
-        Args:
-            names: of all sensors, the LiDARs first.
-            lidars: number of LiDARs.
-
-        Raises:
-            ValueError: as `dead_sets`.
-        """
+        """Numbers of the sensors that are dead, by case; first "", in which none is. `names` has
+        the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`."""
         sets = dead_sets(1, lidars) if self.one_lidar_dead else []
         sets += dead_sets(self.sensors_dead, len(names)) if self.sensors_dead else []
         return {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}
@@ -143,9 +115,8 @@ class AlsoWhen:
         """The rig by case, without those of a dead LiDAR, which are told from it as built."""
         found = {AS_BUILT: placement}
         if self.range_factor is not None:
-            factor = self.range_factor
-            shorter = [lidar.nearsighted(factor) for lidar in placement.lidars]
-            found[f"range × {factor:g}"] = placement.with_lidar(shorter)
+            shorter = [lidar.nearsighted(self.range_factor) for lidar in placement.lidars]
+            found[f"range × {self.range_factor:g}"] = placement.with_lidar(shorter)
         if self.weather is not None:
             found[str(self.weather)] = placement.in_weather(self.weather)
         if self.mounts_off is not None:
@@ -156,44 +127,28 @@ class AlsoWhen:
 
 @dataclass(frozen=True)
 class Requirement:
-    """What has to be seen where.
-
-    Attributes:
-        name: for tables.
-        area: where the middle of the object is; of coverage the ground plan of the volume.
-        measure: what is counted: returns from the object, distinct cells of its surface, the
-            probability that a detector finds it, the share of a volume that is seen, pixels of a
-            camera, the reach of a radar as a multiple of the distance, or the share of a field of
-            view that another sensor sees, too.
-        least: so much of it is needed.
-        placed: the object; None for coverage and common view.
-        share: of the positions that need to have it; 1: the worst one, too.
-        step: between positions, or edge of a voxel; metres.
-        heights: of the volume, metres; for coverage.
-        curve: detection curve, for a probability.
-        cell: edge of a cell of the surface, metres.
-        also_when: further cases.
-        sensors: so many have to have it, each by itself; None: all LiDARs together.
-        kinds: of so many kinds: LiDARs, cameras, radars.
-        needs: of several kinds what each of them needs, in place of `least`, which is 1 then.
-        common_view: of pairs of sensors, in place of an area; None: it is of an area.
-    """
+    """What has to be seen where."""
 
     name: str
-    area: Area
+    area: Area  # where the middle of the object is; of coverage the ground plan of the volume
     measure: Measure
-    least: float
-    placed: PlacedObject | None = None
-    share: float = 1.0
-    step: float = 0.25
-    heights: Interval = (0.0, 2.0)
-    curve: DetectionCurve | None = None
-    cell: float = CELL_M
+    """What is counted: returns from the object, distinct cells of its surface, the probability that
+    a detector finds it, the share of a volume that is seen, pixels of a camera, the reach of a
+    radar as a multiple of the distance, or the share of a field of view that another sensor sees,
+    too."""
+    least: float  # so much of it is needed
+    placed: PlacedObject | None = None  # None for coverage and common view
+    share: float = 1.0  # of the positions that need to have it; 1: the worst one, too
+    step: float = 0.25  # between positions, or edge of a voxel; metres
+    heights: Interval = (0.0, 2.0)  # of the volume of coverage, metres
+    curve: DetectionCurve | None = None  # for a probability
+    cell: float = CELL_M  # edge of a cell of the surface, metres
     also_when: AlsoWhen = AlsoWhen()
-    sensors: int | None = None
-    common_view: CommonView | None = None
-    kinds: int = 1
+    sensors: int | None = None  # so many have to have it, each by itself; None: LiDARs together
+    common_view: CommonView | None = None  # of pairs of sensors, in place of an area
+    kinds: int = 1  # of so many kinds: LiDARs, cameras, radars
     needs: tuple[tuple[Measure, float], ...] = ()
+    """Of several kinds what each of them needs, in place of `least`, which is 1 then."""
 
     @property
     def measured(self) -> str:

@@ -16,8 +16,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from lidarplace.base.sectors import SECTORS, bounds_of
-from lidarplace.configuration.mounting import CommonViewSettings
-from lidarplace.configuration.mounting_errors import OffsetSettings
+from lidarplace.configuration.mounting import CommonViewSettings, OffsetSettings
 from lidarplace.configuration.settings import (
     CountFromOne,
     Distance,
@@ -47,11 +46,8 @@ from lidarplace.requirements.requirement import (
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
-AREA_MEASURES: tuple[Measure, ...] = (
-    *("points", "cells", "probability", "coverage"),
-    *("pixels", "reach"),
-)
-"""Keys of `at_least`."""
+_KEYS: tuple[Measure, ...] = ("points", "cells", "probability", "coverage", "pixels", "reach")
+"""Of `at_least`."""
 LANES = ("right", "own", "left")
 
 
@@ -109,11 +105,11 @@ class WhereSettings(Settings):
         """The area around this vehicle. Raises ValueError as `preset` does."""
         if self.preset is not None:
             return preset(self.preset, vehicle)
-        y = () if self.y is None else (self.y,)
+        y = [] if self.y is None else [self.y]
         for lane in self.lanes or ():
             middle = (LANES.index(lane) - 1) * self.lane_width
-            y = (*y, (middle - 0.5 * self.lane_width, middle + 0.5 * self.lane_width))
-        return Area(self.x, y, self.distance, self.sectors or ())
+            y.append((middle - 0.5 * self.lane_width, middle + 0.5 * self.lane_width))
+        return Area(self.x, tuple(y), self.distance, self.sectors or ())
 
 
 Side = Annotated[Distance, Field(le=MOST_SIZE_M)]
@@ -199,7 +195,7 @@ class AtLeastSettings(Settings):
                 f"kinds: expected at most {len(named)}, as many as have a measure (a measure of "
                 f"LiDARs, pixels, reach), found {self.kinds}"
             )
-        if self.sensors is not None and self.sensors < self.kinds:
+        if (self.sensors or self.kinds) < self.kinds:
             raise ValueError(
                 f"sensors: expected at least kinds, {self.kinds}, found {self.sensors}"
             )
@@ -208,8 +204,8 @@ class AtLeastSettings(Settings):
     @property
     def needs(self) -> tuple[tuple[Measure, float], ...]:
         """All that are named, those of LiDARs first."""
-        named = {key: getattr(self, key) for key in AREA_MEASURES}
-        return tuple((key, float(own)) for key, own in named.items() if own is not None)
+        named = ((key, getattr(self, key)) for key in _KEYS)
+        return tuple((key, float(own)) for key, own in named if own is not None)
 
     @property
     def measure(self) -> Measure:
@@ -256,15 +252,10 @@ class AlsoWhenSettings(Settings):
 
     def cases(self) -> AlsoWhen:
         """In the terms of `lidarplace`."""
-        off = self.mounts_off
-        return AlsoWhen(
-            self.one_lidar_dead,
-            self.range_factor,
-            None if self.weather is None else self.weather.weather(),
-            None if off is None else off.errors(),
-            0 if off is None else off.draws,
-            self.sensors_dead or 0,
-        )
+        off, weather = self.mounts_off, None if self.weather is None else self.weather.weather()
+        errors, draws = (off.errors(), off.draws) if off else (None, 0)
+        dead = self.sensors_dead or 0
+        return AlsoWhen(self.one_lidar_dead, self.range_factor, weather, errors, draws, dead)
 
     @model_validator(mode="after")
     def _dead_once(self) -> AlsoWhenSettings:
@@ -350,14 +341,11 @@ class RequirementSettings(Settings):
         return self
 
     def not_of(self, lidar: Lidar) -> tuple[str, str] | None:
-        """Why it cannot be asked of a LiDAR: the key, and what is missing or wrong.
-
-        None if it can. By light nobody knows how far a LiDAR without `range_10` sees; a case of
-        `also_when` may leave one no range.
-        """
+        """Why it cannot be asked of a LiDAR, if it cannot: the key, and what is missing or wrong.
+        By light nobody knows how far a LiDAR without `range_10` sees; a case of `also_when` may
+        leave one no range."""
         if self.what is not None and self.what.reflectivity is not None and lidar.range_10 is None:
-            told = "has no range_10; set it, or remove this key"
-            return "what.reflectivity", told
+            return "what.reflectivity", "has no range_10; set it, or remove this key"
         try:
             self.also_when.cases().variants(Placement("one", [Mount()], lidar))
         except ValueError as error:
@@ -379,21 +367,11 @@ class RequirementSettings(Settings):
         if wanted.probability is not None and placed is not None:
             curve = curves.of(str(placed.object_class), wanted.iou)
         return Requirement(
-            name=self.name,
-            area=self.where.area(vehicle),
-            measure=wanted.measure,
-            least=self.least,
-            placed=placed,
-            share=self.share,
-            step=self.step,
-            heights=self.where.z,
-            curve=curve,
-            cell=curves.cell,
-            also_when=self.also_when.cases(),
-            sensors=wanted.by,
-            kinds=wanted.kinds,
+            self.name, self.where.area(vehicle), wanted.measure, self.least, placed, self.share,
+            self.step, self.where.z, curve, curves.cell, self.also_when.cases(),
+            sensors=wanted.by, kinds=wanted.kinds,
             needs=wanted.needs if len(wanted.needs) > 1 else (),
-        )
+        )  # fmt: skip
 
 
 def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[RequirementSettings, ...]:
@@ -405,14 +383,14 @@ def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[Requireme
 
 def _of_presets(value: Any) -> Any:
     """Texts stand for all requirements of a preset."""
-    given = [value] if isinstance(value, str) else value
-    if not isinstance(given, (list, tuple)):
-        return given
-    unknown = [own for own in given if isinstance(own, str) and own not in PRESETS]
-    if unknown:
-        raise ValueError(f"no preset {unknown[0]!r}; expected one of {', '.join(PRESETS)}")
-    of_each = (preset_file(o).requirements if isinstance(o, str) else (o,) for o in given)
-    return [own for several in of_each for own in several]
+    if not isinstance(value, (str, list, tuple)):
+        return value
+    found: list[Any] = []
+    for own in [value] if isinstance(value, str) else value:
+        if isinstance(own, str) and own not in PRESETS:
+            raise ValueError(f"no preset {own!r}; expected one of {', '.join(PRESETS)}")
+        found += preset_file(own).requirements if isinstance(own, str) else (own,)
+    return found
 
 
 Requirements = Annotated[

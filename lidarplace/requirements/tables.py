@@ -15,23 +15,17 @@ if TYPE_CHECKING:
     from lidarplace.requirements.judge import Finding, Outcome
     from lidarplace.requirements.layout import Laid
 
-MOST_CELLS = 160
-"""Along an axis; of more positions a cell shows the worst one."""
+MOST_CELLS = 160  # along an axis; of more positions a cell shows the worst one
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A grid of cells.
+    """A grid of cells; `least` is of all cases and of all positions in a cell, in the requirement's
+    measure."""
 
-    Attributes:
-        x, y: middles of the cells, metres, shapes (nx,) and (ny,).
-        least: of all cases and of all positions in a cell, in the requirement's measure; NaN where
-            nothing is asked; shape (nx, ny).
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    least: NDArray[np.float64]
+    x: NDArray[np.float64]  # middles of the cells, metres, shape (nx,)
+    y: NDArray[np.float64]  # the same, shape (ny,)
+    least: NDArray[np.float64]  # NaN where nothing is asked, shape (nx, ny)
 
     @classmethod
     def of(cls, outcome: Outcome) -> Ground:
@@ -64,11 +58,8 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
 
 
 def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
-    """What a requirement finds in one case.
-
-    Place and heading are None where there is none, `short_by` is 0 where it is met. Of `met`,
-    every case of a requirement is needed.
-    """
+    """What a requirement finds in one case; place and heading are None where there is none,
+    `short_by` is 0 where it is met."""
     wanted = outcome.requirement
     return {
         "case": finding.case,
@@ -105,12 +96,8 @@ def by_rig(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
 
 def worst_cases(cases: pd.DataFrame, rig: Sequence[str]) -> pd.DataFrame:
-    """Of each requirement of each rig the case with the least value, of equal ones the first.
-
-    Args:
-        cases: rows of `case_table`.
-        rig: columns that tell rigs apart.
-    """
+    """Of each requirement of each rig, known by the columns `rig`, the case with the least value,
+    of equal ones the first; `cases` are rows of `case_table`."""
     keys = [*rig, "requirement"]
     least = cases.groupby(keys, sort=False, dropna=False, observed=True)["value"].idxmin()
     return cases.loc[least].reset_index(drop=True)

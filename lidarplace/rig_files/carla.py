@@ -1,18 +1,15 @@
-"""Rigs as the sensors of a vehicle in `objects.json`, of which CARLA's ROS bridge spawns them.
-
-https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects describes the file.
-Poses in it are right-handed, as ROS has them, in degrees; the bridge turns them into CARLA's.
-"""
+"""Rigs as `objects.json` of CARLA's ROS bridge; poses are right-handed, as ROS has them, in degrees
+(https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects)."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
@@ -26,13 +23,11 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.routes import STEP_S
 
 BLUEPRINT = "sensor.lidar.ray_cast"
-
 UNEVEN = 1e-6
 """Radians by which a beam may miss its place in an even fan; CARLA computes in float32."""
 
 
-@dataclass(frozen=True)
-class Fan:
+class Fan(NamedTuple):
     """Beams at even distances, which is what one CARLA sensor can have; radians."""
 
     lower: float
@@ -41,11 +36,9 @@ class Fan:
 
 
 def even_fans(elevations: Sequence[float]) -> list[Fan]:
-    """The beam table as few fans as a greedy search finds, from the lowest beam up.
-
-    CARLA spreads the channels of a sensor evenly between two elevations, so an even table is one
-    fan; any other one is made of several sensors in one place.
-    """
+    """The beam table as few fans as a greedy search finds, from the lowest beam up. CARLA spreads
+    the channels of a sensor evenly between two elevations, so an even table is one fan; any other
+    one is made of several sensors in one place."""
     table = np.sort(np.asarray(elevations, np.float64))
     fans, first = [], 0
     for end in range(1, len(table) + 1):
@@ -58,10 +51,8 @@ def even_fans(elevations: Sequence[float]) -> list[Fan]:
 
 
 def attributes(lidar: Lidar, fan: Fan, seed: int) -> dict[str, str]:
-    """Attributes of the sensor that fires `fan`, one full turn a step, without CARLA's own losses.
-
-    CARLA drops returns at random, in general and by intensity, unless it is told not to.
-    """
+    """Attributes of the sensor that fires `fan`, one full turn a step, without the losses that
+    CARLA has by default."""
     values: dict[str, int | float] = {
         "channels": fan.beams,
         "lower_fov": math.degrees(fan.lower),
@@ -132,14 +123,10 @@ class _Objects(BaseModel):
 
 
 def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The ray-cast LiDARs on the one vehicle that has some.
-
-    Sensors in one place that follow each other are one LiDAR: CARLA's have even beams, so a LiDAR
-    of uneven beams is written as several. How CARLA weakens intensity is left out.
-
-    Raises:
-        ValueError: the file is none of this kind, LiDARs are on several vehicles, or one cannot be.
-    """
+    """The ray-cast LiDARs on the one vehicle that has some. Sensors in one place that follow each
+    other are one LiDAR: CARLA's have even beams, so a LiDAR of uneven beams is written as several.
+    How CARLA weakens intensity is left out. Raises ValueError: the file is none of this kind,
+    LiDARs are on several vehicles, or one cannot be."""
     objects = read_record(path, _Objects, "list of objects of CARLA's ROS bridge").objects
     carrying = [each for each in objects if any(o.type == BLUEPRINT for o in each.on_it)]
     if len(carrying) > 1:
@@ -159,8 +146,8 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
         for o in parts
     ]
     for other, count in zip(parts, steps, strict=True):
-        same = (round(count), other.range) == (round(steps[0]), first.range)
-        if not same or other.horizontal_fov != first.horizontal_fov:
+        known = (round(count), other.range, other.horizontal_fov)
+        if known != (round(steps[0]), first.range, first.horizontal_fov):
             raise ValueError(
                 f"{where}: {other.id} is in the same place and no part of it: azimuth steps, range "
                 "or horizontal_fov differ"
@@ -187,43 +174,31 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
 
 
 def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second.
-
-    Raises:
-        ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not
-            even about its x axis.
-    """
+    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second. Raises
+    ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not even
+    about its x axis."""
     sensors = []
     for each in lidars_in(lidars):
         if each.model is None:
             raise ValueError(f"{each.name}: no LiDAR model; --lidar names one of the catalogue")
         lidar = each.model.lidar()
         check_possible(lidar, each.name)
-        if abs(sum(lidar.azimuth)) > 1e-9:
-            low, high = (math.degrees(end) for end in lidar.azimuth)
+        low, high = lidar.azimuth
+        if abs(low + high) > 1e-9:
             raise ValueError(
-                f"{each.name}: azimuth_deg is [{low:g}, {high:g}]; CARLA's LiDARs are symmetric "
-                "to the x axis"
+                f"{each.name}: azimuth_deg is [{math.degrees(low):g}, {math.degrees(high):g}]; "
+                "CARLA's LiDARs are symmetric to the x axis"
             )
-        fans = even_fans(lidar.elevations)
-        for number, fan in enumerate(fans):
+        place = asdict(each.mount)
+        for angle in ("roll", "pitch", "yaw"):
+            place[angle] = round(math.degrees(place[angle]), 9)
+        for number, fan in enumerate(even_fans(lidar.elevations)):
             name = each.name if number == 0 else f"{each.name}_beams_{number}"
-            mount = each.mount
-            angles = zip(
-                ("roll", "pitch", "yaw"), (mount.roll, mount.pitch, mount.yaw), strict=True
-            )
-            place = {axis: getattr(mount, axis) for axis in "xyz"}
-            place |= {axis: round(math.degrees(angle), 9) for axis, angle in angles}
             known = {"type": BLUEPRINT, "id": name, "spawn_point": place}
-            sensors.append(known | attributes(lidar, fan, number) | _view(lidar, fan.beams))
+            view = {  # CARLA spreads all points over the field of view
+                "horizontal_fov": f"{math.degrees(high - low):.9g}",
+                "points_per_second": str(round(fan.beams * lidar.fired_steps / STEP_S)),
+            }
+            sensors.append(known | attributes(lidar, fan, number) | view)
     vehicle = {"type": "vehicle.*", "id": "ego_vehicle", "objects": sensors}
     write_text(path, json.dumps({"objects": [vehicle]}, indent=1))
-
-
-def _view(lidar: Lidar, beams: int) -> dict[str, str]:
-    """What tells CARLA of a part of a turn: it spreads all points over the field of view."""
-    low, high = lidar.azimuth
-    return {
-        "horizontal_fov": f"{math.degrees(high - low):.9g}",
-        "points_per_second": str(round(beams * lidar.fired_steps / STEP_S)),
-    }

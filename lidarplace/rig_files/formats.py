@@ -15,24 +15,17 @@ from lidarplace.scenes.datasets.nuscenes import ORIGIN
 
 @dataclass(frozen=True)
 class RigFormat:
-    """How another tool writes a rig.
-
-    Attributes:
-        read: the sensors at a path whose names fit patterns, in the file's vehicle frame.
-        write: sensors in that frame to a path; LiDARs alone where it knows no others.
-        origin: where the file's vehicle frame starts in our ego frame, metres; None: it may be
-            anywhere. Axes are ours in all of them.
-        suffixes: by which it is known, without a name.
-        frames: whether it holds frames of all kinds: what each is has to be told.
-        lidars_alone: whether cameras and radars have no place in it.
-    """
+    """How another tool writes a rig."""
 
     read: Callable[[Path, Sequence[str]], list[MountedLidar]]
+    """The sensors at a path whose names fit patterns, in the file's vehicle frame."""
     write: Callable[[Path, Sequence[MountedLidar]], None]
     origin: Vector | None = None
-    suffixes: tuple[str, ...] = ()
-    frames: bool = False
-    lidars_alone: bool = False
+    """Where the file's vehicle frame starts in our ego frame, metres; None: it may be anywhere.
+    Axes are ours in all of them."""
+    suffixes: tuple[str, ...] = ()  # by which it is known, without a name
+    frames: bool = False  # whether it holds frames of all kinds: what each is has to be told
+    lidars_alone: bool = False  # whether cameras and radars have no place in it
 
 
 FORMATS = {
@@ -48,10 +41,7 @@ FORMATS = {
 
 
 def format_of(path: Path, name: str | None) -> RigFormat:
-    """The format of that name, or the one that a file is known by.
-
-    Raises ValueError: there is none of that name, or the file's name does not tell.
-    """
+    """The format of that name, or the one that a file is known by; ValueError if there is none."""
     if name is not None:
         if name not in FORMATS:
             raise ValueError(f"--format {name}: expected one of {', '.join(FORMATS)}")

@@ -13,25 +13,18 @@ from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import angles
 
-Vector = tuple[float, float, float]
-"""x, y, z in metres."""
+Vector = tuple[float, float, float]  # x, y, z in metres
 
 
 @dataclass(frozen=True)
 class MountedLidar:
-    """One LiDAR of a rig; or a camera or a radar, which files of rigs have beside them.
+    """One LiDAR of a rig; or a camera or a radar, which files of rigs have with them."""
 
-    Attributes:
-        name: in the file.
-        mount: in the vehicle frame of whoever has it; cameras look along its x axis.
-        model: None where the file tells none.
-        further: of a camera or a radar what is known of it; its own pose is of no account.
-    """
-
-    name: str
-    mount: Mount
+    name: str  # in the file
+    mount: Mount  # in the vehicle frame of whoever has it; cameras look along its x axis
     model: SensorSettings | None = None
     further: CameraSettings | RadarSettings | None = None
+    """Of a camera or a radar what is known of it; its own pose is of no account."""
 
     @property
     def kind(self) -> Kind:
@@ -63,23 +56,18 @@ def mount_at(position: Iterable[float], turned: Iterable[float], where: str) -> 
 
 
 def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> list[str]:
-    """Those of the names that a pattern fits, whatever their case; all, without a pattern.
-
-    `*` stands for any text. Raises ValueError if a pattern fits none of them.
-    """
-    if not patterns:
-        return list(names)
+    """Those of the names that a pattern fits, whatever their case; all, without a pattern. `*`
+    stands for any text. Raises ValueError if a pattern fits none of them."""
+    found = set(names) if not patterns else set()
     for pattern in patterns:
-        if not any(fnmatchcase(name.lower(), pattern.lower()) for name in names):
-            listed = ", ".join(names) or "none"
+        own = [name for name in names if fnmatchcase(name.lower(), pattern.lower())]
+        if not own:
             raise ValueError(
-                f"{source}: no LiDAR is called {pattern}; found {listed}; --only says which"
+                f"{source}: no LiDAR is called {pattern}; found {', '.join(names) or 'none'}; "
+                "--only says which"
             )
-    return [
-        name
-        for name in names
-        if any(fnmatchcase(name.lower(), pattern.lower()) for pattern in patterns)
-    ]
+        found |= {*own}
+    return [name for name in names if name in found]
 
 
 def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
@@ -97,8 +85,7 @@ OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def of_frame(frame: MountedLidar, further: CameraSettings | RadarSettings) -> MountedLidar:
-    """A frame that is one of a camera or a radar; optical ones as REP 103 has them, by their
-    name."""
+    """A frame that is one of a camera or a radar; optical ones, by their name, as in REP 103."""
     mount = frame.mount
     if "optical" in frame.name and isinstance(further, CameraSettings):
         mount = mount_of(mount.position, mount.rotation @ OPTICAL.T)
@@ -123,29 +110,19 @@ BASE = "base_link"
 
 @dataclass(frozen=True)
 class Joint:
-    """What holds a frame.
-
-    Attributes:
-        parent, child: frames.
-        position: of the child in its parent, shape (3,), metres.
-        rotation: child to parent, shape (3, 3).
-        moves: how the child moves against its parent; "" if it does not.
-    """
+    """What holds a frame."""
 
     parent: str
     child: str
-    position: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    moves: str = ""
+    position: NDArray[np.float64]  # of the child in its parent, metres
+    rotation: NDArray[np.float64]  # child to parent, shape (3, 3)
+    moves: str = ""  # how the child moves against its parent
 
 
 def lidars_of(joints: Sequence[Joint], only: Sequence[str], source: str) -> list[MountedLidar]:
-    """The frames that patterns name, in the frame of the vehicle.
-
-    Raises:
-        ValueError: frames hang together otherwise than as a tree, no pattern is given or one fits
-            no frame, or a frame of a LiDAR moves.
-    """
+    """The frames that patterns name, in the frame of the vehicle. Raises ValueError: frames hang
+    together otherwise than as a tree, no pattern is given or one fits no frame, or a frame of a
+    LiDAR moves."""
     holds: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in holds:

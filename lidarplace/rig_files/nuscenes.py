@@ -1,7 +1,5 @@
-"""Rigs as nuScenes calibrates them: the tables `sensor` and `calibrated_sensor`.
-
-https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md
-"""
+"""Rigs as nuScenes calibrates them: the tables `sensor` and `calibrated_sensor`
+(https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md)."""
 
 import json
 import uuid
@@ -21,11 +19,9 @@ from lidarplace.rig_files.mounted import OPTICAL, MountedLidar, mount_of, named_
 from lidarplace.scenes.datasets.nuscenes_tables import read_table
 from lidarplace.scenes.datasets.se3 import poses
 
-_KINDS = ("lidar", "camera", "radar")
 PIXELS = (1600, 900)
 _SOURCE = "camera_intrinsic; images of nuScenes are 1600 x 900"
-DECIMALS = 9
-"""Of metres and parts of a rotation, up to which two calibrations are one."""
+DECIMALS = 9  # of metres and parts of a rotation, up to which two calibrations are one
 
 
 def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
@@ -33,21 +29,20 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
     data set has.
 
     Every recording has calibrations of its own. Where those of a channel differ, they are called
-    `CHANNEL.TOKEN`, and `only` has to choose.
-
-    Raises:
-        ValueError: a table is missing or wrong, or a channel is left with several calibrations.
+    `CHANNEL.TOKEN`, and `only` has to choose. Raises ValueError: a table is missing or wrong, or a
+    channel is left with several calibrations.
     """
     sensor = read_table(folder / "sensor.json", ("channel", "modality"))
     columns = ["sensor_token", "translation", "rotation"]
     columns += ["camera_intrinsic"] if "camera" in sensor.columns["modality"] else []
     rows = read_table(folder / "calibrated_sensor.json", columns)
     owner = rows.rows_in(sensor, "sensor_token")
-    known = np.array([kind in _KINDS for kind in sensor.columns["modality"]], bool)
+    kinds = np.array(sensor.columns["modality"], str)
+    known = np.isin(kinds, ("lidar", "camera", "radar"))
     rows, owner = rows.take(np.flatnonzero(known[owner])), owner[known[owner]]
     pose = poses(rows.numbers("translation", 3), rows.numbers("rotation", 4), rows.row)
     matrices = pose.rotation.as_matrix()
-    camera = np.array([kind == "camera" for kind in sensor.columns["modality"]], bool)[owner]
+    camera = kinds[owner] == "camera"
     matrices[camera] = matrices[camera] @ OPTICAL.T
     numbers = np.column_stack([owner, pose.position, matrices.reshape(-1, 9)]).round(DECIMALS)
     different = np.sort(np.unique(numbers, axis=0, return_index=True)[1]).tolist()
@@ -59,25 +54,19 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
     }
     chosen = named_like(list(by_name), only, str(folder))
     found = Counter(channels[by_name[name]] for name in chosen)
-    for channel, number in found.items():
-        if number > 1:
-            (first, *_) = (name for name in chosen if channels[by_name[name]] == channel)
+    for name in chosen:
+        if (number := found[channel := channels[by_name[name]]]) > 1:
             raise ValueError(
                 f"{rows.path}: {channel} has {number} different calibrations; choose one, such as "
-                f"--only {first}"
+                f"--only {name}"
             )
-    return [
-        MountedLidar(
-            channels[row],
-            mount_of(pose.position[row], matrices[row]),
-            further=_further(
-                str(sensor.columns["modality"][owner[row]]),
-                rows.columns.get("camera_intrinsic", {row: []})[row],
-                f"{rows.path}: {channels[row]}",
-            ),
-        )
-        for row in (by_name[name] for name in chosen)
-    ]
+    rig = []
+    for row in (by_name[name] for name in chosen):
+        intrinsic: Any = rows.columns.get("camera_intrinsic", {row: []})[row]
+        further = _further(kinds[owner[row]], intrinsic, f"{rows.path}: {channels[row]}")
+        mount = mount_of(pose.position[row], matrices[row])
+        rig.append(MountedLidar(channels[row], mount, further=further))
+    return rig
 
 
 def _further(kind: str, intrinsic: Any, where: str) -> CameraSettings | RadarSettings | None:
@@ -99,8 +88,7 @@ def _intrinsic(sensor: MountedLidar) -> list[list[float]]:
         return []
     if sensor.further.intrinsic is not None:
         return [list(row) for row in sensor.further.intrinsic]
-    camera = sensor.further.built()
-    if camera is None:
+    if (camera := sensor.further.built()) is None:
         return []
     (fx, fy), (cx, cy) = camera.focal, camera.centre
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
@@ -111,19 +99,14 @@ def write_nuscenes_rig(folder: Path, lidars: Sequence[MountedLidar]) -> None:
     sensors, calibrated = [], []
     for lidar in lidars:
         token = uuid.uuid5(uuid.NAMESPACE_URL, lidar.name).hex
+        own = uuid.uuid5(uuid.NAMESPACE_URL, f"{lidar.name} calibrated").hex
         matrix = lidar.mount.rotation
         matrix = matrix @ OPTICAL if lidar.kind == "camera" else matrix
         quaternion = Rotation.from_matrix(matrix).as_quat()  # its real part last
+        place, turned = lidar.mount.position.tolist(), np.roll(quaternion, 1).tolist()
+        pose = {"translation": place, "rotation": turned, "camera_intrinsic": _intrinsic(lidar)}
         sensors.append({"token": token, "channel": lidar.name, "modality": lidar.kind})
-        calibrated.append(
-            {
-                "token": uuid.uuid5(uuid.NAMESPACE_URL, f"{lidar.name} calibrated").hex,
-                "sensor_token": token,
-                "translation": lidar.mount.position.tolist(),
-                "rotation": np.roll(quaternion, 1).tolist(),
-                "camera_intrinsic": _intrinsic(lidar),
-            }
-        )
+        calibrated.append({"token": own, "sensor_token": token} | pose)
     folder.mkdir(parents=True, exist_ok=True)
     for name, rows in (("sensor", sensors), ("calibrated_sensor", calibrated)):
         write_text(folder / f"{name}.json", json.dumps(rows, indent=1))

@@ -1,13 +1,13 @@
-"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON.
+"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON
+(https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen).
 
-https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen describes the
-messages. They say how a simulator shall show the world to a LiDAR, not which LiDAR it is: rays in
-them may be any number, so models are not read.
+It says how a simulator shall show the world to a LiDAR, not which LiDAR it is: models are not read.
 """
 
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,13 +69,9 @@ class _SensorViewConfiguration(_Message):
 
 
 def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The sensors of a configuration, called by kind and id, `lidar_1`.
-
+    """The sensors of a configuration, called by kind and id, `lidar_1`; ValueError if it is none.
     Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
-    and no range.
-
-    Raises ValueError: the file is no such configuration.
-    """
+    and no range."""
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []
     for kind in ("lidar", "camera", "radar"):
@@ -91,10 +87,8 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
 
 
 def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSettings:
-    across, up = (
-        round(math.degrees(angle), 9)
-        for angle in (own.field_of_view_horizontal, own.field_of_view_vertical)
-    )
+    view = (own.field_of_view_horizontal, own.field_of_view_vertical)
+    across, up = (round(math.degrees(angle), 9) for angle in view)
     pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
     known: dict[str, Any] = {"z": 0.0}
     try:
@@ -110,26 +104,16 @@ def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSe
 
 
 def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write a configuration; ids count from 1, of each kind.
-
-    Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
-    OSI's fields of view are even about the sensor's axis: the smallest that holds all beams.
-    """
+    """Write a configuration; ids count from 1, of each kind. Rays are given for LiDARs that have a
+    model, and their numbers for those without a pattern. OSI's fields of view are even about the
+    sensor's axis: the smallest that holds all beams."""
     found: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
     for each in lidars:
         views = found.setdefault(f"{each.kind}SensorViewConfiguration", [])
-        views.append(
-            {
-                "sensorId": {"value": str(len(views) + 1)},
-                "mountingPosition": {
-                    "position": {axis: getattr(each.mount, axis) for axis in "xyz"},
-                    "orientation": {
-                        axis: getattr(each.mount, axis) for axis in ("roll", "pitch", "yaw")
-                    },
-                },
-                **_rays(each),
-            }
-        )
+        numbers = list(asdict(each.mount).items())
+        place = {"position": dict(numbers[:3]), "orientation": dict(numbers[3:])}
+        known = {"sensorId": {"value": str(len(views) + 1)}, "mountingPosition": place}
+        views.append(known | _rays(each))
     write_text(path, json.dumps(found, indent=1))
 
 
@@ -152,8 +136,8 @@ def _rays(mounted: MountedLidar) -> dict[str, Any]:
         return {}
     lidar = mounted.model.lidar()
     view = {
-        "fieldOfViewHorizontal": 2 * max(abs(end) for end in lidar.azimuth),
-        "fieldOfViewVertical": 2 * max(abs(elevation) for elevation in lidar.elevations),
+        "fieldOfViewHorizontal": 2 * max(map(abs, lidar.azimuth)),
+        "fieldOfViewVertical": 2 * max(map(abs, lidar.elevations)),
     }
     if lidar.pattern is not None:
         return view

@@ -23,16 +23,13 @@ DIGITS = 9
 
 
 def read_own(path: Path) -> list[MountedLidar]:
-    """The LiDARs of a file of `mounts`; those without a name are numbered.
-
-    Raises ValueError as `read_placement_settings` does.
-    """
+    """The LiDARs of a file of `mounts`; those without a name are numbered. Raises ValueError as
+    `read_placement_settings`."""
     settings = read_placement_settings(path)
+    mounts = zip(settings.mounts, settings.in_ego(settings.mounts), strict=True)
     return [
         MountedLidar(each.name or f"lidar_{number}", mount, each.lidar)
-        for number, (each, mount) in enumerate(
-            zip(settings.mounts, settings.in_ego(settings.mounts), strict=True)
-        )
+        for number, (each, mount) in enumerate(mounts)
     ]
 
 
@@ -40,23 +37,22 @@ def read_further(path: Path) -> list[MountedLidar]:
     """Its cameras and radars. Raises ValueError as `read_own`."""
     settings = read_placement_settings(path)
     several: tuple[CameraSettings | RadarSettings, ...] = (*settings.cameras, *settings.radars)
-    found = []
-    for number, (each, mount) in enumerate(zip(several, settings.in_ego(several), strict=True)):
-        name = each.name or f"{each.KIND}_{number + 1}"
-        found.append(MountedLidar(name, mount, further=each))
-    return found
+    return [
+        MountedLidar(each.name or f"{each.KIND}_{number}", mount, further=each)
+        for number, (each, mount) in enumerate(
+            zip(several, settings.in_ego(several), strict=True), 1
+        )
+    ]
 
 
 def write_own(path: Path, lidars: Sequence[MountedLidar]) -> None:
     """Write LiDARs, cameras and radars in the ego frame; angles in degrees."""
     content = {"mounts": [_mount(lidar) for lidar in lidars_in(lidars)]}
-    for key, kind in (("cameras", "camera"), ("radars", "radar")):
+    for kind in ("camera", "radar"):
         if own := [_mount(sensor) for sensor in lidars if sensor.kind == kind]:
-            content[key] = own
-    text = yaml.safe_dump(
-        content, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True
-    )
-    write_text(path, text)
+            content[f"{kind}s"] = own
+    options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 1000}
+    write_text(path, yaml.safe_dump(content, allow_unicode=True, **options))
 
 
 def _mount(lidar: MountedLidar) -> dict[str, Any]:

@@ -1,12 +1,10 @@
-"""Rigs as static transforms of ROS 2: nodes of an XML launch file.
-
-https://docs.ros.org/en/rolling/p/tf2_ros describes `static_transform_publisher`; both its ways to
-write arguments are read.
-"""
+"""Rigs as static transforms of ROS 2: nodes `static_transform_publisher` of an XML launch file
+with either way to write arguments (https://docs.ros.org/en/rolling/p/tf2_ros)."""
 
 import math
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
@@ -36,13 +34,9 @@ BY_ORDER = {
 
 
 def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The frames that are LiDARs, as `lidars_of` knows them.
-
-    The file is read, not launched: substitutions and conditions are refused.
-
-    Raises:
-        ValueError: the file is no launch file, a transform is none, or frames are not of a vehicle.
-    """
+    """The frames that are LiDARs, as `lidars_of` knows them. The file is read, not launched:
+    substitutions and conditions are refused. Raises ValueError: it is no launch file, a transform
+    is none, or frames are not of a vehicle."""
     root = read_xml(path)
     if root.tag != "launch":
         raise ValueError(f"{path}: is no XML launch file: its root is {root.tag}, not launch")
@@ -69,9 +63,7 @@ def _joint(node: Element, where: str) -> Joint:
     for name in FRAMES:
         if name not in given:
             raise ValueError(f"{where}: no --{name} in {text!r}")
-    numbers = {
-        name: _number(name, word, where) for name, word in given.items() if name not in FRAMES
-    }
+    numbers = {n: _number(n, word, where) for n, word in given.items() if n not in FRAMES}
     position = np.array([numbers.get(name, 0.0) for name in PLACE])
     quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
     if not math.hypot(*quaternion) > 0:
@@ -104,13 +96,10 @@ def _by_name(words: Sequence[str], where: str) -> dict[str, str]:
 
 
 def _number(name: str, word: str, where: str) -> float:
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{where}: {name} must be a finite number, found {word!r}")
-    return value
+    with suppress(ValueError):
+        if math.isfinite(value := float(word)):
+            return value
+    raise ValueError(f"{where}: {name} must be a finite number, found {word!r}")
 
 
 def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:

@@ -1,6 +1,8 @@
 """Rigs as links of a URDF, held by fixed joints (https://wiki.ros.org/urdf/XML)."""
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import astuple
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
@@ -19,13 +21,9 @@ from lidarplace.rig_files.mounted import (
 
 
 def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The links that are LiDARs, as `lidars_of` knows them.
-
-    `rpy` are roll, pitch and yaw about fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`.
-
-    Raises:
-        ValueError: the file is no URDF, is xacro, or its frames are none of a vehicle.
-    """
+    """The links that are LiDARs, as `lidars_of` knows them. `rpy` are roll, pitch and yaw about
+    fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises ValueError: the file is no URDF, is
+    xacro, or its frames are none of a vehicle."""
     root = read_xml(path)
     if root.tag != "robot":
         raise ValueError(f"{path}: not a URDF: its root is {root.tag}, not robot")
@@ -37,29 +35,27 @@ def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
 
 def _joint(element: Element, path: Path) -> Joint:
     where = f"{path}: joint {element.get('name')}"
-    frames = []
-    for name in ("parent", "child"):
-        found = element.find(name)
-        link = None if found is None else found.get("link")
-        if link is None:
-            raise ValueError(f"{where}: no {name} with a link")
-        frames.append(link)
+    parent, child = (_link(element, name, where) for name in ("parent", "child"))
     kind = element.get("type", "none")
     position, rpy = (_vector(element.find("origin"), key, where) for key in ("xyz", "rpy"))
     moves = "" if kind == "fixed" else f"{kind}, not fixed"
-    return Joint(frames[0], frames[1], position, mount_at(position, rpy, where).rotation, moves)
+    return Joint(parent, child, position, mount_at(position, rpy, where).rotation, moves)
+
+
+def _link(joint: Element, name: str, where: str) -> str:
+    for found in joint.iterfind(f"{name}[@link]"):
+        return found.attrib["link"]
+    raise ValueError(f"{where}: no {name} with a link")
 
 
 def _vector(origin: Element | None, key: str, where: str) -> NDArray[np.float64]:
     """Three numbers of an origin, which are 0 if it is left out."""
     text = "0 0 0" if origin is None else origin.get(key, "0 0 0")
-    try:
+    with suppress(ValueError):
         values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise ValueError(f"{where}: {key} must be 3 finite numbers, found {text!r}")
-    return values
+        if values.shape == (3,) and np.isfinite(values).all():
+            return values
+    raise ValueError(f"{where}: {key} must be 3 finite numbers, found {text!r}")
 
 
 def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:
@@ -71,11 +67,6 @@ def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:
         joint = SubElement(root, "joint", name=f"{BASE}_to_{lidar.name}", type="fixed")
         SubElement(joint, "parent", link=BASE)
         SubElement(joint, "child", link=lidar.name)
-        mount = mount_in_frame(lidar)
-        SubElement(
-            joint,
-            "origin",
-            xyz=f"{mount.x!r} {mount.y!r} {mount.z!r}",
-            rpy=f"{mount.roll!r} {mount.pitch!r} {mount.yaw!r}",
-        )
+        numbers = [repr(number) for number in astuple(mount_in_frame(lidar))]
+        SubElement(joint, "origin", xyz=" ".join(numbers[:3]), rpy=" ".join(numbers[3:]))
     write_xml(path, root)

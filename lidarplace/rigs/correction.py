@@ -5,38 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-OTHER = "other"
-"""Class of a factor for objects of all classes without one of their own."""
+OTHER = "other"  # class of a factor for objects of all classes without one of their own
 
-MOST_FACTOR = 10.0
-"""Beyond, the recording and its simulation are not of one rig."""
-
-LEAST_DISTANCE = 1e-300
-"""Metres; its inverse is a number."""
-
+MOST_FACTOR = 10.0  # beyond, the recording and its simulation are not of one rig
+LEAST_DISTANCE = 1e-300  # metres; its inverse is a number
 _HAIR = 1e-9  # of a bin: a ray on an edge belongs to the upper bin, whatever rounding makes of it
 
 
 @dataclass(frozen=True)
 class Mask:
-    """Share of rays that return by direction in the sensor's frame: the vehicle's own shadow.
-
-    Attributes:
-        shares: rows by elevation from the lowest, each of equal bins of azimuth over a full turn,
-            the first of which begins at -pi; in [0, 1].
-        edges: elevations between the rows, ascending, radians; one less than there are rows.
-
-    Raises:
-        ValueError: rows differ in length or in number from what `edges` need, edges do not rise, a
-            share is not within [0, 1], or all are 0.
-    """
+    """Share of rays that return by direction in the sensor's frame: the vehicle's own shadow."""
 
     shares: tuple[tuple[float, ...], ...]
-    edges: tuple[float, ...] = ()
+    """Rows by elevation from the lowest, each of equal bins of azimuth over a full turn, the first
+    of which begins at -pi; in [0, 1], not all 0."""
+    edges: tuple[float, ...] = ()  # elevations between the rows, ascending, radians
 
     def __post_init__(self) -> None:
         rows = tuple(tuple(map(float, row)) for row in self.shares)
@@ -47,15 +35,13 @@ class Mask:
                 f"expected {len(self.edges) + 1} rows of shares for {len(self.edges)} "
                 f"elevations between them, found {len(rows)}"
             )
-        if len({len(row) for row in rows}) > 1 or not rows[0]:
-            found = sorted({len(row) for row in rows})
-            raise ValueError(f"rows need equally many shares, at least one, found {found}")
-        if any(not low < high for low, high in zip(self.edges, self.edges[1:], strict=False)):
+        if len(lengths := sorted({len(row) for row in rows})) > 1 or not rows[0]:
+            raise ValueError(f"rows need equally many shares, at least one, found {lengths}")
+        if any(not low < high for low, high in pairwise(self.edges)):
             raise ValueError("elevations between rows must rise")
-        shares = [share for row in rows for share in row]
-        if not all(0 <= share <= 1 for share in shares):
+        if not all(0 <= share <= 1 for row in rows for share in row):
             raise ValueError("shares must be within [0, 1]")
-        if not any(shares):
+        if not any(map(any, rows)):
             raise ValueError("all shares are 0; leave the LiDAR out")
 
     def at(
@@ -75,20 +61,13 @@ class Correction:
 
     It is `factor * exp(-range / distance) * mask`, at most 1, for a ray on an object and `mask` for
     all other hits. `Lidar.drop_off` is lost besides.
-
-    Attributes:
-        factor: pairs of a class of objects and its factor, in [0, MOST_FACTOR]; class OTHER stands
-            for those without one, whose factor is 1 otherwise.
-        distance: metres after which 1/e of the rays return from objects; None: infinitely many.
-        mask: None: 1 in all directions.
-
-    Raises:
-        ValueError: a value is out of its bounds, or a class has two factors.
     """
 
     factor: tuple[tuple[str, float], ...] = ()
-    distance: float | None = None
-    mask: Mask | None = None
+    """Pairs of a class of objects and its factor, in [0, MOST_FACTOR]; class OTHER stands for those
+    without one, whose factor is 1 otherwise."""
+    distance: float | None = None  # metres after which 1/e of the rays return from objects
+    mask: Mask | None = None  # None: 1 in all directions
 
     def __post_init__(self) -> None:
         pairs = tuple(sorted((str(name), float(share)) for name, share in self.factor))

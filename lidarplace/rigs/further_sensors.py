@@ -13,45 +13,27 @@ Kind = Literal["lidar", "camera", "radar"]
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera that looks along the x axis of its mount.
+    """A pinhole camera that looks along the x axis of its mount."""
 
-    Attributes:
-        pixels: width and height of its images.
-        focal: focal lengths across and up, pixels.
-        centre: principal point from the left and the upper edge, pixels.
-        ranges: farthest use by class of the object, metres; "" for any other. None has no end.
-    """
-
-    pixels: tuple[int, int]
-    focal: tuple[float, float]
-    centre: tuple[float, float]
+    pixels: tuple[int, int]  # width and height of its images
+    focal: tuple[float, float]  # focal lengths across and up, pixels
+    centre: tuple[float, float]  # principal point from the left and the upper edge, pixels
     ranges: tuple[tuple[str, float], ...] = ()
+    """Farthest use by class of the object, metres; "" for any other. None has no end."""
 
 
 @dataclass(frozen=True)
 class Radar:
-    """A radar with a box of angles.
+    """A radar with a box of angles."""
 
-    Attributes:
-        azimuth: the first one and how far it goes on to the left, radians.
-        elevation: lowest and highest, radians.
-        ranges: farthest detection by class of the object, metres; "" for any other.
-    """
-
-    azimuth: tuple[float, float]
-    elevation: tuple[float, float]
-    ranges: tuple[tuple[str, float], ...]
+    azimuth: tuple[float, float]  # the first one and how far it goes on to the left, radians
+    elevation: tuple[float, float]  # lowest and highest, radians
+    ranges: tuple[tuple[str, float], ...]  # as those of a camera
 
 
 @dataclass(frozen=True)
 class MountedSensor:
-    """A camera or a radar on a vehicle.
-
-    Attributes:
-        name: in its rig.
-        mount: x ahead, y to the left, z up, as those of LiDARs.
-        model: what it is.
-    """
+    """A camera or a radar on a vehicle; x of its mount is ahead, y to the left, as of LiDARs."""
 
     name: str
     mount: Mount

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Protocol
@@ -22,11 +23,8 @@ from lidarplace.rigs.weather import Weather, shortened
 HAIR = 1e-12
 FULL_TURN = 2 * math.pi + HAIR
 
-MOST_OFFSET = 1.0
-"""Of a laser within its housing, metres."""
-
-PATTERN_FRAMES = 20
-"""Of a rosette, until it begins anew."""
+MOST_OFFSET = 1.0  # of a laser within its housing, metres
+PATTERN_FRAMES = 20  # of a rosette, until it begins anew
 
 
 @lru_cache(maxsize=8)
@@ -44,67 +42,53 @@ class Lidar:
     """A LiDAR that fires every beam at every azimuth step within its field of view; or each of
     the rays of a pattern, which are beams that fire once in a frame, at an azimuth of their own.
 
-    Attributes:
-        elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
-        azimuth_steps: firings of each beam in one full turn; those outside `azimuth` are left out.
-        range: farthest return, metres, in clear air; see `reach`.
-        range_noise: standard deviation of the measured range, metres.
-        drop_off: probability that a return is lost, in [0, 1).
-        azimuth: horizontal field of view, [min, max) in radians, at most one turn; 0 is the
-            sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a
-            turn that is a whole number of steps wide has just as many, wherever it begins.
-        min_range: nearest return, metres; what is nearer stops the ray and returns nothing.
-        range_10, range_80: farthest return, metres, of a surface that reflects 10 % and 80 % of
-            the light and faces the ray; None for the first: all surfaces return from up to `range`;
-            for the second alone: light thins out by the square of the distance. See `sight`.
-        wavelength: of its light, metres.
-        extinction: rate at which the air takes light, 1/m; see `in_weather`.
-        window: share of the light that passes its front window, on either way; 1: as new.
-        size: length, width and height of the housing around the origin of the sensor's frame,
-            metres, by which it hides what is behind it from other LiDARs; equal length and width
-            are the diameter of a cylinder. None: not known, nothing is hidden.
-        pattern: of rays, for a LiDAR without beams that turn; it decides `elevations` and
-            `azimuth`, whatever is given for them, and there is one azimuth step. See `patterned`.
-        frame: of the pattern that is fired.
-        correction: what it loses on a real vehicle; None: nothing. See `corrected`.
-        offsets: of every laser along the sensor's z axis, metres: there its rays start; None: all
-            start at the origin. See `lidarplace.rigs.placement.blocks`.
-
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
             is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a
             pattern has azimuth steps.
     """
 
-    elevations: tuple[float, ...]
-    azimuth_steps: int
-    range: float = 100.0
-    range_noise: float = 0.0
-    drop_off: float = 0.0
+    elevations: tuple[float, ...]  # of every beam above the xy plane, radians, in [-pi/2, pi/2]
+    azimuth_steps: int  # firings of a beam in one full turn; those outside `azimuth` are left out
+    range: float = 100.0  # farthest return, metres, in clear air; see `reach`
+    range_noise: float = 0.0  # standard deviation of the measured range, metres
+    drop_off: float = 0.0  # probability that a return is lost, in [0, 1)
     azimuth: tuple[float, float] = (-math.pi, math.pi)
-    min_range: float = 0.0
+    """Horizontal field of view, [min, max) in radians, at most one turn; 0 is the sensor's x axis,
+    growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a turn that is a whole number
+    of steps wide has just as many, wherever it begins."""
+    min_range: float = 0.0  # metres; what is nearer stops the ray and returns nothing
     range_10: float | None = None
     range_80: float | None = None
-    wavelength: float = 905e-9
-    extinction: float = 0.0
-    window: float = 1.0
+    """Farthest return, metres, of a surface that reflects 10 % and 80 % of the light and faces the
+    ray; None for the first: all surfaces return from up to `range`; for the second alone: light
+    thins out by the square of the distance. See `sight`."""
+    wavelength: float = 905e-9  # of its light, metres
+    extinction: float = 0.0  # rate at which the air takes light, 1/m; see `in_weather`
+    window: float = 1.0  # share of the light that passes its front window, on either way
     size: tuple[float, float, float] | None = None
+    """Length, width and height of the housing around the origin of the sensor's frame, metres, by
+    which it hides what is behind it from other LiDARs; equal length and width are the diameter of a
+    cylinder. None: not known, nothing is hidden."""
     pattern: SkipJsonSchema[InstanceOf[ScanPattern]] | None = None  # no file holds one
-    frame: int = 0
-    correction: Correction | None = None
+    """Rays of a LiDAR without beams that turn; it decides `elevations` and `azimuth`, whatever is
+    given for them, and there is one azimuth step. See `patterned`."""
+    frame: int = 0  # of the pattern that is fired
+    correction: Correction | None = None  # what it loses on a real vehicle; see `corrected`
     offsets: tuple[float, ...] | None = None
+    """Of every laser along the sensor's z axis, metres: there its rays start; None: all start at
+    the origin. See `lidarplace.rigs.placement.blocks`."""
 
     def __post_init__(self) -> None:
+        elevations: Iterable[float] = self.elevations
         if self.pattern is not None:
             if self.azimuth_steps != 1:
                 raise ValueError(
                     f"a LiDAR with a pattern has 1 azimuth step, found {self.azimuth_steps}"
                 )
-            elevations = tuple(self.pattern.of_frame(self.frame)[1].tolist())
-            object.__setattr__(self, "elevations", elevations)
+            elevations = self.pattern.of_frame(self.frame)[1]
             object.__setattr__(self, "azimuth", self.pattern.field_of_view)
-        else:
-            object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
+        object.__setattr__(self, "elevations", tuple(map(float, elevations)))
         if not self.elevations:
             raise ValueError("a LiDAR needs at least one beam")
         if self.pattern is None and not all(abs(e) <= math.pi / 2 for e in self.elevations):
@@ -140,10 +124,10 @@ class Lidar:
                 "so nobody knows what it sees where light is lost"
             )
         if self.size is not None:
-            object.__setattr__(self, "size", tuple(float(side) for side in self.size))
+            object.__setattr__(self, "size", tuple(map(float, self.size)))
             if len(self.size) != 3 or not all(0 < side < math.inf for side in self.size):
                 raise ValueError(f"size needs length, width and height > 0, found {self.size}")
-        low, high = (float(angle) for angle in self.azimuth)
+        low, high = map(float, self.azimuth)
         object.__setattr__(self, "azimuth", (low, high))
         if not (math.isfinite(low) and math.isfinite(high) and 0 < high - low <= FULL_TURN):
             raise ValueError(
@@ -159,7 +143,7 @@ class Lidar:
     def _check_offsets(self) -> None:
         if self.offsets is None:
             return
-        object.__setattr__(self, "offsets", tuple(float(offset) for offset in self.offsets))
+        object.__setattr__(self, "offsets", tuple(map(float, self.offsets)))
         if self.pattern is not None or len(self.offsets) != self.beams:
             expected = (
                 "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
@@ -175,12 +159,9 @@ class Lidar:
         low, high = np.degrees([min(self.elevations), max(self.elevations)])
         left, right = np.degrees(self.azimuth)
         view = "" if self.full_turn else f", azimuth {left:.6g} to {right:.6g} degrees"
-        steps = f"{self.azimuth_steps} azimuth steps a turn"
-        beams, steps = (
-            (f"{self.beams} beams", f", {steps}")
-            if self.pattern is None
-            else (f"pattern of {self.beams:,} rays a frame", "")
-        )
+        beams, steps = f"{self.beams} beams", f", {self.azimuth_steps} azimuth steps a turn"
+        if self.pattern is not None:
+            beams, steps = f"pattern of {self.beams:,} rays a frame", ""
         lost = "" if self.correction is None else f", {self.correction!r}"
         return (
             f"Lidar({beams}, {low:.6g} to {high:.6g} degrees{steps}{view}, "
@@ -203,8 +184,7 @@ class Lidar:
     ) -> Lidar:
         """Beams evenly spread from the lowest to the highest elevation, degrees, as in settings.
 
-        Args:
-            limits: the other attributes by name, `range` and so on.
+        `limits` are other attributes, such as `range`.
         """
         if beams < 1:
             raise ValueError(f"beams must be at least 1, found {beams}")
@@ -220,33 +200,25 @@ class Lidar:
     def named(cls, name: str) -> Lidar:
         """A LiDAR of the catalogue, "vlp16" or "VLP-16": `lidarplace sensors` lists them.
 
-        It turns 10 times a second, "hdl32e@20hz" 20 times, with half of the azimuth steps.
-
-        Its range noise is 0 where no source gives a standard deviation. Raises ValueError if there
-        is none of that name.
+        It turns 10 times a second, "hdl32e@20hz" 20 times, with half of the azimuth steps. Its
+        range noise is 0 where no source gives a standard deviation. Raises ValueError if there is
+        none of that name.
         """
         sheet = datasheet(name)
+        low, high = map(math.radians, sheet.azimuth_deg)
         return cls(
-            tuple(math.radians(e) for e in sheet.elevations_deg),
-            sheet.azimuth_steps,
-            sheet.range,
-            sheet.range_noise or 0.0,
-            azimuth=(math.radians(sheet.azimuth_deg[0]), math.radians(sheet.azimuth_deg[1])),
-            pattern=pattern_in(sheet),
-            min_range=sheet.min_range or 0.0,
-            range_10=sheet.range_10,
-            range_80=sheet.range_80,
+            tuple(map(math.radians, sheet.elevations_deg)), sheet.azimuth_steps,
+            sheet.range, sheet.range_noise or 0.0, azimuth=(low, high), pattern=pattern_in(sheet),
+            min_range=sheet.min_range or 0.0, range_10=sheet.range_10, range_80=sheet.range_80,
             wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
-            size=sheet.size_mm and metres(sheet.size_mm),
-            offsets=sheet.offsets_m,
-        )
+            size=sheet.size_mm and metres(sheet.size_mm), offsets=sheet.offsets_m,
+        )  # fmt: skip
 
     @classmethod
     def patterned(cls, pattern: ScanPattern, **limits: Any) -> Lidar:
         """A LiDAR that fires the rays of `pattern`.
 
-        Args:
-            limits: the other attributes by name, `range` and so on.
+        `limits` are other attributes, such as `range`.
         """
         return cls((), 1, pattern=pattern, **limits)
 
@@ -269,8 +241,7 @@ class Lidar:
             unit: name of the LiDAR on that vehicle, which has a mask or beams of its own; None:
                 what holds for the whole vehicle alone.
 
-        Raises:
-            ValueError: there is no such unit, or what is known of it does not fit this LiDAR.
+        Raises ValueError: there is no such unit, or what is known of it does not fit this LiDAR.
         """
         return by.applied_to(self, unit)
 
@@ -337,11 +308,9 @@ class Lidar:
     def sight(self, reflected: ArrayLike) -> NDArray[np.float64]:
         """How far surfaces still return, metres: `min(range, range_10 (light / 0.1)^k)`.
 
-        With k such that it is `range_80` for 0.8, see `falloff`; `light` is what of the reflected
-        passes air and window. `reach` where `range_10` is not known.
-
-        Args:
-            reflected: reflectivity times the cosine of incidence (Lambert's law), any shape.
+        With k such that it is `range_80` for 0.8, see `falloff`; `light` is what of the reflected,
+        reflectivity times the cosine of incidence (Lambert's law), passes air and window. `reach`
+        where `range_10` is not known.
         """
         light = np.asarray(reflected, np.float64) * self.window**2
         if self.range_10 is None:
@@ -356,11 +325,8 @@ class Lidar:
     def thinned(self, share: float) -> Lidar:
         """The same LiDAR with `share` of its azimuth steps, rounded, at least one in a turn.
 
-        Of a pattern a share of the rays.
-
-        Raises:
-            ValueError: `share` is not within (0, 1], or none of the steps that are left is in the
-                field of view.
+        Of a pattern a share of the rays. Raises ValueError: `share` is not within (0, 1], or no
+        step that is left is in the field of view.
         """
         if not 0 < share <= 1:
             raise ValueError(f"share must be within (0, 1], found {share}")
@@ -405,13 +371,9 @@ def _in_frame(lidar: Lidar, number: int) -> Lidar:
 def unit_vectors(
     elevations: NDArray[np.float64], azimuths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous.
-
-    Args:
-        elevations: above the xy plane, radians, shape (beams,).
-        azimuths: from the x axis towards y, radians, of all beams, shape (steps,), or of each,
-            shape (beams, steps).
-    """
+    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous. Elevations
+    are above the xy plane, shape (beams,), azimuths from the x axis towards y, of all beams, shape
+    (steps,), or of each, shape (beams, steps); radians."""
     up = elevations[:, None]
     level = np.cos(up)
     x, y = level * np.cos(azimuths), level * np.sin(azimuths)

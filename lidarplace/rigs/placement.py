@@ -27,9 +27,7 @@ _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 class Mount:
     """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`.
 
-    Raises:
-        ValueError: a number is not finite, or an angle is more than a turn, as if it were in
-            degrees, which `Mount.degrees` takes.
+    Raises ValueError: a number is not finite, or an angle is more than a turn, as if in degrees.
     """
 
     x: float = 0.0
@@ -83,41 +81,35 @@ class Mount:
 class Placement(Plottable):
     """A named rig: LiDARs on one or more mounts.
 
-    Attributes:
-        lidar: the model of every mount, or a sequence with one for each.
-        dead: further mounts and their models, of LiDARs that see nothing; they hide what is behind
-            them, where their size is known.
-
-    Raises:
-        ValueError: there is no mount, two LiDARs sit in one place, or there are not as many models
-            as mounts.
+    Raises ValueError: there is no mount, two LiDARs sit in one place, or there are not as many
+    models as mounts.
     """
 
     name: str
     mounts: Sequence[Mount]
-    lidar: Lidar | Sequence[Lidar]
+    lidar: Lidar | Sequence[Lidar]  # the model of every mount, or one for each
     dead: Sequence[tuple[Mount, Lidar]] = ()
+    """Further mounts and their models, of LiDARs that see nothing; they hide what is behind them,
+    where their size is known."""
 
     def __post_init__(self) -> None:
+        where = f"placement {self.name!r}"
         mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
         if not all(isinstance(mount, Mount) for mount in mounts):
-            raise ValueError(
-                f"placement {self.name!r}: mounts is a list of Mount(…), found {self.mounts!r}"
-            )
+            raise ValueError(f"{where}: mounts is a list of Mount(…), found {self.mounts!r}")
         object.__setattr__(self, "mounts", mounts)
         if not self.mounts:
-            raise ValueError(f"placement {self.name!r} has no LiDAR")
+            raise ValueError(f"{where} has no LiDAR")
         if not isinstance(self.lidar, Lidar):
             models = tuple(self.lidar)
             if not all(isinstance(model, Lidar) for model in models):
                 raise ValueError(
-                    f"placement {self.name!r}: lidar is a Lidar, or a list of them, "
-                    f"found {self.lidar!r}"
+                    f"{where}: lidar is a Lidar, or a list of them, found {self.lidar!r}"
                 )
             if len(models) != len(self.mounts):
                 raise ValueError(
-                    f"placement {self.name!r}: expected one LiDAR model or one for each of "
-                    f"{len(self.mounts)} mounts, found {len(models)}"
+                    f"{where}: expected one LiDAR model or one for each of {len(self.mounts)} "
+                    f"mounts, found {len(models)}"
                 )
             # Rigs that are alike shall be equal.
             object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
@@ -126,14 +118,12 @@ class Placement(Plottable):
             for j, b in enumerate(self.mounts[:i]):
                 if (a.x, a.y, a.z) == (b.x, b.y, b.z):
                     raise ValueError(
-                        f"placement {self.name!r}: LiDARs {j} and {i} are both at "
-                        f"{point(a.x, a.y, a.z)}; two LiDARs cannot sit in one place"
+                        f"{where}: LiDARs {j} and {i} are both at {point(a.x, a.y, a.z)}; two "
+                        "LiDARs cannot sit in one place"
                     )
 
     def __repr__(self) -> str:
-        at = ", ".join(
-            f"{axis} {span([getattr(mount, axis) for mount in self.mounts])}" for axis in "xyz"
-        )
+        at = ", ".join(f"{axis} {span([getattr(m, axis) for m in self.mounts])}" for axis in "xyz")
         beams = span([lidar.beams for lidar in self.lidars])
         number = f"{len(self.mounts)} LiDAR{'s' if len(self.mounts) > 1 else ''}"
         return f"Placement({self.name!r}: {number} of {beams} beams; {at} m)"
@@ -169,11 +159,8 @@ class Placement(Plottable):
 
 def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
     """A LiDAR as LiDARs whose rays start at their origins: the runs of beams with one offset.
-
-    Returns:
-        Mount, model without offsets and, in the order of `Lidar.directions()`, the numbers of the
-        rays of each; the LiDAR itself where it has no offsets.
-    """
+    Mount, model without offsets and, in the order of `Lidar.directions()`, the numbers of the rays
+    of each; the LiDAR itself where it has no offsets."""
     if lidar.offsets is None:
         return [(mount, lidar, slice(0, lidar.rays))]
     up, first, found = mount.rotation[:, 2], 0, []
@@ -186,38 +173,20 @@ def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
 
 
 # The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).
-_PAPER_TABLE: dict[str, tuple[tuple[float, float, float, float, float], ...]] = {
-    "line": (
-        (0.0, -0.6, 2.2, 0.0, 0.0), (0.0, -0.4, 2.2, 0.0, 0.0),
-        (0.0, 0.4, 2.2, 0.0, 0.0), (0.0, 0.6, 2.2, 0.0, 0.0),
-    ),
-    "center": (
-        (0.0, 0.0, 2.4, 0.0, 0.0), (0.0, 0.0, 2.6, 0.0, 0.0),
-        (0.0, 0.0, 2.8, 0.0, 0.0), (0.0, 0.0, 3.0, 0.0, 0.0),
-    ),
-    "trapezoid": (
-        (-0.4, 0.2, 2.2, 0.0, 0.0), (-0.4, -0.2, 2.2, 0.0, 0.0),
-        (0.2, 0.5, 2.2, 0.0, 0.0), (0.2, -0.5, 2.2, 0.0, 0.0),
-    ),
-    "square": (
-        (-0.5, 0.5, 2.2, 0.0, 0.0), (-0.5, -0.5, 2.2, 0.0, 0.0),
-        (0.5, 0.5, 2.2, 0.0, 0.0), (0.5, -0.5, 2.2, 0.0, 0.0),
-    ),
+_PAPER_TABLE: dict[str, tuple[tuple[float, ...], ...]] = {
+    "line": ((0.0, -0.6, 2.2), (0.0, -0.4, 2.2), (0.0, 0.4, 2.2), (0.0, 0.6, 2.2)),
+    "center": ((0.0, 0.0, 2.4), (0.0, 0.0, 2.6), (0.0, 0.0, 2.8), (0.0, 0.0, 3.0)),
+    "trapezoid": ((-0.4, 0.2, 2.2), (-0.4, -0.2, 2.2), (0.2, 0.5, 2.2), (0.2, -0.5, 2.2)),
+    "square": ((-0.5, 0.5, 2.2), (-0.5, -0.5, 2.2), (0.5, 0.5, 2.2), (0.5, -0.5, 2.2)),
     "line_roll": (
-        (0.0, -0.6, 2.2, -0.28, 0.0), (0.0, -0.4, 2.2, 0.0, 0.0),
-        (0.0, 0.4, 2.2, 0.0, 0.0), (0.0, 0.6, 2.2, 0.28, 0.0),
+        (0.0, -0.6, 2.2, -0.28), (0.0, -0.4, 2.2), (0.0, 0.4, 2.2), (0.0, 0.6, 2.2, 0.28)
     ),
-    "pyramid": (
-        (-0.2, -0.6, 2.2, 0.0, 0.0), (0.4, 0.0, 2.4, 0.0, 0.0),
-        (-0.2, 0.0, 2.6, 0.0, 0.0), (-0.2, 0.6, 2.2, 0.0, 0.0),
-    ),
+    "pyramid": ((-0.2, -0.6, 2.2), (0.4, 0.0, 2.4), (-0.2, 0.0, 2.6), (-0.2, 0.6, 2.2)),
     "pyramid_roll": (
-        (-0.2, -0.6, 2.2, -0.28, 0.0), (0.4, 0.0, 2.4, 0.0, 0.0),
-        (-0.2, 0.0, 2.6, 0.0, 0.0), (-0.2, 0.6, 2.2, 0.28, 0.0),
+        (-0.2, -0.6, 2.2, -0.28), (0.4, 0.0, 2.4), (-0.2, 0.0, 2.6), (-0.2, 0.6, 2.2, 0.28)
     ),
     "pyramid_pitch": (
-        (-0.2, -0.6, 2.2, 0.0, 0.0), (0.4, 0.0, 2.4, 0.0, -0.09),
-        (-0.2, 0.0, 2.6, 0.0, 0.0), (-0.2, 0.6, 2.2, 0.0, 0.0),
+        (-0.2, -0.6, 2.2), (0.4, 0.0, 2.4, 0.0, -0.09), (-0.2, 0.0, 2.6), (-0.2, 0.6, 2.2)
     ),
 }  # fmt: skip
 
@@ -231,9 +200,7 @@ class _ByName(dict[str, Placement]):
 
 
 PAPER_PLACEMENTS: dict[str, Placement] = _ByName(
-    {
-        name: Placement(name, [Mount(*from_carla(*row)) for row in rows], lidar=Lidar.paper())
-        for name, rows in _PAPER_TABLE.items()
-    }
+    (name, Placement(name, [Mount(*from_carla(*row)) for row in rows], Lidar.paper()))
+    for name, rows in _PAPER_TABLE.items()
 )
 """The paper's eight placements in our right-handed ego frame, with its LiDAR."""

@@ -45,8 +45,6 @@ def from_carla(
 
     CARLA is left-handed, y to the right, pitch > 0 lifts the nose. Mirroring y turns the sense
     of pitch and yaw; roll keeps its sign. The map is its own inverse.
-
-    Returns `(x, y, z, roll, pitch, yaw)` in the right-handed ego frame.
     """
     # 0 - v, not -v: a zero stays +0, so that equal poses print and hash alike.
     return x, 0 - y, z, roll, 0 - pitch, 0 - yaw

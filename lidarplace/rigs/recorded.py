@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarplace.base.suggestions import did_you_mean
-from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.placement import Placement
 
 MOST_MM = 10.0
 MOST_DEGREES = 0.5
@@ -17,16 +17,11 @@ MOST_DEGREES = 0.5
 class RecordedRig:
     """LiDARs by name, as they were when a log was recorded. JSON holds it as `asdict` does.
 
-    Attributes:
-        names: of the LiDARs, in the order of the mounts, such as ("up_lidar", "down_lidar").
-        placement: their mounts in the ego frame, and their models.
-
-    Raises:
-        ValueError: there is not one name for each mount, two names are equal or one is empty, or a
-            LiDAR fires a pattern of rays, which no file holds.
+    Raises ValueError: there is not one name for each mount, two names are equal or one is empty, or
+    a LiDAR fires a pattern of rays, which no file holds.
     """
 
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # in the order of the mounts, such as ("up_lidar", "down_lidar")
     placement: Placement
 
     def __post_init__(self) -> None:
@@ -45,11 +40,8 @@ class RecordedRig:
                 )
 
     def subset(self, names: Sequence[str]) -> "RecordedRig":
-        """The rig with these LiDARs only, in its own order.
-
-        Raises:
-            ValueError: a name is unknown, or there is none.
-        """
+        """The rig with these LiDARs only, in its own order. Raises ValueError: a name is unknown,
+        or there is none."""
         for name in names:
             if name not in self.names:
                 raise ValueError(
@@ -58,27 +50,15 @@ class RecordedRig:
                 )
         kept = [n for n, name in enumerate(self.names) if name in names]
         own = tuple(self.names[n] for n in kept)
-        placement = self.placement
-        return RecordedRig(
-            own,
-            Placement(
-                "+".join(own) if len(own) < len(self.names) else placement.name,
-                [placement.mounts[n] for n in kept],
-                [placement.lidars[n] for n in kept],
-            ),
-        )
+        mounts, lidars = self.placement.mounts, self.placement.lidars
+        name = "+".join(own) if len(own) < len(self.names) else self.placement.name
+        rig = Placement(name, [mounts[n] for n in kept], [lidars[n] for n in kept])
+        return RecordedRig(own, rig)
 
 
 def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
-    """The rig of all scenes, that of the first one.
-
-    Args:
-        rigs: by scene.
-
-    Raises:
-        ValueError: there is none, or scenes have other LiDARs, or mounts that differ by more than
-            `MOST_MM` or `MOST_DEGREES`.
-    """
+    """The rig of all scenes, that of the first one. Raises ValueError: there is none, or scenes
+    have other LiDARs, or mounts that differ by more than `MOST_MM` or `MOST_DEGREES`."""
     if not rigs:
         raise ValueError("no recorded rig; convert the log with its calibration")
     (first, rig), *others = rigs.items()
@@ -87,7 +67,9 @@ def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
         if other.names != rig.names or other.placement.lidars != rig.placement.lidars:
             raise ValueError(f"{where} have LiDARs of other names or models; make a log of each")
         for name, a, b in zip(rig.names, rig.placement.mounts, other.placement.mounts, strict=True):
-            millimetres, degrees = _apart(a, b)
+            cosine = np.clip((np.trace(a.rotation.T @ b.rotation) - 1) / 2, -1, 1)
+            millimetres = 1000 * np.linalg.norm(a.position - b.position)
+            degrees = np.degrees(np.arccos(cosine))
             if millimetres > MOST_MM or degrees > MOST_DEGREES:
                 raise ValueError(
                     f"{where} have LiDAR {name} in different places; expected at most "
@@ -95,10 +77,3 @@ def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
                     f"{degrees:.1f} degrees; make a log of each"
                 )
     return rig
-
-
-def _apart(a: Mount, b: Mount) -> tuple[float, float]:
-    """Distance of two mounts, millimetres, and the angle between them, degrees."""
-    cosine = (np.trace(a.rotation.T @ b.rotation) - 1) / 2
-    distance = np.linalg.norm(np.subtract(a.position, b.position))
-    return 1000 * float(distance), float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

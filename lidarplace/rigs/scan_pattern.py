@@ -16,18 +16,13 @@ ENDS = {"azimuths": 2 * math.pi + 1e-9, "elevations": math.pi / 2}
 class ScanPattern:
     """Rays that are fired one after the other; each frame shows the next part of the table.
 
-    After the last whole frame it begins anew. Patterns of equal content are equal.
+    After the last whole frame it begins anew. Patterns of equal content are equal. Angles are in
+    the sensor's frame, as those of a `Lidar`, radians, read-only.
 
-    Attributes:
-        azimuths, elevations: of every ray in the sensor's frame, as those of a `Lidar`, radians,
-            shape (rays of all frames,), float64, read-only.
-        rays_per_frame: how many of them a frame shows.
-
-    Raises:
-        ValueError: shapes differ, an angle is out of bounds, or there is not one frame of rays.
+    Raises ValueError: shapes differ, an angle is out of bounds, or there is not one frame of rays.
     """
 
-    azimuths: NDArray[np.float64]
+    azimuths: NDArray[np.float64]  # of every ray of all frames, shape (rays,)
     elevations: NDArray[np.float64]
     rays_per_frame: int
 
@@ -71,11 +66,8 @@ class ScanPattern:
         return len(self.azimuths) // self.rays_per_frame
 
     def of_frame(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Azimuths, in [-pi, pi) and ascending, and elevations of the rays of a frame.
-
-        Args:
-            number: of the frame; `frames` follows `frames - 1` as 0 does.
-        """
+        """Azimuths, in [-pi, pi) and ascending, and elevations of the rays of a frame, of any
+        number."""
         first = number % self.frames * self.rays_per_frame
         rows = slice(first, first + self.rays_per_frame)
         azimuths = (self.azimuths[rows] + math.pi) % (2 * math.pi) - math.pi
@@ -83,11 +75,8 @@ class ScanPattern:
         return azimuths[order], self.elevations[rows][order]
 
     def thinned(self, share: float) -> "ScanPattern":
-        """Of every frame a share of the rays, rounded, at least one, evenly spread in time.
-
-        Args:
-            share: in (0, 1].
-        """
+        """Of every frame a share, in (0, 1], of the rays, rounded, at least one, evenly spread in
+        time."""
         few = max(1, round(share * self.rays_per_frame))
         kept = (2 * np.arange(few) + 1) * self.rays_per_frame // (2 * few)
         rows = (np.arange(self.frames)[:, None] * self.rays_per_frame + kept).reshape(-1)
@@ -114,13 +103,8 @@ class ScanPattern:
 
         Each prism bends the ray by a quarter of the field of view towards where its thick side
         is, and bends add up: the paraxial model of Risley prisms (Marshall 1999, Risley prism scan
-        patterns, Proc. SPIE 3787, 74).
-
-        Args:
-            turns: of either prism in a frame, signed.
-            field_of_view: of the whole pattern, a cone, radians.
-            rays_per_frame: evenly spread in time.
-            frames: to compute.
+        patterns, Proc. SPIE 3787, 74). `turns` are of either prism in a frame, signed, the field
+        of view is a cone, radians; rays are evenly spread in time.
         """
         time = np.arange(frames * rays_per_frame) / rays_per_frame
         bent = sum(np.exp(2j * math.pi * (own * time % 1.0)) for own in turns)

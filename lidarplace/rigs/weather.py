@@ -7,28 +7,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import wrightomega
 
-KOSCHMIEDER = -math.log(0.02)
-"""Optical depth at which a black object has 2 % of contrast left: 3.912."""
-
-GREEN_M = 550e-9
-"""Wavelength for which a visibility is meant, metres."""
+KOSCHMIEDER = -math.log(0.02)  # optical depth where a black object has 2 % of contrast left: 3.912
+GREEN_M = 550e-9  # wavelength for which a visibility is meant, metres
 
 
 @dataclass(frozen=True)
 class Weather:
-    """Fog and rain, the same everywhere around the vehicle.
-
-    Attributes:
-        visibility: in fog or haze, metres: how far a black object is visible against the sky (2 %
-            of contrast); infinite for clear air.
-        rain: rate, millimetres an hour.
-
-    Raises:
-        ValueError: the visibility is not positive, or the rain is negative or not finite.
-    """
+    """Fog and rain, the same everywhere around the vehicle."""
 
     visibility: float = math.inf
-    rain: float = 0.0
+    """In fog or haze, metres: how far a black object is visible against the sky (2 % of contrast);
+    infinite for clear air."""
+    rain: float = 0.0  # rate, millimetres an hour
 
     def __post_init__(self) -> None:
         if not self.visibility > 0:
@@ -42,29 +32,20 @@ class Weather:
         return ", ".join(fog + rain) or "clear air"
 
     def extinction(self, wavelength: float) -> float:
-        """Rate at which light is lost, 1/m; of fog and rain together.
-
-        Args:
-            wavelength: metres.
-        """
+        """Rate at which light of a wavelength in metres is lost, 1/m; of fog and rain together."""
         return fog_extinction(self.visibility, wavelength) + rain_extinction(self.rain)
 
 
 def fog_extinction(visibility: float, wavelength: float) -> float:
     """Koschmieder's law, 1/m, for other light than green by Kim's exponent.
 
-    3.912 / V (wavelength / 550 nm)^-q; q is 0 in fog of less than 500 m, where all wavelengths
-    fade alike (Kim, McArthur and Korevaar 2001, Proc. SPIE 4214, after Kruse 1962).
-
-    Args:
-        visibility: V, metres.
-        wavelength: metres.
+    3.912 / V (wavelength / 550 nm)^-q of visibility V, metres; q is 0 in fog of less than 500 m,
+    where all wavelengths fade alike (Kim, McArthur and Korevaar 2001, Proc. SPIE 4214, after Kruse
+    1962).
     """
     kilometres = visibility / 1000.0
-    if kilometres > 50.0:
-        exponent = 1.6
-    elif kilometres > 6.0:
-        exponent = 1.3
+    if kilometres > 6.0:
+        exponent = 1.6 if kilometres > 50.0 else 1.3
     elif kilometres > 1.0:
         exponent = 0.16 * kilometres + 0.34
     else:
@@ -77,10 +58,8 @@ def rain_extinction(rain: float) -> float:
 
     Drops are far larger than the wavelength, so each takes twice the light that falls on it. Of
     D millimetres there are 8000 exp(-4.1 rain^-0.21 D) in a cubic metre and millimetre of diameter
-    (Marshall and Palmer 1948, J. Meteorol. 5, 165), which makes 0.000365 rain^0.63.
-
-    Args:
-        rain: millimetres an hour.
+    (Marshall and Palmer 1948, J. Meteorol. 5, 165), which makes 0.000365 rain^0.63; rain in
+    millimetres an hour.
     """
     # 2 pi/4 times the integral of D^2 N(D), which is 2 * 8000 / slope^3; square millimetres.
     return 1e-6 * math.pi * 8000.0 / 4.1**3 * math.pow(rain, 0.63)
@@ -90,11 +69,8 @@ def shortened(distance: ArrayLike, fading: float) -> NDArray[np.float64]:
     """The R with `R exp(fading R) = distance`, metres, right to 15 digits.
 
     By Lambert's W, R = W(fading distance) / fading. W(x) is Wright's omega of ln x, which neither
-    overflows nor needs an iteration of ours.
-
-    Args:
-        distance: metres, not negative, of any shape; infinite ones stay so.
-        fading: 1/m, not negative.
+    overflows nor needs an iteration of ours. Distances, metres, and fading, 1/m, are not negative;
+    infinite distances stay so.
     """
     clear = np.asarray(distance, np.float64)
     if fading == 0.0:

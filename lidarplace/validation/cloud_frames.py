@@ -1,8 +1,8 @@
 """Frames with real clouds: cells of objects that were hit, and what became of simulated rays."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,37 +16,21 @@ FATES = ("in the box", "hidden", "passed beyond", "lost")
 """What a real LiDAR did where a simulated ray meets an object: it met the object, too; something
 nearer that nobody labelled; something behind; or nothing came back."""
 
-_NEAR_RAY = np.radians(0.35)
-"""A return so close to a simulated ray belongs to the same firing."""
-
-_SKIN_M = 0.1
-"""A return so close to a box belongs to it."""
+_NEAR_RAY = np.radians(0.35)  # a return so close to a simulated ray belongs to the same firing
+_SKIN_M = 0.1  # a return so close to a box belongs to it
 
 
-@dataclass(frozen=True)
-class Cloud:
-    """The real cloud of a frame.
-
-    Attributes:
-        frame: number.
-        points: x, y, z in the ego frame, metres, shape (n, 3), float32.
-        lidar: number of the LiDAR of each in the rig, shape (n,).
-    """
+class Cloud(NamedTuple):
+    """The real cloud of a frame."""
 
     frame: int
-    points: NDArray[np.float32]
-    lidar: NDArray[np.uint8]
+    points: NDArray[np.float32]  # x, y, z in the ego frame, metres, shape (n, 3)
+    lidar: NDArray[np.uint8]  # number of the LiDAR of each in the rig, shape (n,)
 
 
 def real_clouds(folder: Path, lidars: int, most: int) -> Iterator[Cloud]:
-    """The clouds that `convert --clouds` kept in a log, spread evenly over those that are there.
-
-    Args:
-        folder: of the log.
-        lidars: number of LiDARs of the rig; clouds whose points are not split by as many are
-            left out, and no points are known by LiDAR then.
-        most: clouds.
-    """
+    """At most so many of the clouds that `convert --clouds` kept in the folder of a log, spread
+    evenly; clouds whose points are not split by as many LiDARs as the rig has are left out."""
     parts = [read_clouds(path.parent) for path in sorted(folder.glob("clouds/recorded/*/data.npy"))]
     place = [(own, n) for own in parts if own.counts.shape[1] == lidars for n in range(len(own))]
     chosen = np.linspace(0, len(place) - 1, min(len(place), most)).round().astype(int)
@@ -54,21 +38,14 @@ def real_clouds(folder: Path, lidars: int, most: int) -> Iterator[Cloud]:
         yield Cloud(int(clouds.frames[index]), clouds[index][:, :3], clouds.lidar(index))
 
 
-@dataclass(frozen=True)
-class Seen:
-    """Cells of the objects of a frame that each LiDAR hits.
+class Seen(NamedTuple):
+    """Cells of the objects of a frame that each LiDAR hits."""
 
-    Attributes:
-        rows: of the log's boxes, shape (objects,).
-        real, shipped, corrected: a row (object, cell) for each cell, of every LiDAR.
-        fates: rays of the simulation by `FATES`, shape (objects, 4).
-    """
-
-    rows: NDArray[np.int64]
-    real: list[NDArray[np.int64]]
+    rows: NDArray[np.int64]  # of the log's boxes, shape (objects,)
+    real: list[NDArray[np.int64]]  # of every LiDAR a row (object, cell) for each cell
     shipped: list[NDArray[np.int64]]
     corrected: list[NDArray[np.int64]]
-    fates: NDArray[np.int64]
+    fates: NDArray[np.int64]  # rays of the simulation by `FATES`, shape (objects, 4)
 
 
 def seen_in(
@@ -79,16 +56,9 @@ def seen_in(
     loss: float,
     cell: float,
 ) -> Seen:
-    """Compare a real cloud with its simulation.
-
-    Args:
-        cloud: of the frame.
-        recording: of the log.
-        share: what the own shadow leaves, shape (LiDARs, SECTORS).
-        factor: of every box of the log.
-        loss: 1 / distance of the correction, 1/m.
-        cell: edge of a cell, metres.
-    """
+    """Compare a real cloud with its simulation. The correction: `share` is what the own shadow
+    leaves, shape (LiDARs, SECTORS), `factor` is of every box of the log, `loss` is 1 / distance,
+    1/m. `cell` is the edge of a cell, metres."""
     rows, placement = recording.surroundings.rows(cloud.frame), recording.placement
     boxes = recording.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[rows]
     every = recording.met(cloud.frame)
@@ -97,9 +67,8 @@ def seen_in(
     for number, (mount, lidar) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
         points = cloud.points[cloud.lidar == number].astype(np.float64)
         found.real.append(_cells(*_inside(points, boxes), boxes, cell))
-        own = lidar.in_frame(cloud.frame)
         met = every[number]
-        directions, target = own.directions()[met.ray], met.target
+        directions, target = lidar.in_frame(cloud.frame).directions()[met.ray], met.target
         rays = directions @ mount.rotation.T
         at = mount.position + rays * met.range[:, None]
         found.shipped.append(_cells(at, target, boxes, cell))
@@ -154,13 +123,8 @@ def _fates(
     boxes: NDArray[np.float64],
     mount: Mount,
 ) -> NDArray[np.int64]:
-    """How many rays on each object had each of `FATES`, shape (objects, 4).
-
-    Args:
-        returns: real ones, from the LiDAR in the axes of the ego frame, shape (n, 3).
-        rays: directions of simulated rays that meet an object, shape (m, 3).
-        ranges, target: of these, shape (m,).
-    """
+    """How many of the simulated `rays` on each object had each of `FATES`, shape (objects, 4); real
+    `returns` are relative to the LiDAR, in the axes of the ego frame."""
     from scipy.spatial import cKDTree
 
     fates = np.zeros((len(boxes), len(FATES)), np.int64)

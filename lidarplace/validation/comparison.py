@@ -1,6 +1,7 @@
 """Real and simulated points of the same objects: how far apart they are."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,14 +10,11 @@ from numpy.typing import NDArray
 BELOW_M = 75.0
 """Objects farther away are left out: they have few points, real ones or simulated ones."""
 
-BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)
-"""Edges of the bands of distance in tables."""
+BANDS_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, BELOW_M)  # edges of the bands of distance in tables
 
-LEAST = (5, 20)
-"""Points of an object that a detector can find: shares are reported for both."""
+LEAST = (5, 20)  # points of an object that a detector can find: shares are reported for both
 
-_FEWEST = 20
-"""Objects of a row of a table; of fewer there is none."""
+_FEWEST = 20  # objects of a row of a table
 
 
 def log_ratio(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -30,31 +28,30 @@ def scores(
     real: NDArray[np.float64],
     chance: dict[int, NDArray[np.float64]],
 ) -> dict[str, float]:
-    """How far simulated points are from real ones.
+    """How far simulated points of objects are from real ones; `chance` is the probability that a
+    simulated object has at least so many points, by `LEAST`.
 
-    Args:
-        simulated, real: points of every object, shape (objects,).
-        chance: probability that a simulated object has at least so many points, by `LEAST`.
-
-    Returns:
-        objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of its
-        absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
-        for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
+    Returns objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of
+    its absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
+    for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
     """
     ratio = log_ratio(simulated, real)
-    some = bool(len(ratio))
     found = {
         "objects": float(len(real)),
         "ratio": float(simulated.sum() / real.sum()) if real.sum() else np.nan,
-        "bias": float(np.median(ratio)) if some else np.nan,
-        "spread": float(np.median(np.abs(ratio))) if some else np.nan,
-        "within_2": float(np.mean(np.abs(ratio) <= 1)) if some else np.nan,
+        "bias": _of_some(np.median, ratio),
+        "spread": _of_some(np.median, np.abs(ratio)),
+        "within_2": _of_some(np.mean, np.abs(ratio) <= 1),
         "rho": rank_correlation(simulated, real),
     }
     for least in LEAST:
-        found[f"real_{least}"] = float(np.mean(real >= least)) if len(real) else np.nan
-        found[f"simulated_{least}"] = float(np.mean(chance[least])) if len(real) else np.nan
+        found[f"real_{least}"] = _of_some(np.mean, real >= least)
+        found[f"simulated_{least}"] = _of_some(np.mean, chance[least])
     return found
+
+
+def _of_some(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float:
+    return float(statistic(values)) if len(values) else np.nan
 
 
 def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -67,12 +64,8 @@ def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def chances(
     rays: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
-    """Probability of at least so many points, by `LEAST`, if each of `rays` returns by itself.
-
-    Args:
-        rays: that meet every object, shape (objects,).
-        expected: number of returns, shape (objects,).
-    """
+    """Probability of at least so many points of every object, by `LEAST`, if each of its `rays`
+    returns by itself, `expected` many in all; shape (objects,)."""
     from scipy.stats import binom
 
     share = np.divide(expected, rays, out=np.zeros_like(expected), where=rays > 0)
@@ -80,16 +73,12 @@ def chances(
 
 
 def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """`scores` of models by distance, class and route; rows of few objects are left out.
+    """`scores` of models by distance, class and route; rows of few objects are left out. Objects
+    have columns class, route, distance, world, real, rays/MODEL (of them, before anything gets
+    lost) and points/MODEL.
 
-    Args:
-        objects: columns class, route, distance, world, real, rays/MODEL (of them, before anything
-            gets lost) and points/MODEL.
-        models: such as "shipped" and "corrected".
-
-    Returns:
-        Columns model, by (all, distance, class or route), group, those of `scores`, and world, the
-        share of objects in scenes with a static world.
+    Returns columns model, by (all, distance, class or route), group, those of `scores`, and world,
+    the share of objects in scenes with a static world.
     """
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)

@@ -17,87 +17,62 @@ from lidarplace.rigs.correction import OTHER
 from lidarplace.validation.comparison import BELOW_M
 from lidarplace.validation.simulation import Returns
 
-FEWEST_TRACKS = 40
-"""Of fewer tracks one number is fitted, and the page says that they are too few."""
+FEWEST_TRACKS = 40  # of fewer tracks one number is fitted, and the page says that they are too few
 
-FEWEST_OF_CLASS = 10
-"""Tracks of a class with a factor of its own."""
-
+FEWEST_OF_CLASS = 10  # tracks of a class with a factor of its own
 DISTANCES_M = (
     math.inf, 400.0, 250.0, 180.0, 140.0, 115.0, 100.0, 85.0, 75.0, 65.0, 55.0, 45.0, 35.0
 )  # fmt: skip
 """Among which the fit chooses."""
-
 MOST_FACTOR = 2.0
-RESAMPLES = 100
-"""Of tracks, for the intervals."""
+RESAMPLES = 100  # of tracks, for the intervals
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted loss of returns.
-
-    Attributes:
-        factor: by class, OTHER for the rest.
-        distance: metres, None: nothing is lost with distance.
-    """
+    """A fitted loss of returns: a factor by class, OTHER for the rest, and a distance in metres,
+    None where nothing is lost with distance."""
 
     factor: dict[str, float]
     distance: float | None
 
+    def factors(self, classes: NDArray[np.str_]) -> NDArray[np.float64]:
+        """Of objects of these classes."""
+        return np.array([self.factor.get(n, self.factor[OTHER]) for n in classes], np.float64)
+
     def points(
         self, returns: Returns, classes: NDArray[np.str_], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Expected returns of every row of `returns`, shape (N,).
-
-        Args:
-            returns: of the simulation.
-            classes: of the log's boxes.
-            shares: what shadows leave of every row, shape (N,).
-        """
-        known = {name: self.factor.get(name, self.factor[OTHER]) for name in np.unique(classes)}
-        factor = pd.Series(classes[returns.box]).map(known).to_numpy(np.float64)
-        kept = factor * np.exp(-returns.distance / (self.distance or math.inf)) * shares
+        """Expected returns of every row of `returns`, shape (N,). `classes` are of the log's boxes,
+        `shares` what shadows leave of every row, shape (N,)."""
+        kept = self.factors(classes)[returns.box]
+        kept = kept * np.exp(-returns.distance / (self.distance or math.inf)) * shares
         return np.asarray(returns.points * np.minimum(kept, 1.0))
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What a fit sees: boxes nearer than `BELOW_M` whose real points are known.
+    """What a fit sees: n boxes nearer than `BELOW_M` whose real points are known."""
 
-    Attributes:
-        rows: of the log's boxes, shape (n,).
-        track: number of the track of each, shape (n,).
-        name: class that decides the factor of each, shape (n,).
-        real: points, shape (n,).
-        simulated: returns for each of `DISTANCES_M`, shape (distances, n).
-    """
-
-    rows: NDArray[np.int64]
-    track: NDArray[np.int64]
-    name: NDArray[np.str_]
-    real: NDArray[np.float64]
-    simulated: NDArray[np.float64]
+    track: NDArray[np.int64]  # number of the track of each
+    name: NDArray[np.str_]  # class that decides the factor of each
+    real: NDArray[np.float64]  # points of each
+    simulated: NDArray[np.float64]  # returns for each of `DISTANCES_M`, shape (distances, n)
 
     @classmethod
     def of(cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]) -> "Problem":
         """From objects, whose index is the row of the box, and what is simulated of them."""
         near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
         size = int(max(objects.index.max(), returns.box.max(initial=0))) + 1
-        simulated = [
-            np.bincount(
-                returns.box, returns.points * shares * np.exp(-returns.distance / far), size
-            )[near.index]
-            for far in DISTANCES_M
-        ]
+        kept = (returns.points * shares * np.exp(-returns.distance / far) for far in DISTANCES_M)
+        simulated = [np.bincount(returns.box, own, size)[near.index] for own in kept]
         track = np.asarray(near.groupby(["scene", "object_id"]).ngroup(), np.int64)
         names = near["class"].to_numpy(str)
         tracks = near.assign(track=track).groupby("class")["track"].nunique()
         few = [str(name) for name, number in tracks.items() if number < FEWEST_OF_CLASS]
         names = np.where(np.isin(names, np.array(few, np.str_)), OTHER, names)
         real = near["real"].to_numpy(np.float64)
-        rows = near.index.to_numpy(np.int64)
-        return cls(rows, track, names.astype(np.str_), real, np.array(simulated))
+        return cls(track, names.astype(np.str_), real, np.array(simulated))
 
     @property
     def tracks(self) -> int:
@@ -105,42 +80,36 @@ class Problem:
         return len(np.unique(self.track))
 
     def fit(self, kept: NDArray[np.int64] | None = None) -> Fit:
-        """The correction of the boxes `kept`, some perhaps repeatedly; of all for None.
-
-        Raises:
-            ValueError: no object has both real and simulated points.
-        """
+        """The correction of the boxes `kept`, some perhaps repeatedly; of all for None. Raises
+        ValueError: no object has both real and simulated points."""
         if kept is None:
             kept = np.arange(len(self.real))
         real, names = self.real[kept], self.name[kept]
         if not ((real > 0) & (self.simulated[0][kept] > 0)).any():
             raise ValueError("no object has both real and simulated points: nothing can be fitted")
         few = len(np.unique(self.track[kept])) < FEWEST_TRACKS
-        best: tuple[float, Fit] | None = None
+        every, which = np.unique(names, return_inverse=True)
+        best, least = Fit({}, None), math.inf
         for far, simulated in zip(DISTANCES_M, self.simulated, strict=True):
+            if few and far < math.inf:
+                break
             own = simulated[kept]
             factor = {OTHER: _factor(own, real)}
             if not few:
-                factor |= {n: _factor(own[names == n], real[names == n]) for n in np.unique(names)}
-            scale = np.array([factor.get(name, factor[OTHER]) for name in np.unique(names)])
-            expected = own * scale[np.unique(names, return_inverse=True)[1]]
+                factor |= {n: _factor(own[names == n], real[names == n]) for n in every}
+            fitted = Fit(factor, None if far == math.inf else far)
+            expected = own * fitted.factors(every)[which]
             loss = float(np.abs(np.log2((expected + 0.5) / (real + 0.5))).mean())
-            if best is None or loss < best[0]:
-                best = loss, Fit(factor, None if far == math.inf else far)
-            if few:
-                break
-        assert best is not None  # there is at least one distance
-        return best[1]
+            if loss < least:
+                best, least = fitted, loss
+        return best
 
     def intervals(self, seed: int = 0) -> dict[str, tuple[float, float]]:
-        """95 % intervals of the factors and of the distance, from resampled tracks.
-
-        An infinite distance is infinite in them, too.
-        """
+        """95 % intervals of the factors and of the distance, from resampled tracks. An infinite
+        distance is infinite in them, too."""
         random = np.random.default_rng(seed)
         order = np.argsort(self.track, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self.track))[:-1])
-        parts = [part for part in parts if len(part)]
         drawn = []
         for _ in range(RESAMPLES):
             chosen = random.integers(0, len(parts), len(parts))

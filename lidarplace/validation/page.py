@@ -2,13 +2,12 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
-import pandas as pd
 import plotly.graph_objects as go
 import yaml
 from plotly.offline import get_plotlyjs
@@ -32,7 +31,7 @@ _ANSWERS = {
 
 
 class Table(NamedTuple):
-    """A table of the page; the first column holds words."""
+    """A table; the first column holds words."""
 
     caption: str
     head: Sequence[str]
@@ -51,18 +50,13 @@ class Section(NamedTuple):
 
 def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> None:
     """Write the page; it needs no network."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    options: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True}
     sections = [_overview(found), _by_distance(found), _correction(found), _subsets(found)]
     if found.shadows is not None:
         sections.append(_shadow(found))
     sections.append(_worst(found))
-    page = environment.get_template("page.html").render(
+    page = jinja2.Template(template, undefined=jinja2.StrictUndefined, **options).render(
         title=title,
         answer=_ANSWERS[decision.answer],
         kind=decision.answer.split()[0],
@@ -78,8 +72,7 @@ def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> 
 
 
 def with_world(found: Validation) -> str:
-    """How many objects are in scenes whose static world stopped rays, and the labels left out, in
-    words."""
+    """How many objects had a static world, and the labels left out, in words."""
     without = f"; left out: {', '.join(found.without)}" if found.without else ""
     return f"static world for {found.scores.iloc[0]['world']:.0%} of the objects{without}"
 
@@ -94,23 +87,21 @@ _SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
 }
 
 
-def _shares(row: pd.Series) -> list[str]:
-    return [f"{row[f'real_{n}']:.0%} / {row[f'simulated_{n}']:.0%}" for n in LEAST]
-
-
 def _score_table(found: Validation, by: str, caption: str) -> Table:
     """Rows of `comparison`, what is shipped and what is corrected below each other."""
-    rows = found.scores[found.scores["by"] == by]
-    order = list(dict.fromkeys(rows["group"]))
-    shown = []
-    for group in order:
+    rows, shown = found.scores[found.scores["by"] == by], []
+    for group in dict.fromkeys(rows["group"]):
         for model, name in _MODELS.items():
             row = rows[(rows["group"] == group) & (rows["model"] == model)].iloc[0]
             label = name if by == "all" else f"{group}, {name}"
-            cells = [_cell(row[k], show) for k, (_, show) in _SCORES.items()]
-            shown.append([label, *cells, *_shares(row)])
+            shares = (f"{row[f'real_{n}']:.0%} / {row[f'simulated_{n}']:.0%}" for n in LEAST)
+            shown.append([label, *_cells(row), *shares])
     head = ["", *(words for words, _ in _SCORES.values())]
     return Table(caption, [*head, *(f"≥ {n} points, real / sim." for n in LEAST)], shown)
+
+
+def _cells(scores: Mapping[Any, float]) -> list[str]:
+    return [_cell(scores[key], show) for key, (_, show) in _SCORES.items()]
 
 
 def _cell(value: float, show: Callable[[float], str]) -> str:
@@ -119,9 +110,7 @@ def _cell(value: float, show: Callable[[float], str]) -> str:
 
 def _overview(found: Validation) -> Section:
     table = _score_table(found, "all", "All objects")
-    floor = pd.Series(found.floor)
-    row = ["one frame against the next"]
-    row += [_cell(floor[k], show) for k, (_, show) in _SCORES.items()]
+    floor = ["one frame against the next", *_cells(found.floor), "", ""]
     judged = "Corrected: fitted to all routes but one, judged on that one, each route in turn."
     if found.given:
         judged = "The correction was given; it is judged on this log."
@@ -132,10 +121,8 @@ def _overview(found: Validation) -> Section:
         "The last row compares the real points of an object with those in the frame before: no "
         "simulation of single frames can be closer.",
     ]
-    shown = Table(table.caption, table.head, [*table.rows, [*row, "", ""]])
-    return Section(
-        "How close the simulation is", notes, (), (shown, _score_table(found, "class", "By class"))
-    )
+    tables = (table._replace(rows=[*table.rows, floor]), _score_table(found, "class", "By class"))
+    return Section("How close the simulation is", notes, tables=tables)
 
 
 def _by_distance(found: Validation) -> Section:
@@ -153,48 +140,34 @@ def _by_distance(found: Validation) -> Section:
     share.add_scatter(x=real["group"], y=real["real_5"], **line)
     ratio.add_hline(y=1.0, line={"color": OUTLINE, "dash": "dot"})
     share.update_yaxes(tickformat=".0%")
-    for figure in (ratio, share):
-        figure.update_xaxes(title="metres", type="category")
-    return Section(
-        "By distance and route",
-        (),
-        (as_json(ratio), as_json(share)),
-        (_score_table(found, "distance", "By distance"), _score_table(found, "route", "By route")),
-    )
+    figures = [as_json(own.update_xaxes(title="metres", type="category")) for own in (ratio, share)]
+    tables = [_score_table(found, by, f"By {by}") for by in ("distance", "route")]
+    return Section("By distance and route", (), figures, tables)
 
 
 def _correction(found: Validation) -> Section:
     file, rows = found.correction, []
-    values = {
-        **{name: f"{share:.3f}" for name, share in file.factor.items()},
-        "distance": _metres(file.distance or math.inf),
-    }
-    for name, value in values.items():
-        low, high = found.intervals.get(name, (math.nan, math.nan))
-        show = _metres if name == "distance" else lambda number: f"{number:.3f}"
-        rows.append([name, value, "" if math.isnan(low) else f"{show(low)} to {show(high)}"])
+    for name, value in (file.factor | {"distance": file.distance or math.inf}).items():
+        show: Callable[[float], str] = _metres if name == "distance" else "{:.3f}".format
+        ends = " to ".join(map(show, found.intervals.get(name, ())))
+        rows.append([name, show(value), ends])
     tables = [Table("The correction", ("", "value", "95 % interval over objects"), rows)]
     if len(found.fits):
         names = [str(name) for name in found.fits if name not in ("route", "boxes")]
-        shows = dict.fromkeys(names, "{:.3f}".format) | {"distance": _metres}
-        fitted = [
-            [f"{row['route']:g}", *(_cell(row[name], shows[name]) for name in names)]
-            for _, row in found.fits.iterrows()
-        ]
+        shows: dict[str, Callable[[float], str]] = dict.fromkeys(names, "{:.3f}".format)
+        shows = {"route": "{:g}".format} | shows | {"distance": _metres}
+        fits = found.fits[[*shows]].to_dict("records")
+        fitted = [[_cell(row[name], shows[name]) for name in shows] for row in fits]
         tables.append(Table("Fitted without one route", ("route left out", *names), fitted))
-    use = {"lidar": {"name": "…", "correction": "correction.yaml"}}
+    use = {"name": "…", "correction": "correction.yaml"}
     if file.lidars:
-        use["lidar"]["unit"] = next(iter(file.lidars))
-    return Section(
-        "The correction",
-        (
-            "A ray on an object returns with probability factor × exp(−range / distance) × share "
-            "that the own shadow leaves. Sweeps, searches, requirements and the studio take it so:",
-        ),
-        (),
-        tables,
-        yaml.safe_dump(use, sort_keys=False, allow_unicode=True),
+        use["unit"] = next(iter(file.lidars))
+    note = (
+        "A ray on an object returns with probability factor × exp(−range / distance) × share that "
+        "the own shadow leaves. Sweeps, searches, requirements and the studio take it so:"
     )
+    code = yaml.safe_dump({"lidar": use}, sort_keys=False, allow_unicode=True)
+    return Section("The correction", (note,), (), tables, code)
 
 
 def _metres(value: float) -> str:
@@ -202,34 +175,30 @@ def _metres(value: float) -> str:
 
 
 def _subsets(found: Validation) -> Section:
-    if not len(found.subsets) or len(found.names) < 2:
-        why = (
-            "The rig has one LiDAR."
-            if len(found.names) < 2
-            else "Real points are not known by LiDAR: convert with --clouds."
-        )
+    if len(found.names) < 2:
+        return Section("Subsets of the LiDARs", ("The rig has one LiDAR.",))
+    if not len(found.subsets):
+        why = "Real points are not known by LiDAR: convert with --clouds."
         return Section("Subsets of the LiDARs", (why,))
     tables = []
     for key, part in found.subsets.groupby(["measure", "class"], sort=False):
         measure, name = map(str, key)
-        digits = 3 if measure == "expected_recall" else 1
+        show = f"{{:.{3 if measure == 'expected_recall' else 1}f}}".format
         ranked = part.sort_values("real", ascending=False)
-        rows = [
-            [row["subset"], *(f"{row[w]:.{digits}f}" for w in WHAT)] for _, row in ranked.iterrows()
-        ]
+        rows = [[row["subset"], *(show(row[w]) for w in WHAT)] for _, row in ranked.iterrows()]
         label = f"{measure.replace('_', ' ')}, {name}: {ranked['objects'].iloc[0]:,} objects"
         tables.append(Table(label, ("", "real", "as shipped", "corrected"), rows))
-    few = " With fewer than 3 subsets there is no rank correlation."
     agreed = "; ".join(
         f"{row['measure'].replace('_', ' ')}, {row['class']}: {row['shipped']:.2f} as shipped, "
         f"{row['corrected']:.2f} corrected"
-        for _, row in found.agreement.iterrows()
-        if not math.isnan(row["corrected"])
+        for _, row in found.agreement.dropna(subset="corrected").iterrows()
     )
     notes = [
         "Each subset of the rig's LiDARs is a placement whose real points are known. Values are "
         "means over objects.",
-        f"Rank correlation with the real order: {agreed}." if agreed else few.strip(),
+        f"Rank correlation with the real order: {agreed}."
+        if agreed
+        else "With fewer than 3 subsets there is no rank correlation.",
     ]
     return Section("Subsets of the LiDARs, a placement experiment", notes, (), tables)
 
@@ -248,11 +217,11 @@ def _shadow(found: Validation) -> Section:
         figure.add_barpolar(theta=middle, r=row, **bars)
         figures.append(as_json(figure.update_layout(margin={"t": 75}, polar=polar)))
         closed.append(f"{name} {(row < 1).mean():.0%}")
-    notes = [
+    note = (
         "Returns of each azimuth sector compared with open sectors, in the frame of the LiDAR "
         f"(0° is its x axis). In shadow: {', '.join(closed)} of the azimuth."
-    ]
-    return Section("The vehicle's own shadow", notes, figures)
+    )
+    return Section("The vehicle's own shadow", (note,), figures)
 
 
 def _worst(found: Validation) -> Section:
@@ -265,23 +234,17 @@ def _worst(found: Validation) -> Section:
         for _, row in found.worst.iterrows()
     ]  # fmt: skip
     head = ("object", "class", "m", "frame", "real", "as shipped", "corrected", *FATES, "reason")
-    notes = (
+    note = (
         "Simulated rays that meet the object, by the real return in that direction: in its box, "
         "hidden by something nearer without a label, passed beyond the box, or lost."
-        if found.clouds
-        else "Without clouds the reason is not known: convert with --clouds."
     )
-    return Section(
-        "Worst objects", (notes,), (), (Table("Farthest off after the correction", head, rows),)
-    )
+    if not found.clouds:
+        note = "Without clouds the reason is not known: convert with --clouds."
+    table = Table("Farthest off after the correction", head, rows)
+    return Section("Worst objects", (note,), tables=(table,))
 
 
 def _figure(title: str) -> go.Figure:
-    return go.Figure(
-        layout={
-            "title": {"text": title, "font": {"size": 14}},
-            "margin": {"l": 45, "r": 15, "t": 40, "b": 40},
-            "height": 320,
-            "legend": {"orientation": "h", "y": -0.3},
-        }
-    )
+    layout = {"margin": {"l": 45, "r": 15, "t": 40, "b": 40}, "height": 320}
+    layout |= {"legend": {"orientation": "h", "y": -0.3}}
+    return go.Figure(layout=layout | {"title": {"text": title, "font": {"size": 14}}})

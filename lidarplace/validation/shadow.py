@@ -1,8 +1,7 @@
 """The own shadow of every LiDAR, from real clouds: sectors of azimuth from which little returns.
 
-Sky returns nothing either, ahead along a road in every frame. So only rays count that have
-something to return from: the ground nearby, or what another LiDAR of the rig sees in that
-direction. Each sector counts with its best frame.
+Sky returns nothing either, so only rays count that have something to return from: ground nearby, or
+what another LiDAR of the rig sees in that direction. Each sector counts with its best frame.
 """
 
 import math
@@ -23,10 +22,8 @@ SHADOW = 0.6
 DOWN = (math.sin(math.radians(-20.0)), math.sin(math.radians(-2.2)))
 """Sines of the elevations, in the ego frame, of rays that meet ground within 60 m."""
 
-_SAME = np.radians(0.5)
-_FAR_M = 8.0
-"""What another LiDAR sees so near to a ray, and so far away, the ray would meet, too."""
-
+_SAME, _FAR_M = np.radians(0.5), 8.0
+# What another LiDAR sees so near to a ray, and so far away, the ray would meet, too.
 _OPEN = 0.9  # quantile over sectors: the share of rays that return where nothing is in the way
 _AROUND_M = 0.2  # what returns so near to the vehicle is the vehicle
 
@@ -37,16 +34,9 @@ def returned(
     placement: Placement,
     vehicle: Vehicle | None = None,
 ) -> NDArray[np.float64]:
-    """Share of the rays with something to return from that did, shape (LiDARs, SECTORS).
-
-    NaN where there is no such ray.
-
-    Args:
-        points: x, y, z of a frame in the ego frame, shape (n, 3).
-        lidar: number of the LiDAR of each, shape (n,).
-        placement: of the LiDARs.
-        vehicle: carries them; None: a sedan.
-    """
+    """Share of the rays with something to return from that did, shape (LiDARs, SECTORS). NaN where
+    there is no such ray. `points` are x, y, z of a frame in the ego frame, shape (n, 3), each of
+    the LiDAR of a number. No vehicle: a sedan."""
     body = (vehicle or sedan()).extents[:, :, :2]
     low, high = body[:, 0].min(axis=0, initial=np.inf), body[:, 1].max(axis=0, initial=-np.inf)
     world = ((points[:, :2] < low - _AROUND_M) | (points[:, :2] > high + _AROUND_M)).any(axis=1)
@@ -79,10 +69,7 @@ def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np
 
 def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     """What every sector returns of what open ones do, 1 where it is open; (LiDARs, SECTORS).
-
-    Args:
-        shares: `returned` of frames, at least one.
-    """
+    `shares` are `returned` of frames, at least one."""
     best = np.max(np.nan_to_num(np.array(shares), nan=np.inf, posinf=np.inf), axis=0)
     known = np.where(np.isfinite(best), best, np.nan)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # no ray goes down

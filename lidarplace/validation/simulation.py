@@ -1,8 +1,5 @@
-"""Returns of the recorded rig from every box of a log, as the simulator has them.
-
-Rays end at the static world of the log, where it has one. The log's ground is not the plane of our
-ego frame: boxes far away stand metres above or below it. Where it has no ground, there is none.
-"""
+"""Returns of the recorded rig from every box of a log, as the simulator has them. Where the log has
+no static world there is no ground, as boxes far away stand metres above or below a plane."""
 
 import math
 from collections.abc import Sequence
@@ -26,68 +23,43 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
-SECTORS = 72
-"""Of the azimuth of a LiDAR in its own frame, from -180 degrees on."""
+SECTORS = 72  # of the azimuth of a LiDAR in its own frame, from -180 degrees on
 
-REACH_M = 300.0
-"""How far off buildings may hide."""
+REACH_M = 300.0  # how far off buildings may hide
 
 
 @dataclass(frozen=True, eq=False)
 class Returns:
-    """Returns from each box by LiDAR and sector of its azimuth, where there are any.
+    """Returns from each box by LiDAR and sector of its azimuth, where there are any; shape (N,)."""
 
-    Attributes:
-        box: row of the log's boxes, int64, shape (N,).
-        lidar: number of the LiDAR in its rig, int64, shape (N,).
-        sector: of `SECTORS`, int64, shape (N,).
-        points: rays that return, float64, shape (N,).
-        distance: their mean range, metres, float64, shape (N,).
-    """
-
-    box: NDArray[np.int64]
-    lidar: NDArray[np.int64]
-    sector: NDArray[np.int64]
-    points: NDArray[np.float64]
-    distance: NDArray[np.float64]
+    box: NDArray[np.int64]  # row of the log's boxes
+    lidar: NDArray[np.int64]  # number of the LiDAR in its rig
+    sector: NDArray[np.int64]  # of `SECTORS`
+    points: NDArray[np.float64]  # rays that return
+    distance: NDArray[np.float64]  # their mean range, metres
 
 
 class Met(NamedTuple):
-    """Rays of a LiDAR that return from objects.
+    """Rays of a LiDAR that return from objects, shape (n,)."""
 
-    Attributes:
-        ray: their numbers, int64, shape (n,).
-        target: number of the object of each in its frame, int64, shape (n,).
-        range: metres, float64, shape (n,).
-    """
-
-    ray: NDArray[np.int64]
-    target: NDArray[np.int64]
-    range: NDArray[np.float64]
+    ray: NDArray[np.int64]  # their numbers
+    target: NDArray[np.int64]  # number of the object of each in its frame
+    range: NDArray[np.float64]  # metres
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A rig in the frames of a log that it recorded.
-
-    Attributes:
-        log: objects, buildings and static world.
-        placement: the rig.
-        seed: of the shapes of the objects.
-        vehicle: carries the rig; None: a sedan.
-
-    Raises:
-        ValueError: a box is bad, or a scene with a static world has a frame without a pose.
-    """
+    """A rig in the frames of a log that it recorded. `surroundings` raise ValueError: a box is bad,
+    or a scene with a static world has a frame without a pose."""
 
     log: BoxLog
     placement: Placement
-    seed: int = 0
-    vehicle: Vehicle | None = None
+    seed: int = 0  # of the shapes of the objects
+    vehicle: Vehicle | None = None  # carries the rig; None: a sedan
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """Of the log."""
+        """Objects, buildings and static world of the log."""
         return Surroundings(self.log, self.seed)
 
     @cached_property
@@ -99,18 +71,11 @@ class Recording:
         parts = body_parts(self.vehicle).and_(self.surroundings.parts(frame, REACH_M))
         world = self.surroundings.world(frame)
         views = zip(self.placement.mounts, self.placement.lidars, self._ends, strict=True)
-        return [
-            rays_on_objects(mount, lidar.in_frame(frame), parts, world, ends)
-            for mount, lidar, ends in views
-        ]
+        return [rays_on_objects(m, own.in_frame(frame), parts, world, e) for m, own, e in views]
 
 
 def simulate(recording: Recording, frames: Sequence[int]) -> Returns:
-    """Cast every LiDAR in these frames, which are shared among numba's threads.
-
-    Raises:
-        ValueError: as `Recording` does.
-    """
+    """Cast every LiDAR in these frames, which are shared among numba's threads."""
     surroundings, lidars = recording.surroundings, recording.placement.lidars
     fixed = {own: sectors_of(own.directions()) for own in lidars if own.pattern is None}
 
@@ -121,20 +86,17 @@ def simulate(recording: Recording, frames: Sequence[int]) -> Returns:
             if sector is None:
                 sector = sectors_of(lidar.in_frame(frame).directions())
             cell = met.target * SECTORS + sector[met.ray]
-            points = np.bincount(cell, minlength=len(rows) * SECTORS)
-            (hit,) = np.nonzero(points)
-            mean = np.bincount(cell, met.range, len(points))[hit] / points[hit]
+            hit, points = np.unique(cell, return_counts=True)
+            mean = np.bincount(cell, met.range)[hit] / points
             of_lidar = np.full(len(hit), number)
-            found.append(
-                np.stack([rows[hit // SECTORS], of_lidar, hit % SECTORS, points[hit], mean])
-            )
+            found.append(np.stack([rows[hit // SECTORS], of_lidar, hit % SECTORS, points, mean]))
         return found
 
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         every = [own for found in threads.map(of_frame, frames) for own in found]
-    box, number, sector, points, mean = np.concatenate([np.empty((5, 0)), *every], axis=1)
-    rows, numbers, sectors_hit = (key.astype(np.int64) for key in (box, number, sector))
-    return Returns(rows, numbers, sectors_hit, points, mean)
+    keys, (points, mean) = np.split(np.concatenate([np.empty((5, 0)), *every], axis=1), [3])
+    box, lidar, sector = keys.astype(np.int64)
+    return Returns(box, lidar, sector, points, mean)
 
 
 def rays_on_objects(

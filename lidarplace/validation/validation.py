@@ -25,54 +25,35 @@ from lidarplace.validation.shadow import returned, shadows
 from lidarplace.validation.simulation import SECTORS, Recording, Returns, simulate
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
 
-MOST_CLOUDS = 60
-"""Frames with clouds that are looked at, spread evenly; shadows need no more."""
-
-WORST = 20
-"""Objects in the table of the worst."""
+MOST_CLOUDS = 60  # frames with clouds that are looked at, spread evenly; shadows need no more
+WORST = 20  # objects in the table of the worst
 
 
 @dataclass(frozen=True)
 class Validation:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        names: of the LiDARs.
-        correction: fitted to all routes, or the one that was given; its file is written.
-        given: whether the correction was given, not fitted here.
-        routes, tracks, boxes, frames: how much was compared, nearer than `BELOW_M`.
-        clouds: frames with clouds.
-        objects: every box, with real and simulated points: `real`, `points/shipped`,
-            `points/corrected` and `real/NAME`, `shipped/NAME`, `corrected/NAME` by LiDAR; and
-            `world`, whether the static world of its scene stopped rays.
-        scores: of `comparison`.
-        floor: of `comparison.floor`.
-        fits: a row for each route left out.
-        intervals: of the correction, from resampled tracks; empty for one that was given.
-        subsets, agreement: of `lidarplace.validation.subsets`.
-        shadows: what sectors return, by LiDAR, shape (LiDARs, SECTORS); None without clouds.
-        worst: objects whose points differ most.
-        without: object_ids that were left out, or their beginnings.
-    """
-
-    names: tuple[str, ...]
-    correction: CorrectionFile
-    given: bool
-    routes: int
+    names: tuple[str, ...]  # of the LiDARs
+    correction: CorrectionFile  # fitted to all routes, or the one that was given
+    given: bool  # whether the correction was given, not fitted here
+    routes: int  # of what was compared, as tracks and boxes: nearer than `BELOW_M`
     tracks: int
     boxes: int
     frames: int
-    clouds: int
+    clouds: int  # frames with clouds
     objects: pd.DataFrame
-    scores: pd.DataFrame
-    floor: Mapping[str, float]
-    fits: pd.DataFrame
-    intervals: Mapping[str, tuple[float, float]]
-    subsets: pd.DataFrame
+    """Every box, with real and simulated points: `real`, `points/shipped`, `points/corrected` and
+    `real/NAME`, `shipped/NAME`, `corrected/NAME` by LiDAR; and `world`, whether the static world of
+    its scene stopped rays."""
+    scores: pd.DataFrame  # of `comparison`
+    floor: Mapping[str, float]  # of `comparison.floor`
+    fits: pd.DataFrame  # a row for each route left out
+    intervals: Mapping[str, tuple[float, float]]  # from resampled tracks; empty if it was given
+    subsets: pd.DataFrame  # of `lidarplace.validation.subsets`, as `agreement`
     agreement: pd.DataFrame
-    shadows: NDArray[np.float64] | None
-    worst: pd.DataFrame
-    without: tuple[str, ...] = ()
+    shadows: NDArray[np.float64] | None  # what sectors return, shape (LiDARs, SECTORS)
+    worst: pd.DataFrame  # objects whose points differ most
+    without: tuple[str, ...] = ()  # object_ids that were left out, or their beginnings
 
 
 def validate(
@@ -80,7 +61,6 @@ def validate(
     folder: Path,
     correction: CorrectionFile | None = None,
     *,
-    seed: int = 0,
     vehicle: Vehicle | None = None,
     without: Sequence[str] = (),
 ) -> Validation:
@@ -89,9 +69,7 @@ def validate(
     Args:
         log: with real points and the rigs that recorded them.
         folder: of the log; its real clouds, where `convert --clouds` kept some, are used.
-        correction: to be judged; None: one is fitted, and judged on routes that it was not fitted
-            to.
-        seed: of the shapes of objects.
+        correction: None: one is fitted, and judged on routes that it was not fitted to.
         vehicle: carries the LiDARs; None: a sedan.
         without: objects left out by their object_id or its beginning, such as wrong labels: they
             neither hide nor count.
@@ -103,7 +81,7 @@ def validate(
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
     frames = log.frames["frame"].tolist()
-    recording = Recording(log, rig.placement, seed, vehicle)
+    recording = Recording(log, rig.placement, 0, vehicle)
     returns = own = simulate(recording, frames)
     model = _geometry(rig, correction)
     if model != rig.placement:
@@ -121,33 +99,30 @@ def validate(
     lossless = Fit({OTHER: 1.0}, None)
     models: dict[object, tuple[Fit, NDArray[np.float64]]] = {}
     rows = []
-    for route, part in objects.groupby("route"):
+    near = (objects["distance"] < BELOW_M) & objects["real"].notna()
+    for route in sorted(objects["route"].dropna().unique()):
         if correction is not None:
             models[route] = _given(correction), _masks(correction, names)
             continue
-        rest = objects[objects["route"] != route]
-        mask = shadow(route)
+        mask, there = shadow(route), objects["route"] == route
         try:
-            fitted = Problem.of(rest, own, mask[own.lidar, own.sector]).fit()
+            fitted = Problem.of(objects[~there], own, mask[own.lidar, own.sector]).fit()
         except ValueError:  # the only route, or no points on the others
             fitted = lossless
-        models[route] = fitted, mask
-        boxes = int(((part["distance"] < BELOW_M) & part["real"].notna()).sum())
-        distance = fitted.distance or math.inf
+        models[route], distance = (fitted, mask), fitted.distance or math.inf
+        boxes = int((near & there).sum())
         rows.append({"route": route, "boxes": boxes, **fitted.factor, "distance": distance})
-    size = len(log.boxes)
     plain = np.ones(len(returns.box))
-    _simulated(objects, "shipped", returns, lossless.points(returns, classes, plain), names, size)
-    expected = np.zeros(len(own.box))
-    route_of_box = objects["route"].reindex(range(size)).to_numpy()
+    _simulated(objects, "shipped", returns, lossless.points(returns, classes, plain), names)
+    expected, route_of_box = np.zeros(len(own.box)), objects["route"].to_numpy()[own.box]
     for left_out, (fitted, mask) in models.items():
-        which = route_of_box[own.box] == left_out
+        which = route_of_box == left_out
         expected[which] = fitted.points(own, classes, mask[own.lidar, own.sector])[which]
-    _simulated(objects, "corrected", own, expected, names, size)
+    _simulated(objects, "corrected", own, expected, names)
     if correction is None:
         mask = shadow()
         problem = Problem.of(objects, own, mask[own.lidar, own.sector])
-        final, intervals = problem.fit(), problem.intervals(seed)
+        final, intervals = problem.fit(), problem.intervals()
     else:
         problem = Problem.of(objects, own, np.ones(len(own.box)))
         final, intervals, mask = _given(correction), {}, _masks(correction, names)
@@ -156,10 +131,8 @@ def validate(
     curves = default_curves()
     for cloud in clouds:
         fitted, own_mask = models[route_of[cloud.frame]]
-        factor = np.array([fitted.factor.get(n, fitted.factor.get(OTHER, 1.0)) for n in classes])
-        loss = 1.0 / (fitted.distance or math.inf)
+        factor, loss = fitted.factors(classes), 1.0 / (fitted.distance or math.inf)
         seen.append(seen_in(cloud, recording, own_mask, factor, loss, curves.cell))
-    near = (objects["distance"] < BELOW_M) & objects["real"].notna()
     counted, by_points = objects[near], points_by_subset(objects, names)
     by_cells = cells_by_subset(seen, classes, near.to_numpy(), names, curves)
     subsets = pd.concat([by_points, by_cells], ignore_index=True)
@@ -189,10 +162,9 @@ def validate(
 def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
     """The log without the boxes of some objects. Raises InputError if there is no such object."""
     ids = log.boxes["object_id"].astype(str)
-    gone = np.zeros(len(ids), bool)
+    gone: set[str] = set()
     for name in without:
-        own = ids.str.startswith(name).to_numpy(bool) & bool(name)
-        found = sorted(set(ids[own]))
+        found = sorted({own for own in ids if name and own.startswith(name)})
         if name not in found and len(found) != 1:
             raise InputError(
                 f"no single object {name!r}",
@@ -201,8 +173,8 @@ def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
                 expected="the object_id of one object, or its beginning",
                 found=", ".join(found[:2]) + (", …" if len(found) > 2 else "") or "none",
             )
-        gone |= (ids == name).to_numpy(bool) if name in found else own
-    return replace(log, boxes=log.boxes[~gone])
+        gone.add(name if name in found else found[0])
+    return replace(log, boxes=log.boxes[~ids.isin(gone)])
 
 
 def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
@@ -228,11 +200,10 @@ def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
         rig = one_rig({scene: log.rigs[scene] for scene in counted})
     except ValueError as error:
         raise InputError(str(error), place=rigs) from None
-    unknown = set(points_of(log.boxes)) - set(rig.names)
-    if unknown:
+    if unknown := sorted(set(points_of(log.boxes)) - set(rig.names)):
         raise InputError(
-            f"real points of LiDAR {sorted(unknown)[0]}, which is not in the rig",
-            place=table, expected=", ".join(rig.names), found=sorted(unknown)[0],
+            f"real points of LiDAR {unknown[0]}, which is not in the rig",
+            place=table, expected=", ".join(rig.names), found=unknown[0],
         )  # fmt: skip
     frames = log.frames[log.frames["scene"].isin(counted)]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
@@ -242,10 +213,8 @@ def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
 
 
 def _objects(log: BoxLog) -> pd.DataFrame:
-    """Boxes with their distance, route and real points.
-
-    In a log that has classes of `CLASSES` others only hide what is behind them.
-    """
+    """Boxes with their distance, route and real points. In a log that has classes of `CLASSES`
+    others only hide what is behind them."""
     boxes = log.boxes
     own = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
     own["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])
@@ -266,9 +235,9 @@ def _simulated(
     returns: Returns,
     expected: NDArray[np.float64],
     names: Sequence[str],
-    size: int,
 ) -> None:
     """Add the columns of a model to `objects`."""
+    size = len(objects)
     objects[f"rays/{model}"] = np.bincount(returns.box, returns.points, size)
     objects[f"points/{model}"] = np.bincount(returns.box, expected, size)
     for number, name in enumerate(names):
@@ -280,10 +249,7 @@ def _simulated(
 
 def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
     """Objects whose points differ most after the correction, each in its worst frame, with what
-    became of their rays.
-
-    Those in frames with clouds where there are any: for them the reason is known.
-    """
+    became of their rays; where there are clouds those of their frames, whose reason is known."""
     table = objects[["scene", "frame", "object_id", "class", "distance", "real"]].copy()
     table["shipped"], table["corrected"] = objects["points/shipped"], objects["points/corrected"]
     for number, fate in enumerate(FATES):
@@ -335,11 +301,6 @@ def _file(fit: Fit, done: Validation) -> CorrectionFile:
     facts = {"routes": done.routes, "tracks": done.tracks, "boxes": done.boxes, "below_m": BELOW_M}
     if done.tracks < FEWEST_TRACKS:
         facts["too_few_tracks"] = True
-    return CorrectionFile.model_validate(
-        {
-            "factor": {str(name): round(share, 4) for name, share in fit.factor.items()},
-            "distance": fit.distance,
-            "lidars": lidars,
-            "fitted": facts,
-        }
-    )
+    factor = {str(name): round(share, 4) for name, share in fit.factor.items()}
+    known = {"factor": factor, "distance": fit.distance, "lidars": lidars, "fitted": facts}
+    return CorrectionFile.model_validate(known)

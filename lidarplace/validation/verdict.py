@@ -1,34 +1,22 @@
 """May the simulator be believed for this vehicle?"""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 from lidarplace.validation.fit import FEWEST_TRACKS
 from lidarplace.validation.validation import Validation
 
-BIAS = 0.1
-"""Largest median of log2(simulated / real) of all objects: 7 %."""
+BIAS = 0.1  # largest median of log2(simulated / real) of all objects: 7 %
 SPREAD = 0.5
 """Largest median of its absolute value. A real object against itself in the next frame has 0.12."""
-WITHIN_2 = 0.75
-"""Least share of objects within a factor 2."""
-RHO = 0.85
-"""Least Spearman's rho over objects."""
-SHARE = 0.05
-"""Largest difference of the shares of objects with at least 5 points."""
+WITHIN_2 = 0.75  # least share of objects within a factor 2
+RHO = 0.85  # least Spearman's rho over objects
+SHARE = 0.05  # largest difference of the shares of objects with at least 5 points
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """The decision of the page.
+class Verdict(NamedTuple):
+    """The decision of the page."""
 
-    Attributes:
-        answer: "yes", "with a correction" or "no".
-        why: sentences.
-    """
-
-    answer: str
+    answer: str  # "yes", "with a correction" or "no"
     why: tuple[str, ...]
 
 
@@ -40,7 +28,7 @@ def verdict(found: Validation) -> Verdict:
             "One number was fitted: a factor for all classes."
         )
         return Verdict("no", (few,))
-    failed = {model: _failed(_all(found, model)) for model in ("shipped", "corrected")}
+    failed = {model: _failed(found, model) for model in ("shipped", "corrected")}
     if not failed["shipped"]:
         return Verdict("yes", ("Without a correction every check is met.",))
     why = [f"As shipped: {'; '.join(failed['shipped'])}."]
@@ -50,13 +38,10 @@ def verdict(found: Validation) -> Verdict:
     if failed["corrected"]:
         why.append(f"With the correction: {'; '.join(failed['corrected'])}.")
         return Verdict("no", tuple(why))
-    how = (
-        "as given"
-        if found.given
-        else f"judged on {found.routes} routes left out of the fit in turn"
-    )
-    why.append(f"With the correction, {how}, every check is met.")
-    if found.given and _fitted_here(found):
+    how = f"judged on {found.routes} routes left out of the fit in turn"
+    why.append(f"With the correction, {'as given' if found.given else how}, every check is met.")
+    own = {"routes": found.routes, "tracks": found.tracks, "boxes": found.boxes}
+    if found.given and own.items() <= found.correction.fitted.items():
         why.append("The correction was fitted to this very log: judge it on another one.")
     of_routes = found.scores.query("model == 'corrected' and by == 'route'")["bias"]
     if len(of_routes) > 1:
@@ -67,29 +52,16 @@ def verdict(found: Validation) -> Verdict:
     return Verdict("with a correction", tuple(why))
 
 
-def _fitted_here(found: Validation) -> bool:
-    """Whether a given correction states the routes, tracks and boxes of this log."""
-    facts = found.correction.fitted
-    own = {"routes": found.routes, "tracks": found.tracks, "boxes": found.boxes}
-    return own.items() <= facts.items()
-
-
-def _all(found: Validation, model: str) -> Mapping[Any, float]:
-    rows = found.scores[(found.scores["model"] == model) & (found.scores["by"] == "all")]
-    return rows.iloc[0].to_dict()
-
-
-def _failed(row: Mapping[Any, float]) -> list[str]:
+def _failed(found: Validation, model: str) -> list[str]:
     """Checks that are not met, in words."""
+    row = found.scores.query("model == @model and by == 'all'").iloc[0]
+    bias, spread, within, rho = row[["bias", "spread", "within_2", "rho"]]
     share = row["simulated_5"] - row["real_5"]
-    checks = (
-        abs(row["bias"]) <= BIAS
-        or f"the median object has {2 ** row['bias']:.2f} times its real points",
-        row["spread"] <= SPREAD
-        or f"half of the objects are off by more than a factor {2 ** row['spread']:.2f}",
-        row["within_2"] >= WITHIN_2 or f"{row['within_2']:.0%} of objects are within a factor 2",
-        row["rho"] >= RHO or f"the rank correlation over objects is {row['rho']:.2f}",
-        abs(share) <= SHARE
-        or f"the share of objects with at least 5 points is off by {share:+.1%}",
-    )
-    return [words for words in checks if isinstance(words, str)]
+    checks = {
+        f"the median object has {2**bias:.2f} times its real points": abs(bias) <= BIAS,
+        f"half of the objects are off by more than a factor {2**spread:.2f}": spread <= SPREAD,
+        f"{within:.0%} of objects are within a factor 2": within >= WITHIN_2,
+        f"the rank correlation over objects is {rho:.2f}": rho >= RHO,
+        f"the share of objects with at least 5 points is off by {share:+.1%}": abs(share) <= SHARE,
+    }
+    return [words for words, met in checks.items() if not met]

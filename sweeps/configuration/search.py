@@ -15,12 +15,12 @@ from lidarplace.configuration.further_sensors import CameraSettings, RadarSettin
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
+    MountingErrorSettings,
     PlaceSettings,
     mountable,
     number_as_interval,
     ordered,
 )
-from lidarplace.configuration.mounting_errors import MountingErrorSettings
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (

@@ -14,7 +14,7 @@ from lidarplace.base.registry import OneOf
 from lidarplace.base.roi import Roi
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.profiles import PROFILES
-from lidarplace.configuration.mounting_errors import MountingErrorSettings
+from lidarplace.configuration.mounting import MountingErrorSettings
 from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (

@@ -129,16 +129,13 @@ class Actor:
         ground = height(place.x)
         if self.autopilot:
             ahead = self._transform.get_forward_vector()
-            place = place + carla.Location(
-                ahead.x * SPEED_M_S * STEP_S, ahead.y * SPEED_M_S * STEP_S, 0
-            )
+            step = SPEED_M_S * STEP_S
+            place = place + carla.Location(ahead.x * step, ahead.y * step, 0)
             place.z = height(place.x)
         elif self.goal is not None:
             way = self.goal - place
-            length = max(np.hypot(way.x, way.y), 1e-6)
-            place = place + carla.Location(
-                way.x / length * self.speed * STEP_S, way.y / length * self.speed * STEP_S, 0
-            )
+            share = self.speed * STEP_S / max(np.hypot(way.x, way.y), 1e-6)
+            place = place + carla.Location(way.x * share, way.y * share, 0)
             place.z = height(place.x) + WALKERS[self.type_id][2]
         elif self.physics and place.z > ground + 2:
             place = carla.Location(place.x, place.y, place.z - 0.5)  # falls
@@ -180,12 +177,8 @@ class World:
         for lane, (y, yaw) in enumerate(((-5.5, 0), (-2, 0), (2, 180), (5.5, 180))):
             for k in range(6):
                 x = 12.0 * k + 3 * lane
-                pitch = SLOPE_DEG if yaw == 0 else -SLOPE_DEG
-                points.append(
-                    carla.Transform(
-                        carla.Location(x, y, height(x)), carla.Rotation(pitch=pitch, yaw=yaw)
-                    )
-                )
+                turn = carla.Rotation(pitch=SLOPE_DEG if yaw == 0 else -SLOPE_DEG, yaw=yaw)
+                points.append(carla.Transform(carla.Location(x, y, height(x)), turn))
         return points
 
     def get_random_location_from_navigation(self):
@@ -205,9 +198,8 @@ class World:
         actor = Actor(self, self._next, blueprint, transform, attach_to)
         self.actors[self._next] = actor
         self._next += 1
-        self.server.most_sensors = max(
-            self.server.most_sensors, sum(a.type_id.startswith("sensor.") for a in self._all())
-        )
+        sensors = sum(a.type_id.startswith("sensor.") for a in self._all())
+        self.server.most_sensors = max(self.server.most_sensors, sensors)
         return actor
 
     def _all(self):
@@ -229,11 +221,8 @@ class World:
             self._all()[1].get_transform().location.x += self.server.shove
         for actor in self._all():
             if actor.callback and actor.id != self.server.mute:
-                solid = [
-                    a
-                    for a in self._all()
-                    if hasattr(a, "bounding_box") and not fnmatch(a.type_id, self.server.glass)
-                ]
+                boxes = [a for a in self._all() if hasattr(a, "bounding_box")]
+                solid = [a for a in boxes if not fnmatch(a.type_id, self.server.glass)]
                 points = cast(actor, solid)
                 for frame in (self.frame - 1, self.frame):  # the old one must be dropped
                     data = points if frame == self.frame else points[:1]
@@ -263,19 +252,11 @@ class Server:
     `vanish[1]` disappears.
     """
 
-    def __init__(
-        self,
-        version="0.9.16",
-        models=MODELS,
-        dies_at=-1,
-        mute=None,
-        shove=0.0,
-        glass="",
-        vanish=(-1, 0),
-    ):
-        self.version, self.models = version, dict(models)
-        self.dies_at, self.mute, self.shove = dies_at, mute, shove
-        self.glass, self.vanish = glass, vanish
+    version, models = "0.9.16", MODELS
+    dies_at, mute, shove, glass, vanish = -1, None, 0.0, "", (-1, 0)
+
+    def __init__(self, **changes):
+        self.__dict__.update(changes)
         self.ticks = self.most_sensors = 0
         self.worlds, self.traffic_manager = [], TrafficManager()
 
@@ -315,14 +296,9 @@ def cast(sensor, actors):
     elevation = np.radians(np.linspace(read["upper_fov"], read["lower_fov"], channels))[:, None]
     turn = read["rotation_frequency"] * STEP_S * 2 * np.pi
     azimuth = -np.pi + turn * np.arange(steps) / steps
-    rays = np.stack(
-        np.broadcast_arrays(
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
+    level = np.cos(elevation)
+    axes = level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)
+    rays = np.stack(np.broadcast_arrays(*axes), axis=-1).reshape(-1, 3)
     pose = sensor.matrix
     origin, world = pose[:3, 3], rays @ pose[:3, :3].T
     normal = np.array([-np.tan(np.radians(SLOPE_DEG)), 0, 1])

@@ -9,34 +9,20 @@ from carla_world import MODELS, SLOPE_DEG, Server
 
 from lidarplace.clouds.clouds import PointClouds, read_clouds
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.plugins.carla.collect import collect
-from lidarplace.plugins.carla.seen import unhit
+from lidarplace.plugins.carla.collect import collect, unhit
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.plugins.carla.traffic import Traffic
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=240, range=60.0)
-TILTED = Placement(
-    "tilted",
-    [
-        Mount(0.3, 0.7, 2.2, roll=-0.28, pitch=0.05, yaw=0.4),
-        Mount(-0.4, -0.6, 1.9, roll=0.2, pitch=-0.09, yaw=-2.0),
-    ],
-    LIDAR,
-)
+MOUNTS = [Mount(0.3, 0.7, 2.2, -0.28, 0.05, 0.4), Mount(-0.4, -0.6, 1.9, 0.2, -0.09, -2.0)]
+TILTED = Placement("tilted", MOUNTS, LIDAR)
 CENTER = Placement("center", [Mount(z=2.4)], LIDAR)
 SCENE = CarlaScene(
-    towns=("Town01",),
-    density=8,
-    pedestrians=4,
-    routes=1,
-    test_routes=1,
-    frames_per_route=3,
-    frame_stride=4,
-    warmup_s=0.2,
-    timeout_s=1.0,
-)
+    towns=("Town01",), density=8, pedestrians=4, routes=1, test_routes=1, frames_per_route=3,
+    frame_stride=4, warmup_s=0.2, timeout_s=1.0,
+)  # fmt: skip
 
 
 def run(out, server=None, scene=SCENE, placements=(TILTED, CENTER), **kwargs):
@@ -66,9 +52,8 @@ def off_surface(points, boxes):
         x, y, z = (points[:, :3] - [box.x, box.y, box.z]).T
         half = np.array([box.length, box.width, box.height]) / 2
         out = np.abs(np.stack([c * x + s * y, c * y - s * x, z], axis=1)) - half
-        columns.append(
-            np.where((out <= 0).all(axis=1), -out.max(axis=1), np.linalg.norm(out.clip(0), axis=1))
-        )
+        away = np.linalg.norm(out.clip(0), axis=1)
+        columns.append(np.where((out <= 0).all(axis=1), -out.max(axis=1), away))
     return np.stack(columns, axis=1)
 
 
@@ -176,9 +161,8 @@ def test_a_stopped_collection_goes_on_with_the_next_route(tmp_path, dies_at, col
     rest, resumed = run(tmp_path)
     assert rest.ticks < whole.ticks or dies_at == 3
     assert resumed.boxes.equals(log.boxes)
-    for (_, a, _), (_, b, _) in zip(
-        clouds_of(out, "tilted"), clouds_of(tmp_path, "tilted"), strict=True
-    ):
+    both = zip(clouds_of(out, "tilted"), clouds_of(tmp_path, "tilted"), strict=True)
+    for (_, a, _), (_, b, _) in both:
         np.testing.assert_array_equal(a, b)
 
 
@@ -247,18 +231,18 @@ def test_frames_are_left_out_until_the_ego_has_moved(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("key", "value", "message"),
     [
-        ({"density": 25}, "density 25: only 24 vehicles found room at the 24 starts of Town01"),
-        ({"towns": ("Town06",)}, "no map Town06; it has Town01, Town03"),
-        ({"ego": "vehicle.none"}, "no blueprint vehicle.none"),
-        ({"routes": 25}, "Town01 has 24 starts, too few for 25 routes"),
+        ("density", 25, "density 25: only 24 vehicles found room at the 24 starts of Town01"),
+        ("towns", ("Town06",), "no map Town06; it has Town01, Town03"),
+        ("ego", "vehicle.none", "no blueprint vehicle.none"),
+        ("routes", 25, "Town01 has 24 starts, too few for 25 routes"),
     ],
 )
-def test_what_the_town_lacks(tmp_path, change, message):
+def test_what_the_town_lacks(tmp_path, key, value, message):
     server = Server()
     with pytest.raises(ValueError, match=message):
-        run(tmp_path, server, SCENE.model_copy(update=change), placements=[])
+        run(tmp_path, server, SCENE.model_copy(update={key: value}), placements=[])
     assert all(not world.actors for world in server.worlds)
 
 
@@ -270,9 +254,8 @@ def test_lidars_that_look_through_everybody_are_an_error(tmp_path):
 
 def test_models_that_lidars_look_through_are_named():
     row = {"y": 0.0, "z": 0.75, "length": 4.0, "width": 2.0, "height": 1.5, "yaw": 0.1}
-    boxes = pd.DataFrame(
-        [{"frame": frame, "x": x, **row} for frame in range(20) for x in (6.0, 12.0, 30.0)]
-    )
+    at = [{"frame": frame, "x": x} for frame in range(20) for x in (6.0, 12.0, 30.0)]
+    boxes = pd.DataFrame([own | row for own in at])
     models = pd.Series(["solid", "glass", "far"] * 20)
     # A return from the solid one, in one frame; all others are of the road.
     clouds = [

@@ -42,9 +42,8 @@ def test_the_papers_beam_table_is_one_sensor():
 
 def test_whole_numbers_are_written_whole():
     values = attributes(PAPER, even_fans(PAPER.elevations)[0], seed=2**31 + 5)
-    assert [values[n] for n in ("channels", "points_per_second", "noise_seed")] == [
-        *("16", "1800000", "5")
-    ]
+    found = [values[name] for name in ("channels", "points_per_second", "noise_seed")]
+    assert found == ["16", "1800000", "5"]
     assert attributes(PAPER, even_fans([0.0])[0], seed=2**31 - 1)["noise_seed"] == "2147483647"
 
 

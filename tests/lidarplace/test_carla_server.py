@@ -12,9 +12,8 @@ pytest.importorskip("carla")
 
 from carla_world import Server
 
-from lidarplace.plugins.carla.classes import object_class
 from lidarplace.plugins.carla.command import Collection, app
-from lidarplace.plugins.carla.drive import starts
+from lidarplace.plugins.carla.drive import object_class, starts
 from lidarplace.plugins.carla.server import check_versions, connect
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.rigs.lidar import Lidar
@@ -50,6 +49,10 @@ def test_command_without_a_server(tmp_path):
         ("scene: [", "is not YAML"),
         ("placements: {mine: null}", "mine has no mounts"),
         ("placements: {a: {mounts: [{z: 2}, {z: 2}]}}", "two LiDARs cannot sit in one place"),
+        ("placements: {a: {mounts: [{x: 0, z: 2, height: 2}]}}", "height: unknown key, found 2"),
+        ("scene: {classes: {vehicle.a.b: a truck}}", "found 'a truck'"),
+        ("scene: {crop: [0, 0, 0, 0, 1, 1]}", "crop needs x0 < x1"),
+        ("lidar: vlp61", "did you mean vlp16?"),
         ("- 1", "found [1]"),
     ],
 )
@@ -68,10 +71,7 @@ def test_versions_must_match(version):
     release = version[:6].rstrip(".-")
     with pytest.raises(ValueError, match=rf"version {version}.*0\.9\.16.*carla=={release},"):
         check_versions(Server(version=version), CarlaScene())
-
-
-def test_a_build_of_the_same_version_matches():
-    check_versions(Server(version="0.9.16-3-gabc"), CarlaScene())
+    check_versions(Server(version="0.9.16-3-gabc"), CarlaScene())  # a build of the same version
 
 
 @pytest.mark.parametrize(
@@ -113,20 +113,6 @@ def test_starts_lie_far_apart():
     assert min(apart) > 40
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ({"scene": {"densty": 3}}, "densty"),
-        ({"scene": {"classes": {"vehicle.a.b": "a truck"}}}, "found 'a truck'"),
-        ({"scene": {"crop": [0, 0, 0, 0, 1, 1]}}, "crop needs x0 < x1"),
-        ({"placements": {"mine": {"mounts": [{"x": 0, "height": 2}]}}}, "height"),
-    ],
-)
-def test_settings_that_are_wrong(content, message):
-    with pytest.raises(ValueError, match=message):
-        Collection.model_validate(content)
-
-
 def test_settings_in_the_documentation():
     page = (Path(__file__).parents[2] / "docs/carla.md").read_text()
     blocks = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
@@ -147,7 +133,3 @@ def test_placements_of_a_settings_file():
     assert rigs["mine"].mounts[0].pitch == 0.1
     named = Collection.model_validate({"lidar": "VLP-16", "placements": {"line": None}}).rigs()
     assert named["line"].lidar == Lidar.named("vlp16")
-    with pytest.raises(ValueError, match=r"did you mean vlp16\?"):
-        Collection.model_validate({"lidar": "vlp61"})
-    with pytest.raises(ValueError, match="mine has no mounts"):
-        Collection.model_validate({"placements": {"mine": None}}).rigs()

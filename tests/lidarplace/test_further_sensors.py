@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,12 +107,9 @@ def test_by_kinds_against_all_sets():
     for sensors, of, dead in [(1, 1, ()), (2, 2, ()), (3, 2, (0,)), (3, 3, ()), (2, 3, (4,))]:
         found = by_several(each, kinds, dead, sensors, of)
         for row, value in zip(each, found, strict=True):
-            enough = [
-                t
-                for t in row
-                if sum(row[n] >= t for n in range(5) if n not in dead) >= sensors
-                and len({kinds[n] for n in range(5) if n not in dead and row[n] >= t}) >= of
-            ]
+            have = {t: [n for n in range(5) if n not in dead and row[n] >= t] for t in row}
+            enough = [t for t, n in have.items() if len(n) >= sensors]
+            enough = [t for t in enough if len({kinds[n] for n in have[t]}) >= of]
             assert value == max(enough, default=0.0)
 
 
@@ -175,18 +173,12 @@ def test_cameras_and_radars_come_back(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["urdf", "ros2"])
 def test_frames_that_are_cameras_are_named(name, tmp_path):
-    optical = MountedLidar(
-        "cam_optical_frame", Mount(1.7, 0.1, 1.5, 0.0, 0.1, 0.9), further=camera()
-    )
-    suffix = {"urdf": "rig.urdf", "ros2": "rig.launch.xml"}[name]
-    FORMATS[name].write(tmp_path / suffix, [*FURTHER, optical])
-    words = [
-        *("--only", "lidar*", "--cameras", "cam*", "--radars", "radar*", "--origin", 0, 0, 0),
-        *("--camera", "a2d2_front_camera", "--radar", "drvegrd169"),
-    ]
-    done = CliRunner().invoke(
-        app, [str(w) for w in (tmp_path / suffix, tmp_path / "o.yaml", *words)]
-    )
+    optical = replace(FURTHER[1], name="cam_optical_frame")
+    source = tmp_path / {"urdf": "rig.urdf", "ros2": "rig.launch.xml"}[name]
+    FORMATS[name].write(source, [*FURTHER, optical])
+    words = "--only lidar* --cameras cam* --radars radar* --origin 0 0 0 --camera a2d2_front_camera"
+    command = f"{source} {tmp_path}/o.yaml {words} --radar drvegrd169"
+    done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 0, done.output
     own = {sensor.name: sensor for sensor in read_further(tmp_path / "o.yaml")}
     np.testing.assert_allclose(
@@ -210,12 +202,8 @@ def nuscenes_tables(folder):
             fx = float(random.uniform(800, 1300))
             k = [[fx, 0.0, 810.5], [0.0, fx, 440.25], [0.0, 0.0, 1.0]] if kind == "camera" else []
             place = random.uniform([-1, -0.8, 0.4], [2, 0.8, 1.9]).tolist()
-            rows.append(
-                {
-                    "token": f"c{token}", "sensor_token": token, "translation": place,
-                    "rotation": turned, "camera_intrinsic": k,
-                }
-            )  # fmt: skip
+            known = {"token": f"c{token}", "sensor_token": token, "translation": place}
+            rows.append(known | {"rotation": turned, "camera_intrinsic": k})
     for name, table in (("sensor", sensors), ("calibrated_sensor", rows)):
         (folder / f"{name}.json").write_text(json.dumps(table))
     return {own["channel"]: row for own, row in zip(sensors, rows, strict=True)}
@@ -238,11 +226,10 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
 
     content = yaml.safe_load(Path("rig.yaml").read_text())
     people = {
-        "name": "twice", "where": {"distance": [1, 3]}, "what": "Pedestrian", "step": 1.0,
+        "name": "twice", "where": {"x": [-4, 6], "y": [-3, 3]}, "what": "Pedestrian", "step": 1.0,
         "at_least": {"points": 2, "pixels": 20, "reach": 1, "sensors": 2, "kinds": 2},
     }  # fmt: skip
     whole = {"placements": {"mine": content}, "requirements": [people], "vehicle": []}
-    whole["requirements"][0]["where"] = {"x": [-4, 6], "y": [-3, 3]}
     Path("studio.yaml").write_text(yaml.safe_dump(whole))
     file = read_rigs(Path("studio.yaml"))
     rig = file.rigs[0]
@@ -259,12 +246,11 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
     Path("saved.yaml").write_text(yaml.safe_dump(saved))
     done = CliRunner().invoke(app, ["saved.yaml", "v2", *words])
     assert done.exit_code == 0, done.output
-    tables = [
-        json.loads(Path(f"v2/{name}.json").read_text()) for name in ("sensor", "calibrated_sensor")
-    ]
-    channels = {own["token"]: (own["channel"], own["modality"]) for own in tables[0]}
-    assert len(tables[1]) == 13
-    for row in tables[1]:
+    sensors = json.loads(Path("v2/sensor.json").read_text())
+    channels = {own["token"]: (own["channel"], own["modality"]) for own in sensors}
+    rows = json.loads(Path("v2/calibrated_sensor.json").read_text())
+    assert len(rows) == 13
+    for row in rows:
         channel, kind = channels[row["sensor_token"]]
         assert channel.startswith({"camera": "CAM", "radar": "RADAR", "lidar": "LIDAR"}[kind])
         old = dict(before[channel])

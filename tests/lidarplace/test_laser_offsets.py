@@ -39,14 +39,10 @@ mounts = st.builds(
 
 def beam_by_beam(mount: Mount, offsets: tuple[float, ...]) -> list[tuple[Mount, Lidar]]:
     """A LiDAR of one beam for each laser, where that is."""
-    up = mount.rotation[:, 2]
-    return [
-        (
-            replace(mount, x=mount.x + h * up[0], y=mount.y + h * up[1], z=mount.z + h * up[2]),
-            replace(LIDAR, elevations=(elevation,)),
-        )
-        for elevation, h in zip(LIDAR.elevations, offsets, strict=True)
-    ]
+    single = [replace(LIDAR, elevations=(elevation,)) for elevation in LIDAR.elevations]
+    places = [mount.position + h * mount.rotation[:, 2] for h in offsets]
+    at = [replace(mount, **dict(zip("xyz", place, strict=True))) for place in places]
+    return list(zip(at, single, strict=True))
 
 
 def points_of(mount: Mount, lidar: Lidar, hits: Hits) -> NDArray[np.float32]:

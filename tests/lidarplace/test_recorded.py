@@ -54,10 +54,13 @@ def cloud(seed: int) -> tuple[np.ndarray, list[int]]:
     return points, [100, 200]
 
 
+def record(folder, *frames):
+    write_clouds(folder, PointClouds.from_frames(frames, [cloud(f) for f in frames], WIDE))
+
+
 def test_recorded_clouds_are_found_by_frame_and_cut(tmp_path):
-    for route, frames in (("route-0", [5, 7]), ("route-1", [9])):
-        clouds = PointClouds.from_frames(frames, [cloud(f) for f in frames], WIDE)
-        write_clouds(tmp_path / route, clouds)
+    record(tmp_path / "route-0", 5, 7)
+    record(tmp_path / "route-1", 9)
     crop = (0.0, -50.0, -5.0, 60.0, 50.0, 20.0)
     found = recorded_clouds(tmp_path, np.array([9, 5]), crop)
     assert found.frames.tolist() == [9, 5]
@@ -69,13 +72,13 @@ def test_recorded_clouds_are_found_by_frame_and_cut(tmp_path):
         np.testing.assert_array_equal(found.lidar(i), lidar[inside])
 
 
-def test_less_than_is_asked_for_and_a_frame_twice_are_errors(tmp_path):
-    write_clouds(tmp_path / "a", PointClouds.from_frames([1], [cloud(1)], WIDE))
+def test_what_was_not_recorded_or_twice_is_named(tmp_path):
+    record(tmp_path / "a", 1)
     with pytest.raises(ValueError, match="no cloud of frame 2, and of 1 more"):
         recorded_clouds(tmp_path, np.array([1, 2, 3]), WIDE)
     with pytest.raises(ValueError, match=r"a: clouds of \[-100.* were recorded; \[-101"):
         recorded_clouds(tmp_path, np.array([1]), (-101.0, *WIDE[1:]))
-    write_clouds(tmp_path / "b", PointClouds.from_frames([2, 1], [cloud(2), cloud(3)], WIDE))
+    record(tmp_path / "b", 2, 1)
     with pytest.raises(ValueError, match="b: frame 1 is in another folder"):
         recorded_clouds(tmp_path, np.array([2]), WIDE)
 
@@ -89,7 +92,7 @@ def test_clouds_belong_to_the_rig_that_recorded_them(tmp_path):
 
 @pytest.mark.parametrize("name", ["data", "offsets", "counts", "frames", "crop", "step"])
 def test_every_byte_of_recorded_clouds_counts(tmp_path, name):
-    write_clouds(tmp_path / "route", PointClouds.from_frames([1, 2], [cloud(1), cloud(2)], WIDE))
+    record(tmp_path / "route", 1, 2)
     before = clouds_digest(tmp_path)
     array = getattr(read_clouds(tmp_path / "route"), name).copy()  # the file is written over
     for place in range(0, array.size, 1 + array.size // 20):
@@ -112,14 +115,14 @@ def test_every_byte_of_recorded_clouds_counts(tmp_path, name):
     ],
 )
 def test_an_array_that_does_not_fit_is_named(tmp_path, name, array, message):
-    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    record(tmp_path / "route", 1)
     np.save(tmp_path / f"route/{name}.npy", array)
     with pytest.raises(ValueError, match=message):
         recorded_clouds(tmp_path, np.array([1]), WIDE)
 
 
 def test_a_damaged_cloud_names_its_frame(tmp_path):
-    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    record(tmp_path / "route", 1)
     data = np.load(path := tmp_path / "route/data.npy")
     np.save(path, np.zeros_like(data))
     with pytest.raises(ValueError, match="cloud of frame 1 is damaged: "):

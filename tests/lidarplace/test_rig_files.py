@@ -52,6 +52,14 @@ def assert_alike(found, expected, tolerance):
         np.testing.assert_allclose(a.mount.rotation, b.mount.rotation, atol=tolerance)
 
 
+def written_and_read(name, path, rig):
+    if name == "own":
+        write_own(path, rig)
+        return read_own(path)
+    FORMATS[name].write(path, rig)
+    return FORMATS[name].read(path, ["*"])
+
+
 @pytest.mark.parametrize("name", ["own", *FORMATS])
 @settings(max_examples=30)
 @given(mounts=st.lists(MOUNT, min_size=1, max_size=3, unique_by=lambda mount: mount.x))
@@ -59,12 +67,7 @@ def test_poses_come_back(name, mounts, tmp_path_factory):
     path = tmp_path_factory.mktemp("rigs") / "rig.urdf"
     model = SensorSettings(name="vlp16")
     rig = [MountedLidar(f"lidar_{i}", mount, model) for i, mount in enumerate(mounts, 1)]
-    if name == "own":
-        write_own(path, rig)
-        assert_alike(read_own(path), rig, 1e-9)
-    else:
-        FORMATS[name].write(path, rig)
-        assert_alike(FORMATS[name].read(path, ["*"]), rig, 1e-9)
+    assert_alike(written_and_read(name, path, rig), rig, 1e-9)
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64])
@@ -72,11 +75,8 @@ def test_poses_come_back(name, mounts, tmp_path_factory):
 def test_numbers_of_numpy_are_written_as_plain_ones(name, kind, tmp_path):
     mount = Mount(*np.array([1.5, -0.25, 2, 0.5, 0, 1]).astype(kind))
     rig = [MountedLidar("lidar_1", mount, SensorSettings(name="vlp16"))]
-    write = write_own if name == "own" else FORMATS[name].write
-    write(tmp_path / "rig", rig)
+    assert_alike(written_and_read(name, tmp_path / "rig", rig), rig, 1e-9)
     assert not any(b"np." in f.read_bytes() for f in tmp_path.rglob("*") if f.is_file())
-    read = read_own if name == "own" else lambda path: FORMATS[name].read(path, ["*"])
-    assert_alike(read(tmp_path / "rig"), rig, 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -176,35 +176,20 @@ def test_transforms_by_order_and_by_name(tmp_path):
     assert other == MountedLidar("other", Mount(1, 2, 3))
 
 
-BRIDGE = {
-    "objects": [
-        {"type": "sensor.pseudo.markers", "id": "markers"},
-        {
-            "type": "vehicle.audi.tt",
-            "id": "ego_vehicle",
-            "sensors": [
-                {"type": "sensor.camera.rgb", "id": "rgb", "spawn_point": {"x": 2.0}, "fov": 90.0},
-                {
-                    "type": "sensor.lidar.ray_cast",
-                    "id": "lidar",
-                    "spawn_point": {"x": 0.5, "y": 0.7, "z": 2.4, "pitch": 20.0, "yaw": 90.0},
-                    "range": 50,
-                    "channels": 32,
-                    "points_per_second": 320000,
-                    "upper_fov": 2.0,
-                    "lower_fov": -26.8,
-                    "rotation_frequency": 20,
-                },
-            ],
-        },
-    ]
-}
+BRIDGE = """{"objects": [
+  {"type": "sensor.pseudo.markers", "id": "markers"},
+  {"type": "vehicle.audi.tt", "id": "ego_vehicle", "sensors": [
+    {"type": "sensor.camera.rgb", "id": "rgb", "spawn_point": {"x": 2.0}, "fov": 90.0},
+    {"type": "sensor.lidar.ray_cast", "id": "lidar",
+     "spawn_point": {"x": 0.5, "y": 0.7, "z": 2.4, "pitch": 20.0, "yaw": 90.0},
+     "range": 50, "channels": 32, "points_per_second": 320000, "upper_fov": 2.0,
+     "lower_fov": -26.8, "rotation_frequency": 20}]}]}"""
 """In the layout of the bridge's own example."""
 
 
 def test_objects_of_carlas_bridge(tmp_path):
     path = tmp_path / "objects.json"
-    path.write_text(json.dumps(BRIDGE))
+    path.write_text(BRIDGE)
     (lidar,) = FORMATS["carla"].read(path, [])
     assert lidar.mount == Mount.degrees(0.5, 0.7, 2.4, 0, 20, 90), "right-handed, as ROS is"
     model = lidar.model.lidar()
@@ -218,11 +203,9 @@ def test_calibrations_of_nuscenes(tmp_path):
     table = tmp_path / "v1/calibrated_sensor.json"
     found_by_command(tmp_path / "v1", tmp_path / "rig.yaml", "--format", "nuscenes")
     (lidar,) = read_own(tmp_path / "rig.yaml")
-    rows = json.loads(table.read_text())
-    sensors = {
-        r["token"]: r["channel"] for r in json.loads((tmp_path / "v1/sensor.json").read_text())
-    }
-    own = [row for row in rows if sensors[row["sensor_token"]] == "LIDAR_TOP"]
+    rows, sensors = (json.loads(p.read_text()) for p in (table, tmp_path / "v1/sensor.json"))
+    channels = {row["token"]: row["channel"] for row in sensors}
+    own = [row for row in rows if channels[row["sensor_token"]] == "LIDAR_TOP"]
     expected = np.array(own[0]["translation"]) - [2.588 / 2, 0, 0]
     np.testing.assert_allclose(lidar.mount.position, expected, atol=1e-9)
 
@@ -232,17 +215,14 @@ def test_calibrations_of_nuscenes(tmp_path):
     table.write_text(json.dumps(rows))
     done = CliRunner().invoke(app, [str(tmp_path / "v1"), "out.yaml", "--format", "nuscenes"])
     assert done.exit_code == 2
-    assert "LIDAR_TOP has 2 different calibrations; choose one, such as --only LIDAR_TOP." in (
-        done.output
-    )
-    chosen = re.search(r"--only (\S+)", done.output)[1]
+    assert "LIDAR_TOP has 2 different calibrations; choose one, such as --only " in done.output
+    chosen = re.search(r"--only (LIDAR_TOP\.\S+)", done.output)[1]
     (lidar,) = FORMATS["nuscenes"].read(tmp_path / "v1", [chosen])
     assert lidar.name == "LIDAR_TOP"
 
 
 def test_a_lidar_under_the_ground_is_told(tmp_path):
     source = DATA / "sensor_view_configuration.json"
-    done = found_by_command(
-        source, tmp_path / "rig.yaml", "--format", "osi", "--origin", 0, 0, -1.6
-    )
+    out = tmp_path / "rig.yaml"
+    done = found_by_command(source, out, "--format", "osi", "--origin", 0, 0, -1.6)
     assert "warning: lidar_7 is 0.1 m under the ground" in done.stderr

@@ -115,10 +115,9 @@ def test_coverage_ends_at_the_reach():
     rig = Placement("rig", [Mount(z=2.0)], PLAIN)
     near = replace(rig, lidar=replace(PLAIN, range=PLAIN.in_weather(FOG).reach))
     tiles = Tiles.whole(roi.shape)
+    rigs = (rig.in_weather(FOG), near, rig)
     for method in ("cone", "dda"):
-        seen, expected, clear = (
-            covered_bits(each, roi, method, tiles) for each in (rig.in_weather(FOG), near, rig)
-        )
+        seen, expected, clear = (covered_bits(each, roi, method, tiles) for each in rigs)
         np.testing.assert_array_equal(seen, expected)
         assert np.bitwise_count(seen).sum() < np.bitwise_count(clear).sum()
 

@@ -6,34 +6,41 @@
     OUT/clouds/<placement>/placement.json
     OUT/clouds/<placement>/<route>/       point clouds
 
-What is there is not done again, so a collection that was stopped goes on with the next route, and
+What is there is not done again: a collection that was stopped goes on with the next route, and
 placements can be added later under the same traffic.
 """
 
 import json
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from lidarplace.clouds.clouds import PointClouds, write_clouds
+from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.clouds.recorded import rig_record
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.files.json_file import read_json
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.plugins.carla.drive import Report, drive
 from lidarplace.plugins.carla.replay import replay
-from lidarplace.plugins.carla.seen import unhit
 from lidarplace.plugins.carla.server import connect
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.plugins.carla.traffic import Traffic, box_log
 from lidarplace.rig_files.carla import check_possible
 from lidarplace.rigs.placement import Placement
 
-# What says where the server is, but not what is seen.
-_ELSEWHERE = {"host", "port", "traffic_manager_port", "timeout_s"}
+NEAR_M = 15.0  # so near, few things are hidden, and what is seen gets many points
+ENOUGH = 20  # so many boxes without a single point are no coincidence
+MARGIN_M = 0.1
+FOOT_M = 0.3  # points this low in a box may be of the road
 
 
 def collect(
@@ -45,12 +52,8 @@ def collect(
 ) -> BoxLog:
     """Collect what is missing in `out` from a running server; one process a folder.
 
-    Args:
-        scene: the settings.
-        placements: the rigs by name; may be empty, and others may be added in a later call.
-        out: see the head of this file for what lies where.
-        report: receives one line per route and what was left out.
-        connected: makes the client.
+    Placements by name may be none, and others may be added in a later call. `report` receives one
+    line per route and what was left out; `connected` makes the client.
 
     Raises:
         ImportError: the client is not installed.
@@ -60,8 +63,14 @@ def collect(
             blueprint or room.
         RuntimeError: the server failed.
     """
-    _check_rigs(placements)
-    contents = {out / "scene.json": scene.model_dump(mode="json", exclude=_ELSEWHERE)}
+    for name, placement in placements.items():
+        for lidar in placement.lidars:
+            check_possible(lidar, f"placement {name!r}: lidar")
+        if not name or Path(name).name != name or name.startswith("."):
+            raise ValueError(f"placement {name!r}: its name must do for a folder")
+    # Where the server is does not decide what is seen.
+    elsewhere = {"host", "port", "traffic_manager_port", "timeout_s"}
+    contents = {out / "scene.json": scene.model_dump(mode="json", exclude=elsewhere)}
     for name, placement in placements.items():
         contents[out / "clouds" / name / "placement.json"] = rig_record(placement)
     for path, content in contents.items():
@@ -77,8 +86,7 @@ def collect(
     client = connected(scene)
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as partial:
-            partial.write_text(json.dumps(content, indent=1) + "\n")
+        write_text(path, json.dumps(content, indent=1) + "\n")
 
     for route, folder in zip(routes, folders, strict=True):
         if not folder.exists():
@@ -99,14 +107,6 @@ def collect(
                     write_clouds(partial, clouds)
                 report(f"{route.name} {route.town}: {len(clouds)} clouds of {name}")
     return log
-
-
-def _check_rigs(placements: Mapping[str, Placement]) -> None:
-    for name, placement in placements.items():
-        for lidar in placement.lidars:
-            check_possible(lidar, f"placement {name!r}: lidar")
-        if not name or Path(name).name != name or name.startswith("."):
-            raise ValueError(f"placement {name!r}: its name must do for a folder")
 
 
 def _check_same(path: Path, content: Mapping[str, object]) -> None:
@@ -137,6 +137,22 @@ def _check_seen(traffic: Traffic, clouds: PointClouds, route: str, report: Repor
         )
     if never:
         report(f"{route}: near the ego, but never hit by a LiDAR: {', '.join(never)}")
+
+
+def unhit(boxes: pd.DataFrame, models: pd.Series, clouds: PointClouds) -> tuple[list[str], bool]:
+    """Models that were near `ENOUGH` times and never hit, sorted; and whether nothing was hit.
+    `models` has the blueprint of each row of `boxes`, `clouds` are of their frames."""
+    near, hit = Counter[str](), Counter[str]()
+    index_of = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
+    close = np.hypot(boxes["x"], boxes["y"]) <= NEAR_M
+    for frame, own in boxes[close].assign(model=models).groupby("frame"):
+        near.update(own["model"])
+        solid = own[list(GEOMETRY)].to_numpy(np.float64, copy=True)
+        solid[:, 2] += (FOOT_M + MARGIN_M) / 2
+        solid[:, 3:6] += [2 * MARGIN_M, 2 * MARGIN_M, MARGIN_M - FOOT_M]
+        hit.update(own["model"][count_points(clouds[index_of[frame]], solid) > 0])
+    never = sorted(model for model, count in near.items() if count >= ENOUGH and not hit[model])
+    return never, near.total() >= ENOUGH and not hit.total()
 
 
 @contextmanager

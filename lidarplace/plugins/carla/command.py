@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Self
 
 import typer
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, ValidationError, model_validator
 
 from lidarplace.base.ranges import PORT, TIMEOUT
 from lidarplace.command_line.terminal import say
@@ -26,21 +26,14 @@ def _named(lidar: object) -> object:
 
 
 class Collection(Settings):
-    """A settings file.
+    """A settings file."""
 
-    Attributes:
-        scene: see `lidarplace.plugins.carla.settings.CarlaScene`.
-        lidar: of every placement, by its name in the catalogue, or lengths in metres and angles in
-            radians; null is the paper's.
-        placements: `PlacementSettings` by name, as in a sweep; the name alone, without mounts, is
-            one of the paper's eight.
-    """
-
-    scene: CarlaScene = Field(default_factory=CarlaScene)
+    scene: CarlaScene = CarlaScene()
     lidar: Annotated[Lidar, BeforeValidator(_named)] | None = None
-    placements: dict[Name, PlacementSettings | None] = Field(
-        default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
-    )
+    """Of every placement, by its name in the catalogue, or lengths in metres and angles in radians;
+    null is the paper's."""
+    placements: dict[Name, PlacementSettings | None] = dict.fromkeys(PAPER_PLACEMENTS)
+    """By name, as in a sweep; the name alone, without mounts, is one of the paper's eight."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

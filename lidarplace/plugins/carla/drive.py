@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from lidarplace.plugins.carla.classes import object_class
-from lidarplace.plugins.carla.server import Actors, actors, load_town, synchronous
+from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.plugins.carla.server import Actors, load_town, synchronous
 from lidarplace.plugins.carla.settings import CarlaScene, Route
 from lidarplace.plugins.carla.traffic import BOX, EGO, POSE, Traffic
 from lidarplace.scenes.routes import STEP_S, seed_of, split_of
@@ -20,31 +21,25 @@ if TYPE_CHECKING:
     import carla
 
 WALK_M_S = 1.4
-TRIES = 20
-"""Places tried for a pedestrian, most of which stand in nobody's way."""
-
+TRIES = 20  # places tried for a pedestrian, most of which stand in nobody's way
 SIZES_M = (0.1, 25.0)
 """Smallest and largest believable side of a box; some releases give two-wheelers none."""
+
+BOX_TRUCK_M = (5.2, 2.4, 2.6)
+"""Length, width and height over which the paper counts a van as *Van and Cyclist*."""
+CLASS_OF: Mapping[str, str] = read_yaml_file(Path(__file__).with_name("classes.yaml"))
+"""Blueprints whose class is fixed, whatever their wheels and size."""
 
 Report = Callable[[str], None]
 
 
 def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report) -> Traffic:
-    """Record one route; no LiDAR is mounted yet.
-
-    Args:
-        client: see `lidarplace.plugins.carla.server.connect`.
-        scene: the settings.
-        route: one of `scene.plan()`.
-        report: receives what was left out.
-
-    Raises:
-        ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown.
-        RuntimeError: the server failed.
-    """
+    """Record one route, no LiDAR is mounted yet; `report` receives what was left out. Raises
+    ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown;
+    RuntimeError: the server failed."""
     world = load_town(client, route.town)
     traffic_manager = client.get_trafficmanager(scene.traffic_manager_port)
-    with synchronous(world), actors(client, world) as own:
+    with synchronous(world), closing(Actors(client, world)) as own:
         traffic_manager.set_synchronous_mode(True)
         traffic_manager.set_random_device_seed(route.seed)
         if hasattr(world, "set_pedestrians_seed"):
@@ -68,12 +63,12 @@ def _spawn_vehicles(
     """The ego first, then others of all models at random starts, `scene.density` in all."""
     library = world.get_blueprint_library()
     models = sorted(library.filter("vehicle.*"), key=lambda model: model.id)
-    ego_model = [model for model in models if model.id == scene.ego]
-    if not ego_model:
+    ego_model = next((model for model in models if model.id == scene.ego), None)
+    if ego_model is None:
         raise ValueError(f"ego: the CARLA server has no blueprint {scene.ego}")
     points = list(world.get_map().get_spawn_points())
     start = starts([(p.location.x, p.location.y) for p in points], route.start + 1, scene, route)
-    ego = own.spawn(ego_model[0], points.pop(start))
+    ego = own.spawn(ego_model, points.pop(start))
     if ego is None:
         raise RuntimeError(f"{route.town}: the ego found no room at its start in an empty town")
     vehicles = [ego]
@@ -84,11 +79,9 @@ def _spawn_vehicles(
             break
         model = models[rng.integers(len(models))]
         vehicle = own.spawn(model, points[p])
-        if vehicle is None:
-            continue
-        if _has_box(vehicle):
+        if vehicle is not None and _has_box(vehicle):
             vehicles.append(vehicle)
-        else:
+        elif vehicle is not None:
             own.remove(vehicle)
             models.remove(model)
             boxless.add(model.id)
@@ -105,14 +98,9 @@ def _spawn_vehicles(
 def starts(
     points: Sequence[tuple[float, float]], count: int, scene: CarlaScene, route: Route
 ) -> int:
-    """Index of the `count`-th start of a town.
-
-    The first is drawn by the scene's seed, each next one lies farthest from those before it, so
-    that the routes cover the town.
-
-    Raises:
-        ValueError: the town has fewer starts.
-    """
+    """Index of the `count`-th start of a town. Raises ValueError: the town has fewer. The first is
+    drawn by the scene's seed, each next one lies farthest from those before it, so that the routes
+    cover the town."""
     if len(points) < count:
         raise ValueError(f"{route.town} has {len(points)} starts, too few for {count} routes")
     place = np.array(points)
@@ -144,11 +132,9 @@ def _spawn_walkers(
     for _ in range(TRIES * scene.pedestrians):
         if len(walkers) == scene.pedestrians:
             break
-        place = world.get_random_location_from_navigation()
-        if place is None:
+        if (place := world.get_random_location_from_navigation()) is None:
             continue
-        model = models[rng.integers(len(models))]
-        walker = own.spawn(model, carla.Transform(place))
+        walker = own.spawn(models[rng.integers(len(models))], carla.Transform(place))
         if walker is not None:
             walkers.append(walker)
     if len(walkers) < scene.pedestrians:
@@ -156,10 +142,8 @@ def _spawn_walkers(
             f"{route.name}: {len(walkers)} of {scene.pedestrians} pedestrians found room in "
             f"{route.town}"
         )
-    minds = [
-        own.spawn(library.find("controller.ai.walker"), carla.Transform(), walker)
-        for walker in walkers
-    ]
+    mind_model = library.find("controller.ai.walker")
+    minds = [own.spawn(mind_model, carla.Transform(), walker) for walker in walkers]
     world.tick(scene.timeout_s)  # a controller can be used one step after it was made
     for mind in minds:
         goal = world.get_random_location_from_navigation()
@@ -175,23 +159,20 @@ def _record(
 ) -> Traffic:
     frames: list[tuple[int, float]] = []
     poses: list[tuple[float, ...]] = []
-    last: tuple[float, float] | None = None
+    last = (math.inf, math.inf)
     for f in range(scene.frames_per_route):
         for _ in range(scene.frame_stride):
             world.tick(scene.timeout_s)
         place = everybody[EGO].get_transform().location
-        here = (place.x, place.y)
-        if last is not None and math.dist(here, last) < scene.min_travel_m:
+        if math.dist((place.x, place.y), last) < scene.min_travel_m:
             continue
-        last = here
-        frame = route.first_frame + f
+        last, frame = (place.x, place.y), route.first_frame + f
         frames.append((frame, f * scene.frame_stride * STEP_S))
         for number, actor in enumerate(everybody):
-            if not actor.is_alive:
-                continue
-            pose = actor.get_transform()
-            at, turn = pose.location, pose.rotation
-            poses.append((frame, number, at.x, at.y, at.z, turn.roll, turn.pitch, turn.yaw))
+            if actor.is_alive:
+                pose = actor.get_transform()
+                at, turn = pose.location, pose.rotation
+                poses.append((frame, number, at.x, at.y, at.z, turn.roll, turn.pitch, turn.yaw))
     table = pd.DataFrame(frames, columns=["frame", "timestamp_s"]).assign(
         scene=f"carla-{scene.seed}-{route.part}-{route.town}",
         route=route.number,
@@ -214,3 +195,17 @@ def _describe(everybody: Sequence[carla.Actor], scene: CarlaScene) -> pd.DataFra
         place = (box.location.x, box.location.y, box.location.z)
         rows.append((number, actor.type_id, name, *place, box.rotation.yaw, *size))
     return pd.DataFrame(rows, columns=["actor", "blueprint", "class", *BOX])
+
+
+def object_class(
+    blueprint: str, wheels: int, size: tuple[float, float, float], overrides: Mapping[str, str]
+) -> str:
+    """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
+    `overrides` by blueprint come first, then `CLASS_OF`. What neither names is Pedestrian if it
+    walks, Cyclist on two wheels or over `BOX_TRUCK_M` in all three dimensions, Car otherwise."""
+    if named := overrides.get(blueprint) or CLASS_OF.get(blueprint):
+        return named
+    if blueprint.startswith("walker."):
+        return "Pedestrian"
+    large = all(side > limit for side, limit in zip(size, BOX_TRUCK_M, strict=True))
+    return "Cyclist" if wheels == 2 or large else "Car"

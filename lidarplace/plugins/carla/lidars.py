@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import queue
+from dataclasses import astuple
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +25,7 @@ def mount_transform(mount: Mount, origin: tuple[float, float]) -> carla.Transfor
     """CARLA's pose of a mount on an actor whose ego frame starts at `origin`, x and y, there."""
     import carla
 
-    x, y, z, roll, pitch, yaw = from_carla(
-        mount.x, mount.y, mount.z, mount.roll, mount.pitch, mount.yaw
-    )
+    x, y, z, roll, pitch, yaw = from_carla(*astuple(mount))
     return carla.Transform(
         carla.Location(x=x + origin[0], y=y + origin[1], z=z),
         carla.Rotation(roll=math.degrees(roll), pitch=math.degrees(pitch), yaw=math.degrees(yaw)),
@@ -45,19 +44,9 @@ class Rig:
         crop: Crop,
         seed: int,
     ) -> None:
-        """Mount the sensors; they take part from the next step on.
-
-        Args:
-            own: makes them, and takes them away in the end.
-            library: the world's blueprints.
-            ego: what they are mounted on.
-            placement: mounts and LiDAR.
-            crop: points outside, in the ego frame, are left out.
-            seed: of returns that are dropped.
-
-        Raises:
-            RuntimeError: the server cannot make one of them.
-        """
+        """Mount the sensors; they take part from the next step on. Points outside of `crop`, in the
+        ego frame, are left out; `seed` decides which returns are dropped. Raises RuntimeError: the
+        server cannot make one of them."""
         self._placement, self._crop = placement, crop
         extent = ego.bounding_box.extent
         self._body = (2 * extent.x, 2 * extent.y, 2 * extent.z)
@@ -78,13 +67,8 @@ class Rig:
                 sensor.listen(partial(_deliver, self._arrived, number))
 
     def clouds(self, step: int, timeout_s: float) -> list[Points]:
-        """The returns of every LiDAR in CARLA's frame `step`, in the ego frame.
-
-        Waits until all sensors have delivered; data of earlier frames are dropped.
-
-        Raises:
-            TimeoutError: a sensor did not deliver in time.
-        """
+        """The returns of every LiDAR in CARLA's frame `step`, in the ego frame. Waits until all
+        sensors have delivered, or raises TimeoutError; data of earlier frames are dropped."""
         returns: dict[int, Points] = {}
         while len(returns) < len(self._mount_of):
             try:

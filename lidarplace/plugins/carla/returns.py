@@ -21,27 +21,15 @@ def ego_points(
 ) -> Points:
     """Points in the ego frame, without those out of sight, out of `crop` and on the own body.
 
-    Args:
-        returns: x, y, z, intensity in the sensor's left-handed frame, shape (n, 4), float32.
-        mount: where the sensor is.
-        lidar: whose field of view counts; CARLA fired the full turn.
-        crop: what is kept, its faces included.
-        body: the ego's length, width and height; its box stands on the origin.
+    CARLA fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity
+    in the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height.
     """
-    mirror = np.diag([1.0, -1.0, 1.0])  # from the left-handed frame
+    turn = mount.rotation @ np.diag([1.0, -1.0, 1.0])  # from the left-handed frame
     low, high = lidar.azimuth
-    points = np.empty((len(returns), 4), np.float32)
-    count = _ego_points(
-        returns,
-        mount.rotation @ mirror,
-        mount.position,
-        (-math.inf if lidar.full_turn else low - HAIR, high - low),
-        np.array(crop),
-        np.array(body),
-        BODY_MARGIN_M,
-        points,
-    )
-    return points[:count]
+    view = (-math.inf if lidar.full_turn else low - HAIR, high - low)
+    points, box = np.empty((len(returns), 4), np.float32), np.array(body)
+    limits = np.array(crop), box, BODY_MARGIN_M
+    return points[: _ego_points(returns, turn, mount.position, view, *limits, points)]
 
 
 @njit(cache=True)

@@ -18,13 +18,7 @@ _PARKED = ("Vehicles", "Car", "Truck", "Bus", "Motorcycle", "Bicycle")
 
 
 def connect(scene: CarlaScene) -> carla.Client:
-    """A client of the scene's server.
-
-    Raises:
-        ImportError: the client is not installed.
-        ConnectionError: no server answers within the timeout.
-        ValueError: client and server have different versions.
-    """
+    """A client of the scene's server. Raises ImportError, and as `check_versions`."""
     try:
         import carla
     except ImportError as error:
@@ -63,12 +57,7 @@ def _release(version: str) -> str:
 
 def load_town(client: carla.Client, town: str) -> carla.World:
     """Load a map anew and take its parked cars away: they are no actors, so they have no boxes.
-
-    Servers before 0.9.11 cannot take them away.
-
-    Raises:
-        ValueError: the server has no such map.
-    """
+    Servers before 0.9.11 cannot take them away. Raises ValueError: the server has no such map."""
     import carla
 
     maps = sorted(path.rsplit("/", 1)[-1] for path in client.get_available_maps())
@@ -104,8 +93,7 @@ class Actors:
     """The actors that this program has put into the world, so that it can take them out."""
 
     def __init__(self, client: carla.Client, world: carla.World) -> None:
-        self._client = client
-        self._world = world
+        self._client, self._world = client, world
         self._own: list[carla.Actor] = []
 
     def spawn(
@@ -125,7 +113,7 @@ class Actors:
         self._own.remove(actor)
         actor.destroy()
 
-    def remove_all(self) -> None:
+    def close(self) -> None:
         """Take all actors out of the world, those on others first."""
         import carla
 
@@ -138,13 +126,3 @@ class Actors:
                 [carla.command.DestroyActor(actor.id) for actor in reversed(self._own)]
             )
         self._own.clear()
-
-
-@contextmanager
-def actors(client: carla.Client, world: carla.World) -> Iterator[Actors]:
-    """Actors that leave the world at the end, whatever happens."""
-    own = Actors(client, world)
-    try:
-        yield own
-    finally:
-        own.remove_all()

@@ -22,25 +22,15 @@ PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")
 
 @dataclass(frozen=True)
 class Route:
-    """One drive of the ego, with traffic of its own.
+    """One drive of the ego, with traffic of its own."""
 
-    Attributes:
-        number: in the whole log.
-        name: of its folders.
-        town: CARLA's map.
-        part: whether it is for training or for testing.
-        start: which of the town's starts it takes; no two routes of a town have the same.
-        first_frame: number of its first frame in the log.
-        seed: of its traffic, 31 bits.
-    """
-
-    number: int
-    name: str
-    town: str
+    number: int  # in the whole log
+    name: str  # of its folders
+    town: str  # CARLA's map
     part: Part
-    start: int
-    first_frame: int
-    seed: int
+    start: int  # which of the town's starts it takes; no two routes of a town have the same
+    first_frame: int  # number of its first frame in the log
+    seed: int  # of its traffic, 31 bits
 
 
 class CarlaScene(RouteSettings):
@@ -105,15 +95,9 @@ class CarlaScene(RouteSettings):
             *(("train", town) for town in self.towns for _ in range(self.routes)),
             *(("test", town) for town in tests for _ in range(self.test_routes)),
         ]
-        return tuple(
-            Route(
-                number=number,
-                name=f"route-{number:03d}",
-                town=town,
-                part=part,
-                start=[before for _, before in places[:number]].count(town),
-                first_frame=number * self.frames_per_route,
-                seed=seed_of(self.seed, 1, number),
-            )
-            for number, (part, town) in enumerate(places)
-        )
+        routes = []
+        for number, (part, town) in enumerate(places):
+            start = [before for _, before in places[:number]].count(town)
+            seed, first = seed_of(self.seed, 1, number), number * self.frames_per_route
+            routes.append(Route(number, f"route-{number:03d}", town, part, start, first, seed))
+        return tuple(routes)

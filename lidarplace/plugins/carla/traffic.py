@@ -1,12 +1,8 @@
-"""Recorded traffic of one route: who was where in every frame, and the box log that it gives.
+"""Recorded traffic of one route, and the box log that it gives. Poses are kept as CARLA gives them,
+left-handed, metres and degrees, so that a replay can put everybody back exactly."""
 
-Poses are kept as CARLA gives them, left-handed, metres and degrees, so that a replay can put
-everybody back exactly. They become the box log's in `box_log`.
-"""
-
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,47 +15,35 @@ from lidarplace.rigs.pose import from_carla
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.routes import KEEP_M
 
-EGO = 0
-"""The ego's number among the actors."""
-
+EGO = 0  # the ego's number among the actors
 BOX = ("box_x", "box_y", "box_z", "box_yaw", "length", "width", "height")
 """An actor's box in its own left-handed frame: centre, yaw in degrees, and size."""
 
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-@dataclass(frozen=True)
-class Traffic:
-    """What happened on a route.
+class Traffic(NamedTuple):
+    """What happened on a route."""
 
-    Attributes:
-        actors: one row an actor, columns actor (its number), blueprint, class and `BOX`.
-        poses: one row an actor and frame, columns frame, actor and `POSE` in CARLA's world.
-        frames: one row a frame, the box log's columns but for the ego's pose.
-    """
-
-    actors: pd.DataFrame
-    poses: pd.DataFrame
-    frames: pd.DataFrame
+    actors: pd.DataFrame  # one row an actor: actor (its number), blueprint, class and `BOX`
+    poses: pd.DataFrame  # one row an actor and frame: frame, actor and `POSE` in CARLA's world
+    frames: pd.DataFrame  # one row a frame, the box log's columns but for the ego's pose
 
     def write(self, folder: Path) -> None:
         """Write the tables into `folder`, one Parquet file each."""
-        for name in ("actors", "poses", "frames"):
+        for name in self._fields:
             getattr(self, name).to_parquet(folder / f"{name}.parquet", index=False)
 
     @classmethod
     def read(cls, folder: Path) -> "Traffic":
         """Read what `write` wrote."""
-        names = ("actors", "poses", "frames")
-        return cls(*(pd.read_parquet(folder / f"{name}.parquet") for name in names))
+        return cls(*(pd.read_parquet(folder / f"{name}.parquet") for name in cls._fields))
 
 
 def box_log(traffic: Traffic) -> BoxLog:
-    """Boxes within `KEEP_M` of the ego, in its frame; the ego itself is not among them.
-
-    The ego frame leans with the vehicle: on a slope the road stays level in it. A box has a yaw
-    only, that of its length; what it leans against the ego is left out.
-    """
+    """Boxes within `KEEP_M` of the ego, in its frame; the ego itself is not among them. The ego
+    frame leans with the vehicle: on a slope the road stays level in it. A box has a yaw only, that
+    of its length; what it leans against the ego is left out."""
     where = traffic.poses.merge(traffic.actors, on="actor").merge(
         traffic.frames[["scene", "frame", "timestamp_s", "route"]], on="frame"
     )

@@ -20,33 +20,29 @@ End = tuple[Literal["front", "rear", "left", "right", "middle"], Length]
 class AreaFile(Settings):
     """A rectangle around the vehicle."""
 
-    x: tuple[End, End] = Field(description="from the rear to the front")
-    y: tuple[End, End] = Field(description="from the right to the left")
+    x: tuple[End, End]  # from the rear to the front
+    y: tuple[End, End]  # from the right to the left
 
 
 class NumberFile(Settings):
     """A number of the text."""
 
-    value: float = Field(description="metres")
-    meaning: Text = Field(alias="is", description="what it is")
-    paragraph: Text = Field(description="of the text")
-    checked: bool = Field(description="whether it was compared with the text")
+    value: float  # metres
+    meaning: Text = Field(alias="is")
+    paragraph: Text  # of the text
+    checked: bool  # whether it was compared with the text
 
 
 class PresetFile(Settings):
     """A regulation's zone."""
 
-    about: Text = Field(description="what it is about")
-    text: Text = Field(description="the regulation")
-    vehicles: Text = Field(description="categories to which it applies")
-    area: AreaFile = Field(description="where the middle of the object may be")
-    numbers: tuple[NumberFile, ...] = Field(min_length=1, description="each with its paragraph")
-    leaves_out: tuple[Text, ...] = Field(
-        min_length=1, description="what our model of it does not have"
-    )
-    requirements: tuple[dict[str, Any], ...] = Field(
-        min_length=1, description="as in a file of requirements"
-    )
+    about: Text
+    text: Text  # the regulation
+    vehicles: Text  # categories to which it applies
+    area: AreaFile  # where the middle of the object may be
+    numbers: tuple[NumberFile, ...] = Field(min_length=1)
+    leaves_out: tuple[Text, ...] = Field(min_length=1)  # what our model of it does not have
+    requirements: tuple[dict[str, Any], ...] = Field(min_length=1)  # as in a file of them
 
 
 @cache
@@ -59,22 +55,13 @@ def preset_file(name: str) -> PresetFile:
 
 
 def preset(name: str, vehicle: Vehicle) -> Area:
-    """The area of a preset around this vehicle.
-
-    Raises:
-        ValueError: there is no preset of that name, or the vehicle has no body.
-    """
+    """The area of a preset around this vehicle. Raises ValueError: the vehicle has no body."""
     area = preset_file(name).area
     if not len(vehicle.extents):
         raise ValueError(f"where.preset: {name} needs the vehicle's body, and the vehicle has none")
     rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
     front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
-    ends = {
-        "front": front,
-        "rear": rear,
-        "left": left,
-        "right": right,
-        "middle": (left + right) / 2,
-    }
+    ends = {"front": front, "rear": rear, "left": left, "right": right}
+    ends["middle"] = (left + right) / 2
     (x0, x1), (y0, y1) = ([ends[end] + by for end, by in axis] for axis in (area.x, area.y))
     return Area(x=(x0, x1), y=((y0, y1),))

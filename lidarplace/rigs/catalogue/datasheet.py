@@ -11,82 +11,53 @@ import yaml
 from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, model_validator
 
 FRAMES_PER_S = 10
-RATES = (1, 100)
-"""Turns a second."""
+RATES = (1, 100)  # turns a second
 
 
-class Source(BaseModel):
-    """Where a number was read."""
-
+class _Sheet(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Source(_Sheet):
+    """Where a number was read."""
 
     title: str
     url: str
 
 
-class Rosette(BaseModel):
-    """What draws a pattern that does not repeat: two turning prisms.
+class Rosette(_Sheet):
+    """What draws a pattern that does not repeat: two turning prisms."""
 
-    Attributes:
-        rpm: turns of either prism a minute, signed.
-        field_of_view_deg: of the cone that they fill, degrees.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    rpm: tuple[float, float]
-    field_of_view_deg: PositiveFloat
+    rpm: tuple[float, float]  # turns of either prism a minute, signed
+    field_of_view_deg: PositiveFloat  # of the cone that they fill
 
 
-class Datasheet(BaseModel):
-    """A LiDAR model; None if no source has it.
+class Datasheet(_Sheet):
+    """A LiDAR model; None if no source has it."""
 
-    Attributes:
-        name: in settings and for `Lidar.named`.
-        maker, model: as it is sold.
-        elevations_deg: of every beam above the horizon, ascending, degrees; none of a rosette.
-        offsets_m: of the laser of every beam along the sensor's z axis, metres; None: not known.
-        azimuth_deg: horizontal field of view [min, max), 0 ahead, degrees.
-        azimuth_steps: firings of a beam in a turn of 360 degrees, at FRAMES_PER_S.
-        rosette: in place of beams that turn.
-        range: farthest return of any surface, metres.
-        range_10, range_80: of a surface that reflects 10 % and 80 %, metres.
-        min_range: of the nearest return, metres.
-        range_noise: standard deviation of a range, metres, where a source gives one as such.
-        accuracy: of a range, plus or minus, metres, as the data sheet has it: mostly a bound.
-        points_per_second: one return of each ray.
-        wavelength_nm: nanometres.
-        size_mm: length, width and height, millimetres; the diameter twice for a cylinder.
-        mass_kg, power_w: without cables; of usual work.
-        price_usd: what a source asked for one, US dollars.
-        sources: where these numbers were read.
-        approximate: which are not the sensor's own, and why.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    name: str
+    name: str  # in settings and for `Lidar.named`
     maker: str
     model: str
-    elevations_deg: tuple[float, ...] = ()
-    offsets_m: tuple[float, ...] | None = None
-    azimuth_deg: tuple[float, float] = (-180.0, 180.0)
-    azimuth_steps: PositiveInt = 1
-    rosette: Rosette | None = None
-    range: PositiveFloat
-    range_10: PositiveFloat | None = None
-    range_80: PositiveFloat | None = None
-    min_range: PositiveFloat | None = None
-    range_noise: PositiveFloat | None = None
-    accuracy: PositiveFloat | None = None
-    points_per_second: PositiveInt | None = None
+    elevations_deg: tuple[float, ...] = ()  # of every beam, ascending; none of a rosette
+    offsets_m: tuple[float, ...] | None = None  # of every laser along the sensor's z axis
+    azimuth_deg: tuple[float, float] = (-180.0, 180.0)  # field of view [min, max), 0 ahead
+    azimuth_steps: PositiveInt = 1  # firings of a beam in a turn of 360 degrees, at FRAMES_PER_S
+    rosette: Rosette | None = None  # in place of beams that turn
+    range: PositiveFloat  # farthest return of any surface, metres
+    range_10: PositiveFloat | None = None  # of a surface that reflects 10 %, metres
+    range_80: PositiveFloat | None = None  # of one that reflects 80 %
+    min_range: PositiveFloat | None = None  # of the nearest return, metres
+    range_noise: PositiveFloat | None = None  # standard deviation, metres, where given as such
+    accuracy: PositiveFloat | None = None  # plus or minus, metres, as given: mostly a bound
+    points_per_second: PositiveInt | None = None  # one return of each ray
     wavelength_nm: PositiveFloat | None = None
     size_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
-    mass_kg: PositiveFloat | None = None
-    power_w: PositiveFloat | None = None
-    price_usd: PositiveFloat | None = None
-    sources: tuple[Source, ...]
-    approximate: tuple[str, ...] = ()
+    """Length, width and height; the diameter twice for a cylinder."""
+    mass_kg: PositiveFloat | None = None  # without cables
+    power_w: PositiveFloat | None = None  # of usual work
+    price_usd: PositiveFloat | None = None  # what a source asked for one
+    sources: tuple[Source, ...]  # where these numbers were read
+    approximate: tuple[str, ...] = ()  # which are not the sensor's own, and why
 
     @model_validator(mode="after")
     def _beams_or_rosette(self) -> Self:
@@ -121,11 +92,8 @@ def catalogue() -> Mapping[str, Datasheet]:
 def datasheet(name: str) -> Datasheet:
     """The data sheet of that name; case, hyphens and blanks do not matter: "VLP-16" is "vlp16".
 
-    "hdl32e@20hz" is the same LiDAR at 20 turns a second, with as many firings in all.
-
-    Raises:
-        ValueError: there is none; the message has those that are called alike, or else all. Or it
-            does not turn, or not at that rate.
+    "hdl32e@20hz" is the same LiDAR at 20 turns a second, with as many firings in all. Raises
+    ValueError: there is none, it does not turn, or not at that rate.
     """
     name, at, rate = name.partition("@")
     if at:
@@ -133,12 +101,9 @@ def datasheet(name: str) -> Datasheet:
     names = {_bare(known): known for known in catalogue()}
     if _bare(name) in names:
         return catalogue()[names[_bare(name)]]
-    close = difflib.get_close_matches(_bare(name), names, n=3)
-    hint = (
-        f"did you mean {' or '.join(names[key] for key in close)}?"
-        if close
-        else f"allowed are {', '.join(catalogue())}"
-    )
+    hint = f"allowed are {', '.join(catalogue())}"
+    if close := difflib.get_close_matches(_bare(name), names, n=3):
+        hint = f"did you mean {' or '.join(names[key] for key in close)}?"
     raise ValueError(f"no LiDAR is called {name!r}; {hint}")
 
 
