@@ -24,8 +24,8 @@ from websockets.asyncio.server import ServerConnection
 
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio.log_frames import scene_of, simulated_traffic
-from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.page.page import Page
+from lidarplace.studio.page.rig_nodes import quaternion
 from lidarplace.studio.page.server import serving
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio

@@ -2,13 +2,13 @@
 
 import pytest
 
-from docs import api, architecture, configuration, run_folder, sensors
+from docs import api, architecture, commands, configuration, run_folder, sensors
 from sweeps.tasks.stages import FUNCTIONS
 
+PAGES = [api, architecture, commands, configuration, run_folder, sensors]
 
-@pytest.mark.parametrize(
-    "page", [configuration, api, architecture, run_folder, sensors], ids=lambda page: page.__name__
-)
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.__name__)
 def test_up_to_date(page):
     told = page.PAGE.read_text(encoding="utf-8")
     assert told == page.page(), f"out of date: python -m {page.__name__} makes it anew"

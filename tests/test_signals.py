@@ -70,18 +70,6 @@ def without_alarm():  # it may be late
 
 """
 COME = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
-ON_RAY = """
-import sys
-from lidarplace.command_line.signals import Terminated, stopped_by_signals
-from sweeps.configuration.sweep import RaySettings
-from sweeps.execution.ray_cluster import ray_session
-try:
-    with stopped_by_signals(), ray_session(RaySettings(num_cpus=1)) as ray:
-        print(ray.get(ray.remote(lambda: "works").remote()), flush=True)
-        sys.stdin.readline()
-except Terminated:
-    print("tidied up")
-"""
 
 
 def python(*arguments: str, folder: Path = ROOT) -> subprocess.Popen[str]:
@@ -89,7 +77,6 @@ def python(*arguments: str, folder: Path = ROOT) -> subprocess.Popen[str]:
         [sys.executable, *arguments],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": f"{folder}:{ROOT}"},
-        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -132,9 +119,8 @@ def test_who_imports_the_packages_keeps_ctrl_c(tmp_path, program):
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
-    monkeypatch.setattr(
-        "lidarplace.commands.describe.read_box_log", lambda _: os.kill(os.getpid(), number)
-    )
+    read = "lidarplace.commands.describe.read_box_log"
+    monkeypatch.setattr(read, lambda _: os.kill(os.getpid(), number))
     as_in_a_terminal()
     before = signal.getsignal(signal.SIGTERM)
     done = CliRunner().invoke(describe, ["log"])
@@ -157,34 +143,30 @@ def test_a_second_sigterm_does_not_break_off_what_tidies_up():
         stopped_twice()
 
 
-@pytest.mark.parametrize("swallow", ["in_a_weakref_callback", "in_del", "in_a_bare_except"])
 @pytest.mark.parametrize(
-    ("then", "code"), [("signal.pause", 143), ("without_alarm, come", -signal.SIGTERM)]
+    ("steps", "code"),
+    [
+        ("in_a_weakref_callback, signal.pause", 143),
+        ("in_del, signal.pause", 143),
+        ("in_a_bare_except, signal.pause", 143),
+        ("in_a_bare_except, without_alarm, come", -signal.SIGTERM),
+    ],
 )
-def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(swallow, then, code):
-    with python("-c", f"{SENDER}work({swallow}, {then})") as process:
+def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(steps, code):
+    with python("-c", f"{SENDER}work({steps})") as process:
         process.communicate()
     assert process.returncode == code
 
 
 @pytest.mark.parametrize(
-    ("what", "code"), [("in_held_code", 143), ("in_code_that_hangs", -signal.SIGTERM)]
+    ("what", "told", "code"),
+    [
+        ("in_held_code", "begun and ended\n", 143),
+        ("in_code_that_hangs", "begun and ended\n", -signal.SIGTERM),
+        ("tidy_up", "tidies up\n", -signal.SIGTERM),
+    ],
 )
-def test_native_code_is_not_left_half_way(what, code):
+def test_native_code_is_not_left_half_way_and_a_third_sigterm_ends_it(what, told, code):
     with python("-c", f"{SENDER}work({what})") as process:
-        assert process.communicate() == ("begun and ended\n", "")
+        assert process.communicate() == (told, "")
     assert process.returncode == code
-
-
-def test_a_third_sigterm_ends_what_does_not_stop_tidying_up():
-    with python("-c", f"{SENDER}work(tidy_up)") as process:
-        assert process.communicate() == ("tidies up\n", "")
-    assert process.returncode == -signal.SIGTERM
-
-
-def test_sigterm_ends_a_driver_of_ray_as_ctrl_c_does():
-    with python("-c", ON_RAY) as process:
-        assert process.stdout.readline() == "works\n"
-        process.terminate()
-        assert process.communicate() == ("tidied up\n", "")
-    assert process.returncode == 0

@@ -20,9 +20,7 @@ _SHOWN = 12
 
 def fault_of_name(name: Any) -> str | None:
     """What is wrong with the name of a class; None if nothing is.
-
-    Names are parts of those of files and columns, and words of a line of KITTI's labels.
-    """
+    Names are parts of those of files and columns, and words of a line of KITTI's labels."""
     if isinstance(name, str) and name in (ALL, IGNORE):
         return f"{name!r} is no name of a class: it has a meaning of its own"
     if not isinstance(name, str) or len(name) > _LONGEST or not _NAME.fullmatch(name):

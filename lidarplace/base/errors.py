@@ -4,12 +4,8 @@
 class InputError(ValueError):
     """A mistake in what was given, one line: `PLACE: KEY: PROBLEM; expected X, found Y; FIX`.
 
-    Attributes:
-        problem: what is wrong, the whole line where no part of it is known.
-        place: file, option or row that holds it. None where unknown, as all that follow.
-        key: column, or path in nested settings.
-        expected, found: what is allowed there, and what is there.
-        fix: what to do.
+    `place` is a file, an option or a row, `key` a column, or a path in nested settings, `fix` what
+    to do. What is unknown is None; `problem` is the whole line if all of it is.
     """
 
     def __init__(

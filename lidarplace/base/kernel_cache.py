@@ -1,7 +1,6 @@
 """`numba.njit` with a disk cache that looks at every source that a kernel is compiled from.
 
-numba's own looks at the kernel's file alone. After an edit of another file that it takes functions
-or constants from, it would go on to run the machine code of before.
+numba's own looks at the kernel's file alone, and misses an edit of another file that it uses.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""The table of the metrics: what detections are measured by, in the order of display.
+"""The metrics of detections, in the order of display.
 
-Training, configuration, search, statistics and report read it. A new metric of ours is computed in
-`training.kitti_ap` and has a row here; other packages add theirs (docs/extending.md).
+A metric of ours is computed in `training.kitti_ap`; others: docs/extending.md.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,18 +18,13 @@ class Metric:
     """A measure of detections.
 
     Attributes:
-        label: how it is called in figures and tables.
-        short: the same where there is little room.
-        unit: of its values.
-        direction: which of them are best.
-        of_all: whether it is one of all objects together, class "all", in addition to those of
-            each class.
-        ranks: whether placements are compared by it: in reports, by a rung of `promote`, by the
-            objective of a search.
-        headline: whether it is what headlines report for a class; with `of_all`, of all objects.
-        of_one_iou: whether it is measured at single IoUs. If not, tables have `EVERY_IOU` with it.
-        of_matches: computes it from the `training.matches.Matches` of a class at an IoU in 3D; None
-            for ours.
+        label, short: its name in figures and tables, and where there is little room.
+        direction: which values are best.
+        of_all: whether it is one of all objects together, class "all", too.
+        ranks: whether reports, rungs of `promote` and searches compare placements by it.
+        headline: whether headlines report it for a class; with `of_all`, of all objects.
+        of_one_iou: whether it is measured at single IoUs; else tables have `EVERY_IOU`.
+        of_matches: computes it from `training.matches.Matches`; None for ours.
     """
 
     label: str

@@ -1,29 +1,19 @@
 """Packages that not every installation has: which extra of this project brings one."""
 
-EXTRAS = {
-    "torch": "training",
-    "cmaes": "sweeps",
-    "matplotlib": "sweeps",
-    "mlflow": "sweeps",
-    "optuna": "sweeps",
-    "psutil": "sweeps",
-    "ray": "sweeps",
-    "requests": "sweeps",
-    "sqlalchemy": "sweeps",
-    "urllib3": "sweeps",
-    "libsumo": "sumo",
-    "sumo": "sumo",
-    "sumolib": "sumo",
-    "imageio": "studio",
-    "viser": "studio",
-    "websockets": "studio",
-    "trimesh": "mesh",
+_PACKAGES = {
+    "training": "torch",
+    "sweeps": "cmaes matplotlib mlflow optuna psutil ray requests sqlalchemy urllib3",
+    "sumo": "libsumo sumo sumolib",
+    "studio": "imageio viser websockets",
+    "mesh": "trimesh",
     "carla": "carla",
-    "foxglove": "mcap",
-    "optuna_dashboard": "dashboard",
-    "psycopg2": "postgres",
-    "s3fs": "s3",
+    "mcap": "foxglove",
+    "dashboard": "optuna_dashboard",
+    "postgres": "psycopg2",
+    "s3": "s3fs",
 }
+
+EXTRAS = {package: extra for extra, own in _PACKAGES.items() for package in own.split()}
 """The extra by the name under which a package is imported."""
 
 

@@ -1,7 +1,4 @@
-"""Ranges of the numbers that people give, one place per kind, for options and functions alike.
-
-What is beyond is a mistake of a keyboard or of a unit, and would end for want of memory.
-"""
+"""Ranges of the numbers that people give; beyond is a typing error or another unit."""
 
 from dataclasses import dataclass
 from numbers import Integral

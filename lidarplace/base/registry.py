@@ -51,15 +51,10 @@ def plugin_place(error: BaseException) -> str:
 
 
 class Registry(Mapping[str, T]):
-    """Things of one kind by name.
+    """Things of one kind by name: `own`, and those of a group of entry points that `fits` accepts.
 
     It iterates over ours and over what was asked for by name; `installed` has all. Indexing raises
     PluginError for a name that nobody provides, that two provide, or that cannot be imported.
-
-    Args:
-        group: of entry points.
-        own: ours.
-        fits: whether an object is one of this kind.
     """
 
     def __init__(
@@ -81,10 +76,7 @@ class Registry(Mapping[str, T]):
 
     def path(self, name: str) -> str | None:
         """The `package.module:name` of a plug-in; None: it is ours, or nobody provides it.
-
-        Raises:
-            PluginError: two packages provide it, or ours and another one.
-        """
+        Raises PluginError: two packages provide it, or ours and another one."""
         found = _entry_points(self.group).get(name, [])
         if len(found) + (name in self.own) > 1:
             by = sorted(point.dist.name if point.dist else point.value for point in found)
@@ -170,13 +162,8 @@ class Names(Collection[str]):
 
 @dataclass(frozen=True, eq=False)
 class OneOf:
-    """Annotation of a string in settings: one of these names, looked up when it is read.
-
-    Attributes:
-        kinds: what the names are of; the schema lists what is installed.
-        others: names besides.
-        tails: what may follow a name.
-    """
+    """Annotation of a string in settings: a name of these kinds, with a tail, or one of others.
+    Looked up when it is read; the schema lists what is installed."""
 
     kinds: tuple[Names, ...]
     others: tuple[str, ...] = ()

@@ -9,11 +9,7 @@ EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, np.inf)
 
 
 def ring_of(boxes: pd.DataFrame) -> NDArray[np.int64]:
-    """Number of the ring that holds the centre of each box, from 0; shape (rows,).
-
-    Args:
-        boxes: with x and y in the ego frame, metres. The height of a centre does not matter.
-    """
+    """Number of the ring that holds the centre of each box, whatever its z, from 0; (rows,)."""
     distance = np.hypot(boxes["x"].to_numpy(np.float64), boxes["y"].to_numpy(np.float64))
     return np.asarray(np.digitize(distance, EDGES_M[1:-1]))
 

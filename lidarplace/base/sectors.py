@@ -12,12 +12,7 @@ WIDTH_DEG = 360 / len(SECTORS)
 
 def sector_of(boxes: pd.DataFrame) -> NDArray[np.int64]:
     """Number of the sector that holds the centre of each box, from 0; shape (rows,).
-
-    A sector holds its first bound, counterclockwise. Directly above the origin it is the front.
-
-    Args:
-        boxes: with x and y in the ego frame, metres.
-    """
+    A sector holds its first bound, counterclockwise. Directly above the origin it is the front."""
     azimuth = np.degrees(np.arctan2(boxes["y"].to_numpy(np.float64), boxes["x"]))
     return np.asarray(np.floor(azimuth / WIDTH_DEG + 0.5), np.int64) % len(SECTORS)
 

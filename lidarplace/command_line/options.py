@@ -1,10 +1,12 @@
 """Arguments and options that commands on a box log share, with values for a shell to complete."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.profiles import PROFILES
 
 LogArgument = Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")]
@@ -17,3 +19,20 @@ ProfileOption = Annotated[
         autocompletion=lambda: list(PROFILES),
     ),
 ]
+
+RoiOption = Annotated[
+    tuple[float, float, float, float, float, float],
+    typer.Option("--roi", help="x0 x1 y0 y1 z0 z1, ego frame, m"),
+]
+FRONT_ROI = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0)
+"""The half of the paper's region of interest that its experiments use."""
+
+
+def crop_of(roi: Sequence[float]) -> Crop:
+    """The region that `--roi` names. Raises ValueError if it is empty or endless."""
+    x0, x1, y0, y1, z0, z1 = roi
+    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
+        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
+            expected = "needs min < max within ±10,000 m"
+            raise ValueError(f"--roi: {axis} {expected}, found {low:g} {high:g}")
+    return x0, y0, z0, x1, y1, z1

@@ -7,11 +7,7 @@ TRIED = 100
 
 
 def free_port(asked: int | None, first: int, host: str = "127.0.0.1") -> int:
-    """The port that was asked for, or else the first one from `first` on that is free.
-
-    Raises:
-        ValueError: it is taken, or all are.
-    """
+    """The port that was asked for, or the first free one from `first`. Raises ValueError: taken."""
     for port in range(first, first + TRIED) if asked is None else (asked,):
         with socket.socket() as listener:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -26,13 +26,10 @@ class _Stop:
     Python swallows what is raised in `__del__` or in a weakref callback, and a library may swallow
     it anywhere: then nothing refers to the exception. An alarm looks for that and raises it again.
     A second signal after one that is lost or held, and any third, ends the process for certain.
-
-    Attributes:
-        held: whether nothing is raised for now.
     """
 
     def __init__(self) -> None:
-        self.held = False
+        self.held = False  # whether nothing is raised for now
         self._came: list[int] = []
         self._raised: Callable[[], KeyboardInterrupt | None] = lambda: None
 
@@ -68,9 +65,7 @@ _stop: _Stop | None = None
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
     """SIGTERM raises Terminated and Ctrl-C Interrupted in the block, in the main thread.
-
-    Within such a block another one takes the signals back from a library with its own handlers.
-    """
+    Within such a block another one takes the signals back from a library with its own handlers."""
     global _stop
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -94,9 +89,7 @@ def stopped_by_signals() -> Iterator[None]:
 @contextmanager
 def signals_held() -> Iterator[None]:
     """A first Ctrl-C in the block is raised at its end, a second one ends the process.
-
-    For native code that crashes the process if it is left half-way.
-    """
+    For native code that crashes the process if it is left half-way."""
     stop = _stop if threading.current_thread() is threading.main_thread() else None
     stop = stop or _Stop()
     stop.held = True

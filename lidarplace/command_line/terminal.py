@@ -13,11 +13,7 @@ _NO_WIDTH = 100_000
 
 
 def visible(text: str) -> str:
-    """Text whose control characters, and whatever else has no shape, are written out.
-
-    A name can hold what moves the cursor, or half a character of another encoding, which cannot be
-    printed at all. Lines and tabs stay.
-    """
+    """Text with what cannot be printed escaped, and control characters except lines and tabs."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else _written(c) for c in text)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
 from typer.core import TyperCommand
@@ -17,9 +17,6 @@ from lidarplace.command_line.signals import exit_code_of, stopped_by_signals
 from lidarplace.command_line.terminal import say, visible
 from lidarplace.files.secret_urls import hide_secrets
 
-if TYPE_CHECKING:
-    from lidarplace.clouds.clouds import Crop
-
 T = TypeVar("T")
 
 _LONGEST_MESSAGE = 900
@@ -28,8 +25,7 @@ _UsageError: Any = typer.BadParameter.__mro__[1]
 
 
 class Verb(TyperCommand):
-    """A command that ends without a traceback: by Ctrl-C, SIGTERM, a closed pipe, a package not
-    installed."""
+    """A command that ends without a traceback: by Ctrl-C, SIGTERM, a missing package, …"""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
@@ -75,43 +71,18 @@ def new_app(**settings: Any) -> typer.Typer:
 def verb(
     app: typer.Typer, *examples: str, failed: str | None = None, name: str | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a command of `app`.
-
-    Args:
-        examples: arguments to show in the help.
-        failed: what exit code 1 says, if the command has it.
-        name: of the command, that of the function by default.
-    """
+    """Make a function a command of `app`, by default of its name.
+    The help shows `examples` of arguments, and what exit code 1 means if the command has it."""
     lines = ["", f"Example{'s' if len(examples) > 1 else ''}:"]
     lines += [f"  {{command}} {example}".rstrip() for example in examples]
     lines += ["", "Exit codes:", "  0    done"]
     lines += [f"  1    {failed}"] if failed else []
-    lines += [
-        "  2    invalid input: one line on stderr names it",
-        "  130  stopped by Ctrl-C; 143 by SIGTERM",
-    ]
-    return app.command(name, cls=Verb, epilog="\n".join(lines) + "\n")
+    lines += ["  2    invalid input: one line on stderr names it"]
+    lines += ["  130  stopped by Ctrl-C; 143 by SIGTERM", ""]
+    return app.command(name, cls=Verb, epilog="\n".join(lines))
 
 
 JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a script")]
-
-RoiOption = Annotated[
-    tuple[float, float, float, float, float, float],
-    typer.Option("--roi", help="x0 x1 y0 y1 z0 z1, ego frame, m"),
-]
-FRONT_ROI = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0)
-"""The half of the paper's region of interest that its experiments use."""
-
-
-def crop_of(roi: Sequence[float]) -> Crop:
-    """The region that `--roi` names. Raises ValueError if it is empty or endless."""
-    x0, x1, y0, y1, z0, z1 = roi
-    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
-        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
-            raise ValueError(
-                f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
-            )
-    return x0, y0, z0, x1, y1, z1
 
 
 def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:

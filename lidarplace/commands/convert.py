@@ -1,7 +1,5 @@
 """Box logs from data sets and tables: `lidarplace convert --help`."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from itertools import chain
@@ -15,19 +13,7 @@ from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within, wrong
-from lidarplace.commands.convert_output import (
-    KEEP,
-    CloudsOption,
-    GroundOption,
-    LidarOption,
-    Real,
-    RigOption,
-    WorldOption,
-    clouds_in,
-    convert_log,
-    model,
-    read_rig,
-)
+from lidarplace.commands.convert_output import KEEP, LEVEL, Real, convert_log, model
 from lidarplace.files.atomic import read_text
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.datasets.argoverse import CLOUDS_ORIGIN, read_argoverse
@@ -108,6 +94,54 @@ KeepIgnoredOption = Annotated[
     ),
 ]
 
+GroundOption = Annotated[
+    str,
+    typer.Option(
+        "--ground",
+        metavar=f"{KEEP}|{LEVEL}",
+        help="keep: do not change heights of boxes; level: move boxes to the ground z = 0, by the "
+        "median underside of nearby boxes in each frame",
+    ),
+]
+CloudsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--clouds",
+        help="folder of the recorded clouds: count their points in boxes by LiDAR, and store "
+        "them in OUT/clouds/recorded",
+    ),
+]
+WorldOption = Annotated[
+    bool,
+    typer.Option(
+        "--world",
+        help="with --clouds: build the static world of unlabelled static objects, and the "
+        "ground; simulated rays stop there",
+    ),
+]
+RigOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--rig",
+        help="YAML file of mounts with names and models: the rig that recorded the log; "
+        "`lidarplace rig` converts files of other tools",
+    ),
+]
+LidarOption = Annotated[
+    str | None,
+    typer.Option(
+        "--lidar", help="LiDAR model of the recording, from `lidarplace sensors`, such as vlp16"
+    ),
+]
+
+
+def _boxes(
+    ignored: Counter[str], class_map: str, lidar: str | None, keep_ignored: bool
+) -> dict[str, Any]:
+    """What readers of data sets are asked alike."""
+    classes, own = named_class_map(class_map), model(lidar)
+    return {"ignored": ignored, "class_map": classes, "lidar": own, "keep_ignored": keep_ignored}
+
 
 @verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
 def nuscenes(
@@ -131,17 +165,11 @@ def nuscenes(
     """nuScenes v1.0, its annotated key frames."""
 
     def read(ignored: Counter[str]) -> BoxLog:
-        return read_nuscenes(
-            source,
-            version=version,
-            class_map=named_class_map(class_map),
-            test_scenes=read_text(test_scenes).split() if test_scenes else test_share,
-            ignored=ignored,
-            lidar=model(lidar),
-            keep_ignored=keep_ignored,
-        )
+        own = _boxes(ignored, class_map, lidar, keep_ignored)
+        test = read_text(test_scenes).split() if test_scenes else test_share
+        return read_nuscenes(source, version=version, test_scenes=test, **own)
 
-    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds), world=world))
+    convert_log(read, out, Real(ground, clouds, world=world))
 
 
 @verb(app, "data/av2/sensor logs/av2 --split val")
@@ -161,16 +189,10 @@ def argoverse(
     """Argoverse 2 sensor data set; train stays train, val becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
-        return read_argoverse(
-            source,
-            splits=split or (),
-            class_map=named_class_map(class_map),
-            ignored=ignored,
-            lidar=model(lidar),
-            keep_ignored=keep_ignored,
-        )
+        own = _boxes(ignored, class_map, lidar, keep_ignored)
+        return read_argoverse(source, splits=split or (), **own)
 
-    convert_log(read, out, real=lambda: Real(ground, clouds_in(clouds, CLOUDS_ORIGIN), world=world))
+    convert_log(read, out, Real(ground, clouds, CLOUDS_ORIGIN, world=world))
 
 
 @verb(app, "data/waymo logs/waymo")
@@ -189,16 +211,10 @@ def waymo(
     """Waymo perception data set v2, tables of Parquet; validation becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
-        return read_waymo(
-            source,
-            splits=split or (),
-            class_map=named_class_map(class_map),
-            ignored=ignored,
-            lidar=model(lidar),
-            keep_ignored=keep_ignored,
-        )
+        own = _boxes(ignored, class_map, lidar, keep_ignored)
+        return read_waymo(source, splits=split or (), **own)
 
-    convert_log(read, out, real=lambda: Real(ground))
+    convert_log(read, out, Real(ground))
 
 
 @verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
@@ -229,22 +245,18 @@ def openlabel(
     """Cuboids of ASAM OpenLABEL 1.0."""
 
     def read(ignored: Counter[str]) -> BoxLog:
+        units = {str(unit): value for unit, value in SECONDS.items()}
         return read_openlabel(
             source,
             origin=origin,
             vehicle=vehicle,
-            seconds=known(
-                "time-unit", time_unit, {str(unit): value for unit, value in SECONDS.items()}
-            ),
+            seconds=known("time-unit", time_unit, units),
             test=test or (),
             class_map=named_class_map(class_map),
             ignored=ignored,
         )
 
-    def real() -> Real:
-        return Real(ground, clouds_in(clouds, origin), rig=read_rig(rig, lidar), world=world)
-
-    convert_log(read, out, real=real)
+    convert_log(read, out, Real(ground, clouds, origin, world, rig, lidar))
 
 
 @verb(
@@ -287,9 +299,8 @@ def table(
 ) -> None:
     """Your own tables, with the columns of docs/data.md, or with any others and a mapping."""
     if propose is not None:
-        if any(given is not None for given in (out, frames, mapping, preview, rig, clouds)) or (
-            class_map != PAPER
-        ):
+        others = (out, frames, mapping, preview, rig, clouds)
+        if class_map != PAPER or any(given is not None for given in others):
             wrong("--propose only writes a mapping; remove OUT and other options")
         _propose(source, propose)
         return
@@ -303,13 +314,11 @@ def table(
     def read(ignored: Counter[str]) -> BoxLog:
         if meaning is not None:
             return read_label_table(source, meaning, ignored)
-        number = int(frames) if frames and frames.isdecimal() else None
-        return read_tabular(
-            source,
-            frames=Path(frames) if frames and number is None else number,
-            class_map=named_class_map(class_map),
-            ignored=ignored,
-        )
+        every: int | Path | None = None
+        if frames:
+            every = int(frames) if frames.isdecimal() else Path(frames)
+        classes = named_class_map(class_map)
+        return read_tabular(source, frames=every, class_map=classes, ignored=ignored)
 
     def check(log: BoxLog) -> None:
         if preview is not None:
@@ -319,11 +328,8 @@ def table(
             say(preview)
         _refuse(log, source, meaning)
 
-    def real() -> Real:
-        at = (0.0, 0.0, 0.0) if meaning is None else (*(getattr(meaning.origin, a) for a in "xyz"),)
-        return Real(ground, clouds_in(clouds, at), rig=read_rig(rig, lidar), world=world)
-
-    convert_log(read, out, check, real)
+    at = [0.0 if meaning is None else getattr(meaning.origin, axis) for axis in "xyz"]
+    convert_log(read, out, Real(ground, clouds, at, world, rig, lidar), check)
 
 
 @verb(app, "data/kitti logs/kitti --skip-bad")
@@ -355,20 +361,15 @@ def kitti(
     def read(ignored: Counter[str]) -> BoxLog:
         return read_kitti(
             source,
-            class_map=named_class_map(class_map),
             standard_calibration=standard_calibration,
             lidar_height=lidar_height,
-            ignored=ignored,
             skipped=skipped if skip_bad else None,
-            lidar=model(lidar),
-            keep_ignored=keep_ignored,
+            **_boxes(ignored, class_map, lidar, keep_ignored),
         )
 
-    def real() -> Real:
+    with checked_input():
         own = source if part(source, "velodyne").is_dir() else None
-        return Real(ground, clouds_in(clouds or own), kept=clouds is not None, world=world)
-
-    convert_log(read, out, real=real)
+    convert_log(read, out, Real(ground, clouds or own, world=world, kept=clouds is not None))
     if skipped:
         say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
 
@@ -389,8 +390,7 @@ def _propose(source: Path, path: Path) -> None:
 def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
     """Raise ValueError for the first implausible values, and name the key to change."""
     if mapping is None:
-        found = [*doubts_of_units(log), *doubts_of_motion(log, "rad")]
-        accept = "a mapping (--propose begins one)"
+        every = chain(doubts_of_units(log), doubts_of_motion(log, "rad"))
     else:
         every = chain(
             doubts_of_poses(log),
@@ -399,13 +399,15 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
             doubts_of_surroundings(log),
             doubts_of_motion(log, mapping.units.angle),
         )
-        found = [doubt for doubt in every if doubt.check not in mapping.accept]
-        accept = "the mapping, or accept the value: accept: [{check}]"
-    if found:
-        doubt = found[0]
-        rows = log.frames if doubt.check == "poses" else log.boxes
-        column = doubt.column if mapping is None else mapping.column(doubt.column)
+    for doubt in every:
+        column, rows = doubt.column, log.frames if doubt.check == "poses" else log.boxes
+        accept = "a mapping (--propose begins one)"
+        if mapping is not None:
+            if doubt.check in mapping.accept:
+                continue
+            column = mapping.column(column)
+            accept = f"the mapping, or accept the value: accept: [{doubt.check}]"
         raise ValueError(
             f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; change "
-            f"{doubt.remedy} of {accept.format(check=doubt.check)}"
+            f"{doubt.remedy} of {accept}"
         )

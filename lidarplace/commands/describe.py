@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import pandas as pd
 import typer
@@ -31,9 +31,8 @@ def describe(log: BoxLog) -> pd.DataFrame:
     classes = list(dict.fromkeys(CLASSES) | counts_of(log.boxes["class"]))
     counts = log.frames[["scene", "split", "route", "frame"]].set_index("frame")
     for region, bounds in REGIONS.items():
-        inside = pd.Series(True, index=log.boxes.index)
-        for axis, (low, high) in bounds.items():
-            inside &= log.boxes[axis].between(low, high)
+        between = [log.boxes[axis].between(low, high) for axis, (low, high) in bounds.items()]
+        inside = between[0] & between[1] & between[2]
         for name in classes:
             of_class = log.boxes[inside & (log.boxes["class"] == name)]
             counts[f"{region} {name}"] = of_class.groupby("frame").size()
@@ -42,13 +41,8 @@ def describe(log: BoxLog) -> pd.DataFrame:
     groups = counts.groupby(["scene", "split"], sort=False)
     table = groups.agg(routes=("route", "nunique"), frames=("route", "size"))
     table = table.join(groups[columns].mean()).reset_index()
-    whole = {
-        "scene": "all",
-        "split": "",
-        "routes": counts["route"].nunique(),
-        "frames": len(counts),
-        **counts[columns].mean(),
-    }
+    sizes = {"routes": counts["route"].nunique(), "frames": len(counts)}
+    whole = {"scene": "all", "split": "", **sizes, **counts[columns].mean()}
     return pd.concat([table, pd.DataFrame([whole])], ignore_index=True)
 
 
@@ -56,9 +50,8 @@ def print_description(log: BoxLog, title: str) -> None:
     """Print `describe(log)` as a table."""
     found = describe(log)
     rows = found.map(lambda cell: f"{cell:.2f}" if isinstance(cell, float) else cell).to_numpy()
-    output().print(
-        table(f"{title}: objects per frame", found.columns.tolist(), rows, words={"split"})
-    )
+    head = found.columns.tolist()
+    output().print(table(f"{title}: objects per frame", head, rows, words={"split"}))
 
 
 @verb(app, "logs/town03", "logs/town03 logs/town05 --json")
@@ -73,12 +66,8 @@ def main(
     with checked_input():
         read = {str(folder): read_box_log(folder) for folder in logs}
     if as_json:
-        print_json({name: json.loads(_as_json(describe(log))) for name, log in read.items()})
+        how: Any = {"orient": "records", "double_precision": 15}  # null for what is not known
+        print_json({n: json.loads(describe(log).to_json(**how)) for n, log in read.items()})
         return
     for name, log in read.items():
         print_description(log, name)
-
-
-def _as_json(table: pd.DataFrame) -> str:
-    """Rows, with null where a number is not known."""
-    return table.to_json(orient="records", double_precision=15)

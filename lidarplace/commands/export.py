@@ -1,7 +1,5 @@
 """Write a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -18,18 +16,15 @@ from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.clouds.profiles import PROFILES
 from lidarplace.clouds.recorded import check_rig, recorded_clouds
 from lidarplace.clouds.visibility import ground_truth
-from lidarplace.command_line.options import LogArgument, ProfileOption
-from lidarplace.command_line.terminal import Terminal, say
-from lidarplace.command_line.verbs import (
+from lidarplace.command_line.options import (
     FRONT_ROI,
+    LogArgument,
+    ProfileOption,
     RoiOption,
-    checked_input,
     crop_of,
-    known,
-    new_app,
-    verb,
-    within,
 )
+from lidarplace.command_line.terminal import Terminal, say
+from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.logs.boxes import SPLITS
@@ -40,8 +35,6 @@ from lidarplace.viewing.frame import centres_in
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
-
-MCAP = ".mcap"
 
 CloudsOf = Callable[[BoxLog], PointClouds]
 """The clouds of all frames of a log."""
@@ -91,13 +84,13 @@ def export(
     An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts (docs/rigs.md).
     """
     counts: Counter[str] = Counter()
+    played = out.suffix == ".mcap"
     with checked_input():
-        if out.suffix != MCAP:
+        if not played:
             check_new(out)
         elif all_around or images:
-            raise ValueError(
-                "--all-around and --images: apply to KITTI's layout only, not to FILE.mcap"
-            )
+            told = "apply to KITTI's layout only, not to FILE.mcap"
+            raise ValueError(f"--all-around and --images: {told}")
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)
         rig = how.placement(named_placement(placement, how.lidar))
@@ -119,24 +112,21 @@ def export(
                 return recorded_clouds(log / "clouds" / rig.name, numbers, kept)
             return collect(some, numbers, rig, kept, seed, how.misaligned_heights)
 
-        if out.suffix == MCAP:
+        if played:
             from lidarplace.viewing.mcap import write_mcap  # foxglove
 
             write_mcap(out, frames, _played(chosen, clouds_of, crop, counts), rig)
         else:
             portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
             write_kitti(out, frames, portions, images)
-    if out.suffix == MCAP:
+    what = "boxes" if played else "labels"
+    say(f"{out}: {len(frames):,} frames, {counts[what]:,} {what}, {counts['points']:,} points")
+    if not played:
+        outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
         say(
-            f"{out}: {len(frames):,} frames, {counts['boxes']:,} boxes, {counts['points']:,} points"
+            f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see "
+            f"them\n  {counts['outside']:,} objects outside the image {outside}"
         )
-        return
-    outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
-    say(
-        f"{out}: {len(frames):,} frames, {counts['labels']:,} labels, {counts['points']:,} points\n"
-        f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see them\n"
-        f"  {counts['outside']:,} objects outside the image {outside}"
-    )
 
 
 def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -109,9 +109,7 @@ def rig(
         if not reads and only:
             raise ValueError("--only: applies only when reading another tool's file")
         check_lidars(lidars, str(source))
-        lidars = _with_model(lidars, lidar)
-        for kind, name in (("camera", camera), ("radar", radar)):
-            lidars = _with_further(lidars, kind, name)
+        lidars = _with_models(lidars, {"lidar": lidar, "camera": camera, "radar": radar})
         if reads:
             write_own(out, lidars)
         else:
@@ -138,41 +136,29 @@ def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
     return found
 
 
-def _with_model(lidars: Sequence[MountedLidar], name: str | None) -> list[MountedLidar]:
-    """`name` of the catalogue for those without a model."""
-    if name is None:
-        return list(lidars)
-    try:
-        model = SensorSettings(name=name)
-    except ValidationError as error:
-        raise fault(error, "--lidar") from None
-    return [
-        replace(each, model=model) if each.kind == "lidar" and not each.model else each
-        for each in lidars
-    ]
-
-
-def _with_further(
-    sensors: Sequence[MountedLidar], kind: str, name: str | None
+def _with_models(
+    sensors: Sequence[MountedLidar], names: Mapping[str, str | None]
 ) -> list[MountedLidar]:
-    """`name` of the catalogue for cameras or radars of which it is not known what they see."""
-    found = []
-    for own in sensors:
-        settings = own.further
-        if settings is not None and own.kind == kind and name and settings.built() is None:
-            said = settings.model_dump(include=settings.model_fields_set) | {"model": name}
-            try:
-                own = replace(own, further=type(settings).model_validate(said))
-            except ValidationError as error:
-                raise fault(error, f"--{kind}") from None
-        found.append(own)
+    """With models of the catalogue, by kind, where it is not known what a sensor sees."""
+    found, kind = [], "lidar"
+    try:
+        model = None if names[kind] is None else SensorSettings(name=names[kind])
+        for own in sensors:
+            kind, further = str(own.kind), own.further
+            if further is None:
+                own = replace(own, model=own.model or model)
+            elif names[kind] and further.built() is None:
+                said = further.model_dump(include=further.model_fields_set) | {"model": names[kind]}
+                own = replace(own, further=type(further).model_validate(said))
+            found.append(own)
+    except ValidationError as error:
+        raise fault(error, f"--{kind}") from None
     return found
 
 
 def _row(lidar: MountedLidar) -> tuple[str, ...]:
     mount = lidar.mount
     angles = (math.degrees(angle) for angle in (mount.roll, mount.pitch, mount.yaw))
-    numbers = (mount.x, mount.y, mount.z, *angles)
+    numbers = (f"{value:z.6g}" for value in (mount.x, mount.y, mount.z, *angles))
     beams = "–" if lidar.model is None else str(lidar.model.lidar().beams)
-    beams = beams if lidar.kind == "lidar" else lidar.kind
-    return (lidar.name, *(f"{value:z.6g}" for value in numbers), beams)
+    return (lidar.name, *numbers, beams if lidar.kind == "lidar" else lidar.kind)

@@ -63,15 +63,10 @@ def main(
 
 def row(sheet: Datasheet) -> tuple[str, ...]:
     """The cells of `HEAD`."""
-    return (
-        sheet.name,
-        f"{sheet.maker} {sheet.model}",
-        *_view(sheet),
-        f"{sheet.rays:,}",
-        f"{sheet.range:g}",
-        *map(_number, (sheet.range_10, sheet.range_80, sheet.min_range, sheet.range_noise)),
-        *map(_number, (sheet.wavelength_nm, sheet.mass_kg, sheet.power_w)),
-    )
+    named = sheet.name, f"{sheet.maker} {sheet.model}"
+    ranges = sheet.range, sheet.range_10, sheet.range_80, sheet.min_range, sheet.range_noise
+    others = sheet.wavelength_nm, sheet.mass_kg, sheet.power_w
+    return (*named, *_view(sheet), f"{sheet.rays:,}", *map(_number, (*ranges, *others)))
 
 
 def _view(sheet: Datasheet) -> tuple[str, str, str]:

@@ -1,7 +1,5 @@
 """The model of a LiDAR from its own clouds: `lidarplace sensors fit CLOUDS`."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -92,15 +90,13 @@ def fit(
 def _files(clouds: Sequence[Path]) -> list[Path]:
     found = []
     for path in clouds:
+        inside = [path]
         if path.is_dir():
             inside = sorted(own for own in path.iterdir() if own.name.endswith(CLOUD_SUFFIXES))
-            if not inside:
-                raise InputError(
-                    "no clouds", place=str(path), expected=f"files of {', '.join(CLOUD_SUFFIXES)}"
-                )
-            found += inside
-        else:
-            found.append(path)
+        if not inside:
+            expected = f"files of {', '.join(CLOUD_SUFFIXES)}"
+            raise InputError("no clouds", place=str(path), expected=expected)
+        found += inside
     if len(found) > MOST_CLOUDS:
         say(f"fitted to {MOST_CLOUDS} of {len(found)} clouds, evenly spread", sys.stderr)
         found = [found[n * len(found) // MOST_CLOUDS] for n in range(MOST_CLOUDS)]
@@ -117,19 +113,16 @@ def _lidars(
         return [MountedLidar("lidar", Mount.degrees(*mount))]
     if rig is None:
         return []
-    if not rig.is_dir():
-        return [own.moved(*(-value for value in origin)) for own in read_own(rig)]
-    known = list(read_box_log(rig).rigs.values())
-    if not known or any(other != known[0] for other in known):
-        raise InputError(
-            "scenes have different rigs" if known else "log has no recorded rig",
-            place=f"--rig {rig}",
-            fix="name a pose with --mount",
-        )
-    return [
-        MountedLidar(name, own).moved(*(-value for value in origin))
-        for name, own in zip(known[0].names, known[0].placement.mounts, strict=True)
-    ]
+    if rig.is_dir():
+        known = list(read_box_log(rig).rigs.values())
+        if not known or any(other != known[0] for other in known):
+            problem = "scenes have different rigs" if known else "log has no recorded rig"
+            raise InputError(problem, place=f"--rig {rig}", fix="name a pose with --mount")
+        named = zip(known[0].names, known[0].placement.mounts, strict=True)
+        found = [MountedLidar(*own) for own in named]
+    else:
+        found = read_own(rig)
+    return [own.moved(*(-value for value in origin)) for own in found]
 
 
 def _by_lidar(
@@ -172,14 +165,10 @@ def _place(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLi
 
 
 def _check_rings(own: ScanFit, sheet: Datasheet, place: str) -> None:
-    beams = len(sheet.elevations_deg)
-    if max(*own.rings, *own.left_out) >= beams:
-        raise InputError(
-            f"rings beyond the beams of {sheet.name}",
-            place=place,
-            expected=f"0 to {beams - 1}",
-            found=str(max(*own.rings, *own.left_out)),
-        )
+    last, most = len(sheet.elevations_deg) - 1, max(*own.rings, *own.left_out)
+    if most > last:
+        problem = f"rings beyond the beams of {sheet.name}"
+        raise InputError(problem, place=place, expected=f"0 to {last}", found=str(most))
 
 
 def _nearest(own: ScanFit) -> Datasheet | None:
@@ -227,11 +216,12 @@ def _show(name: str, own: ScanFit, sheet: Datasheet | None) -> None:
             f"the median, {apart.max():.3f} at most"
         )
         ratio = own.azimuth_steps / sheet.azimuth_steps
+        rate = FRAMES_PER_S / ratio
         if abs(ratio - 1) > OTHER_RATE:
             say(
                 f"warning: {own.azimuth_steps:,} azimuth steps are {ratio:.2f} of those of "
-                f"{sheet.name} at {FRAMES_PER_S} Hz: it turns at about "
-                f"{FRAMES_PER_S / ratio:.1f} Hz, as {sheet.name}@{FRAMES_PER_S / ratio:.0f}hz does",
+                f"{sheet.name} at {FRAMES_PER_S} Hz: it turns at about {rate:.1f} Hz, as "
+                f"{sheet.name}@{rate:.0f}hz does",
                 sys.stderr,
             )
     if own.left_out:

@@ -1,12 +1,9 @@
 """The simulator against a team's own recordings: `lidarplace validate LOG`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated
 
-import pandas as pd
 import typer
 
 from lidarplace.command_line.options import LogArgument
@@ -64,36 +61,24 @@ def main(
         found = validate(read_box_log(log), log, file, vehicle=body, without=without or ())
         out.mkdir(parents=True, exist_ok=True)
         decision = verdict(found)
-        tables = {
-            "scores": found.scores,
-            "objects": found.objects,
-            "subsets": found.subsets,
-            "agreement": found.agreement,
-            "fits": found.fits,
-            "worst": found.worst,
-        }
-        for name, content in tables.items():
+        for name in ("scores", "objects", "subsets", "agreement", "fits", "worst"):
             with replacing(out / f"{name}.parquet") as partial, partial.open("wb") as parquet:
-                content.to_parquet(parquet, index=False)
+                getattr(found, name).to_parquet(parquet, index=False)
         if file is None:
             write_correction(out / "correction.yaml", found.correction)
         write_page(out / "validation.html", f"Validation of {log.name}", found, decision)
     if found.tracks < FEWEST_TRACKS:
-        say(
-            f"warning: too few tracks; expected at least {FEWEST_TRACKS}, found {found.tracks}",
-            sys.stderr,
-        )
+        expected = f"expected at least {FEWEST_TRACKS}, found {found.tracks}"
+        say(f"warning: too few tracks; {expected}", sys.stderr)
     shown = found.scores[found.scores["by"] == "all"]
-    rows = [_row(row) for _, row in shown.iterrows()]
+    forms = {"objects": ",.0f", "ratio": ".2f", "bias": "+.2f", "spread": ".2f"}
+    forms |= {"within_2": ".0%", "rho": ".2f"}
+    rows = (
+        [own["model"], *(format(own[name], form) for name, form in forms.items())]
+        for own in shown.to_dict("records")
+    )
     head = ("", "objects", "ratio", "bias, log2", "spread, log2", "within ×2", "rho")
     output().print(table(f"{log}: simulated against real points", head, rows))
     say(with_world(found))
     say(f"{decision.answer}: {' '.join(decision.why)}")
     say(out / "validation.html")
-
-
-def _row(row: pd.Series) -> list[str]:
-    return [
-        row["model"], f"{row['objects']:,.0f}", f"{row['ratio']:.2f}", f"{row['bias']:+.2f}",
-        f"{row['spread']:.2f}", f"{row['within_2']:.0%}", f"{row['rho']:.2f}",
-    ]  # fmt: skip

@@ -1,6 +1,5 @@
 """Look at a frame of a box log: `lidarplace view LOG`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -8,22 +7,19 @@ import typer
 
 from lidarplace.base.ranges import FRAME
 from lidarplace.clouds.clouds import Crop
-from lidarplace.clouds.profiles import PROFILES, Profile
-from lidarplace.command_line.options import LogArgument, ProfileOption
-from lidarplace.command_line.terminal import say
-from lidarplace.command_line.verbs import (
+from lidarplace.clouds.profiles import PROFILES
+from lidarplace.command_line.options import (
     FRONT_ROI,
+    LogArgument,
+    ProfileOption,
     RoiOption,
-    checked_input,
     crop_of,
-    known,
-    new_app,
-    verb,
-    within,
 )
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
 from lidarplace.viewing.scene import POINTS, draw_frame
@@ -61,28 +57,22 @@ def view(
     with checked_input():
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)
-        rigs = _placements(placement or DEFAULT, how)
+        names = placement or DEFAULT
+        if len(names) > MOST_PLACEMENTS:
+            most = f"at most {MOST_PLACEMENTS} placements, found {len(names)}"
+            raise ValueError(f"--placement: a page shows {most}")
+        rigs = [how.placement(named_placement(name, how.lidar)) for name in names]
         table = read_box_log(log)
         try:
             number = busiest_frame(table, crop) if frame is None else frame
             shown = read_frame(table, number, crop)
         except ValueError as error:
             raise ValueError(f"{log}: {error}") from None
-        figures = [
-            draw_frame(table, number, rig, crop, POINTS // len(rigs), how.misaligned_heights)
-            for rig in rigs
-        ]
+        own = POINTS // len(rigs), how.misaligned_heights
+        figures = [draw_frame(table, number, rig, crop, *own) for rig in rigs]
         title = f"{shown.row['scene']}, frame {number}"
         write_page(out, title, _notes(shown, crop, profile), figures)
     say(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
-
-
-def _placements(names: Sequence[str], profile: Profile) -> list[Placement]:
-    if len(names) > MOST_PLACEMENTS:
-        raise ValueError(
-            f"--placement: a page shows at most {MOST_PLACEMENTS} placements, found {len(names)}"
-        )
-    return [profile.placement(named_placement(name, profile.lidar)) for name in names]
 
 
 def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:

@@ -16,16 +16,8 @@ _DAMAGED = (ValueError, EOFError, tokenize.TokenError)
 
 
 def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = False) -> NDArray[Any]:
-    """The array in a `.npy` file.
-
-    Args:
-        dtype, ndim: what it must have.
-        mapped: it stays on the disk until it is used.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it holds no array, or another one.
-    """
+    """The array in a `.npy` file, which stays on the disk until it is used if `mapped`.
+    Raises OSError: the file cannot be read; ValueError: no array of that dtype and ndim."""
     try:
         array = np.load(regular(path), mmap_mode="r" if mapped else None, allow_pickle=False)
     except _DAMAGED as error:
@@ -37,11 +29,7 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays in a `.npz` file by name, in the order of the file.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no such file, or a damaged one.
-    """
+    Raises OSError: the file cannot be read; ValueError: it is no such file, or a damaged one."""
     try:
         with np.load(regular(path), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}

@@ -15,12 +15,7 @@ from lidarplace.files.regular import regular
 
 
 def read_text(path: Path) -> str:
-    """The text of a file.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not UTF-8; names the file.
-    """
+    """The text of a file. Raises OSError: it cannot be read; ValueError: it is not UTF-8."""
     try:
         return regular(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -29,11 +24,7 @@ def read_text(path: Path) -> str:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Name `path` in what goes wrong with the disk while the block reads it.
-
-    Raises:
-        ValueError: the file is not there, or cannot be read.
-    """
+    """Raise ValueError that names `path` for an OSError of the block that reads it."""
     try:
         yield
     except FileNotFoundError:
@@ -51,10 +42,7 @@ def first_line(error: Exception) -> str:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path next to `path` to write to; it takes the place of `path` at the end.
-
-    Raises:
-        OSError: `path` is a device, a pipe or a socket, which stays.
-    """
+    Raises OSError: `path` is a device, a pipe or a socket, which stays."""
     check_replaceable(path)
     partial = temporary(path)
     try:
@@ -79,11 +67,7 @@ def temporary(path: Path) -> Path:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Name `path` in the errors of a full disk, which libraries raise without a name, and the disk.
-
-    Raises:
-        OSError: with the file, the disk and the room on it.
-    """
+    """Raise the errors of a full disk again with the file, the disk and the room on it."""
     try:
         yield
     except OSError as error:
@@ -96,23 +80,15 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def check_replaceable(path: Path) -> None:
-    """Raise OSError if `path` is neither a file nor a folder nor free: nobody wants /dev/full gone.
-
-    For commands that work for hours before they write.
-    """
+    """Raise OSError if `path` is neither a file, a folder nor free: /dev/full is not replaced."""
     if path.exists() and not path.is_file() and not path.is_dir():
         reason = "is a device, a pipe or a socket, which is not replaced; a file is expected"
         raise OSError(errno.EEXIST, reason, str(path))
 
 
 def check_takes_files(folder: Path) -> Path:
-    """Try whether `folder` takes a file, or the one above it in which it would be made.
-
-    Leaves nothing behind. Returns the folder that took the file.
-
-    Raises:
-        OSError: names `folder`.
-    """
+    """`folder`, or the one above it in which it would be made; raises OSError if it takes no file.
+    Leaves nothing behind."""
     try:
         there = next(p for p in (folder, *folder.parents) if p.is_symlink() or p.exists())
         tempfile.TemporaryFile(dir=there).close()
@@ -126,9 +102,6 @@ def remove_leftovers(folder: Path, pattern: str = ".*.part*") -> None:
     """Remove what processes of this host were writing into a folder when they were killed.
 
     What a running process writes stays, and what another host of a shared disk wrote.
-
-    Args:
-        pattern: of names in `folder`, or of paths from there.
     """
     own = re.compile(rf"\..+\.{re.escape(socket.gethostname())}-(\d+)-[0-9a-f]{{8}}\.part(-\w+)?")
     for path in list(folder.glob(pattern)):
@@ -158,10 +131,8 @@ def unique() -> str:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file, or the list of names in a folder, is on the disk.
-
-    Without it a machine that loses power can keep a later rename and lose what was written before.
-    """
+    """Wait until a file, or the list of names in a folder, is on the disk. Without it a machine
+    that loses power can keep a later rename and lose what was written before."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

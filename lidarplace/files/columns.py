@@ -1,4 +1,4 @@
-"""Columns that a table must have, and what must be in them; errors name file, row and value."""
+"""Columns of tables, validated: what is missing or wrong is an InputError of file, row, value."""
 
 import math
 import reprlib
@@ -31,11 +31,7 @@ def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> No
 
 
 def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
-    """Columns of finite numbers; (rows, columns), float64.
-
-    Raises:
-        InputError: a value is something else.
-    """
+    """Columns of finite numbers; (rows, columns), float64."""
     values = np.empty((len(table), len(names)))
     for column, name in enumerate(names):
         values[:, column] = _numeric(table[name]).to_numpy(np.float64, na_value=np.nan)
@@ -44,11 +40,7 @@ def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[n
 
 
 def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.float64]:
-    """A column of finite numbers, NaN where they are missing; (rows,), float64.
-
-    Raises:
-        InputError: a value is something else.
-    """
+    """A column of finite numbers, NaN where they are missing; (rows,), float64."""
     missing = table[name].isna().to_numpy(bool)
     values = np.full(len(table), np.nan)
     values[~missing] = _numeric(table[name][~missing]).to_numpy(np.float64, na_value=np.nan)
@@ -58,33 +50,21 @@ def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.
 
 
 def counts_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.float64]:
-    """A column of numbers >= 0, NaN where they are missing; (rows,), float64.
-
-    Raises:
-        InputError: a value is something else.
-    """
+    """A column of numbers >= 0, NaN where they are missing; (rows,), float64."""
     values = numbers_if_known(table, name, source)
     _check(table, [name], values < 0, "at least 0, or missing", source)
     return values
 
 
 def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
-    """Columns of finite numbers >= 0; (rows, columns), float64.
-
-    Raises:
-        InputError: a value is something else.
-    """
+    """Columns of finite numbers >= 0; (rows, columns), float64."""
     values = numbers(table, names, source)
     _check(table, names, values < 0, "at least 0", source)
     return values
 
 
 def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
-    """A column of whole numbers of 64 bits; (rows,), int64.
-
-    Raises:
-        InputError: a value is something else.
-    """
+    """A column of whole numbers of 64 bits; (rows,), int64."""
     values = _numeric(table[name])
     good = values.notna() & (values % 1 == 0)
     if values.dtype.kind != "i":
@@ -94,11 +74,7 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
 
 
 def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
-    """The column `frame`: whole numbers of the range `FRAME`; (rows,), int64.
-
-    Raises:
-        InputError: a value is something else.
-    """
+    """The column `frame`: whole numbers of the range `FRAME`; (rows,), int64."""
     values = integers(table, "frame", source)
     bad = (values > FRAME.high) | (values < FRAME.low)
     _check(table, ["frame"], bad, f"a whole number up to ±{FRAME.high}", source)
@@ -106,11 +82,7 @@ def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
 
 
 def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
-    """A column of text, where names that are whole numbers are text too; (rows,), str.
-
-    Raises:
-        InputError: a value is something else, or missing.
-    """
+    """A column of text, where names that are whole numbers are text too; (rows,), str."""
     column = table[name].astype(object)
     missing = column.isna().to_numpy(bool)
     if missing.any():
@@ -123,11 +95,7 @@ def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
 
 
 def groups(table: pd.DataFrame, name: str, source: str) -> NDArray[Any]:
-    """A column that names groups, by whole numbers or by text; (rows,).
-
-    Raises:
-        InputError: a value is something else, or missing.
-    """
+    """A column that names groups, by whole numbers or by text; (rows,)."""
     of_numbers = table[name].dtype.kind in "iuf"
     return integers(table, name, source) if of_numbers else texts(table, name, source)
 

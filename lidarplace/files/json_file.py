@@ -10,11 +10,7 @@ from lidarplace.files.regular import regular
 
 
 def read_json(path: Path, object_hook: Callable[[dict[str, Any]], Any] | None = None) -> Any:
-    """What a JSON file holds; `object_hook` is of `json.load`.
-
-    Raises:
-        ValueError: the file cannot be read, or is no JSON; names file and line.
-    """
+    """The content of a JSON file, see `json.load`. Raises ValueError that names file and line."""
     with reading(path):
         try:
             with regular(path).open(encoding="utf-8") as file:

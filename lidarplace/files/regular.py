@@ -10,10 +10,7 @@ _KINDS = {"p": "a FIFO", "s": "a socket", "c": "a device", "b": "a device"}
 
 def regular(path: Path) -> Path:
     """`path`, which leads to a regular file; every reader of files opens what this returns.
-
-    Raises:
-        OSError: it leads to nothing, a folder, a FIFO, a socket or a device; names the file.
-    """
+    Raises OSError: it leads to nothing, a folder, a FIFO, a socket or a device; names the file."""
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -24,11 +21,7 @@ def regular(path: Path) -> Path:
 
 
 def is_there(path: Path) -> bool:
-    """Whether its folder has that name; a link that leads nowhere is there, and fails to be read.
-
-    Raises:
-        OSError: the folder cannot be searched.
-    """
+    """Whether its folder has that name, maybe as a link that leads nowhere. Raises OSError."""
     try:
         path.lstat()
     except FileNotFoundError:

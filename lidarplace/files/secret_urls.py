@@ -20,11 +20,7 @@ _SHORTEST = 4
 
 def hide_secrets(text: str, *urls: str | None) -> str:
     """`text` with *** for the password of every address in it, and for tokens of its query.
-
-    Args:
-        text: an address, or anything that may hold some, such as a library's message.
-        urls: addresses whose secrets `text` may hold by themselves, or in spaces.
-    """
+    `urls` are addresses whose secrets the text may hold by themselves, or in spaces."""
     for url in filter(None, urls):
         for secret in secrets_in(url):
             if len(secret) >= _SHORTEST:
@@ -57,11 +53,7 @@ def secrets_in(url: str) -> list[str]:
 
 
 def check_whole(key: str, url: str) -> None:
-    """Raise ValueError if a secret was hidden, as in the files that a command leaves.
-
-    Args:
-        key: of the configuration.
-    """
+    """Raise ValueError if a secret was hidden, as in the files that a command leaves."""
     if HIDDEN in secrets_in(url):
         raise ValueError(
             f"{key}: {url}: the secret was left out where this was written; give the whole address"

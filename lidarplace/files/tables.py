@@ -18,19 +18,12 @@ from lidarplace.files.regular import regular
 
 
 def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) -> pd.DataFrame:
-    """The table in a Parquet file.
-
-    Args:
-        only: values by column: rows with others are left out, and are never all in memory.
-
-    Raises:
-        ValueError: the file cannot be read, or is no such table.
-    """
+    """The table in a Parquet file, of rows with these values in columns of `only`; others are never
+    all in memory. Raises ValueError: the file cannot be read, or is no such table."""
     with reading(path):
         try:
-            with regular(path).open(
-                "rb"
-            ) as file:  # pandas would take a path such as http:/… for an address
+            # pandas would take a path such as http:/… for an address
+            with regular(path).open("rb") as file:
                 return pd.read_parquet(file, filters=_filters(only))
         # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
         except (pa.ArrowException, ValueError, KeyError) as error:
@@ -47,10 +40,7 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """The table in a CSV file; `options` are of `pandas.read_csv`.
 
     Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
-    two a number may have a decimal comma.
-
-    Raises:
-        ValueError: the file cannot be read, or is no such table.
+    two a number may have a decimal comma. Raises ValueError: it cannot be read, or is no table.
     """
     with reading(path):
         try:
@@ -80,10 +70,7 @@ def _has_decimal_commas(table: pd.DataFrame) -> bool:
 
 def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
     """These columns of the table in a Feather file, and those of `optional` that it has.
-
-    Raises:
-        ValueError: the file cannot be read, is no such table, or lacks a column.
-    """
+    Raises ValueError: the file cannot be read, is no such table, or lacks a column."""
     with reading(path):
         try:
             with regular(path).open("rb") as file:

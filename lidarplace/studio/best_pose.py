@@ -30,22 +30,17 @@ TURN_DEG = (10.0, 20.0, 20.0)
 ANY_HEADING_DEG = (10.0, 20.0, 180.0)
 """The same of one more LiDAR that does not look all around."""
 AROUND_M = 0.4
-"""How far a LiDAR goes to each side where there are no zones, and how far above the body one more
-is looked for."""
+"""How far a LiDAR goes to each side without zones, and how far above the body one more goes."""
 RAYS = 20_000
 """Of a LiDAR in a frame while poses are compared."""
 
 
 @dataclass(frozen=True)
 class BestPose:
-    """Where a LiDAR goes.
+    """Where a LiDAR goes: in tenths of a degree and, where the zone has one, whole millimetres.
 
-    Attributes:
-        mount: the pose, in tenths of a degree and, where the zone has one, whole millimetres; the
-            old one if none is better.
-        before, after: mean of `expected_recall` over the classes that there are, of all rays.
-        broken: what poses that seem to find more would break: constraints, and requirements by
-            name.
+    `before` and `after` are means of `expected_recall` over classes, of all rays; `broken` are
+    constraints and names of requirements that poses which seem to find more would break.
     """
 
     mount: Mount
@@ -55,12 +50,7 @@ class BestPose:
 
 
 class Limits:
-    """Constraints and requirements that hold under a rig.
-
-    Args:
-        rig: as it is, or was.
-        file: says what is asked.
-    """
+    """Constraints and requirements of a file that hold under a rig."""
 
     def __init__(self, rig: Rig, file: RigsFile) -> None:
         self._file = file
@@ -70,9 +60,7 @@ class Limits:
 
     def broken_by(self, rig: Rig) -> tuple[str, ...]:
         """Names of what held and does not under another rig, whose LiDARs have the same numbers.
-
-        Requirements take longest: they are judged if all else is kept.
-        """
+        Requirements, which take longest, are judged if all else is kept."""
         now = violations(rig, self._file)
         broken = [one.constraint for one in now if (one.constraint, one.lidars) not in self._broken]
         if broken or not self._met:
@@ -85,24 +73,15 @@ class Limits:
 def improved(rig: Rig, number: int, file: RigsFile, meter: Meter) -> BestPose:
     """Look for the pose of a LiDAR with which the rig finds most.
 
-    Rounds of poses from a Sobol sequence, in the zone in which it is (or which is nearest) and
-    some degrees around, are compared with few rays; the best is kept only if it is better with
-    all. What the file does not allow of a single LiDAR is not tried, and what breaks a constraint
-    or a requirement that holds is not chosen.
-
-    Args:
-        number: of the LiDAR, which works.
-
-    Raises:
-        ValueError: no object counts, or two LiDARs are in one place.
+    Rounds of poses from a Sobol sequence, in the nearest zone and some degrees around, are compared
+    with few rays; the best is kept only if it is better with all. What the file does not allow of a
+    single LiDAR is not tried, and what breaks a constraint or a requirement that holds is not
+    chosen. Raises ValueError: no object counts, or two LiDARs are in one place.
     """
     search = _Search(rig, number, file, meter, Limits(rig, file))
     old = rig.mounts[number]
-    at = old.x, old.y, old.z
-    if file.zones:
-        zone = min(file.zones, key=lambda zone: distance(zone, *at))
-    else:
-        zone = Zone.box("around", *((value - AROUND_M, value + AROUND_M) for value in at))
+    around = ((value - AROUND_M, value + AROUND_M) for value in old.position.tolist())
+    zone = _nearest(file.zones, old) if file.zones else Zone.box("around", *around)
     first = search.best([old, *search.around(old, zone, 0, TURN_DEG)]) or old
     best = search.refined(first, (zone,), TURN_DEG)
     before, after = search.found(old), search.found(best)
@@ -114,14 +93,8 @@ def improved(rig: Rig, number: int, file: RigsFile, meter: Meter) -> BestPose:
 def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> BestPose:
     """Look for the pose of one more LiDAR with which the rig finds most, in all zones.
 
-    As `improved` does; without zones above the body.
-
-    Args:
-        model: of the catalogue; None: the file's.
-
-    Raises:
-        ValueError: the file allows no pose, or no more LiDAR; no object counts, or two LiDARs are
-            in one place.
+    As `improved`; without zones above the body. Raises ValueError also: the file allows no pose, or
+    no more LiDAR.
     """
     held, wider = Limits(rig, file), added(rig, model)
     before = {one.constraint for one in totals_above(rig, file)}
@@ -141,6 +114,10 @@ def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> 
     return BestPose(best, alone, search.found(best), search.broken)
 
 
+def _nearest(zones: Sequence[Zone], mount: Mount) -> Zone:
+    return min(zones, key=lambda zone: distance(zone, mount.x, mount.y, mount.z))
+
+
 def _above(file: RigsFile) -> Zone:
     """On and above the middle of the body."""
     low = file.vehicle.extents[:, 0].min(axis=0, initial=0.0).tolist()
@@ -150,13 +127,7 @@ def _above(file: RigsFile) -> Zone:
 
 @dataclass(frozen=True)
 class _Search:
-    """For the pose of one LiDAR.
-
-    Attributes:
-        rig: with this LiDAR, wherever it is.
-        number: of the LiDAR.
-        held: what has to hold.
-    """
+    """For the pose of LiDAR `number` of a rig, under which `held` still holds."""
 
     rig: Rig
     number: int
@@ -172,16 +143,16 @@ class _Search:
     @cached_property
     def lidar(self) -> Lidar:
         """Its model."""
-        return self.rig.models(self.file.settings.lidar.lidar())[self.number]
+        return self.rig.models(self.file.lidar)[self.number]
 
     @cached_property
     def others(self) -> Placement | None:
         """The other LiDARs that work; None without any."""
-        return removed(self.rig, self.number).placement(self.file.settings.lidar.lidar())
+        return removed(self.rig, self.number).placement(self.file.lidar)
 
     def refined(self, best: Mount, zones: Sequence[Zone], turn: tuple[float, ...]) -> Mount:
         """The best after further rounds around the best of the first."""
-        zone = min(zones, key=lambda zone: distance(zone, best.x, best.y, best.z))
+        zone = _nearest(zones, best)
         for number in range(1, ROUNDS):
             best = self.best([best, *self.around(best, zone, number, turn)]) or best
         return best
@@ -204,24 +175,21 @@ class _Search:
 
     def _allowed(self, pose: Mount) -> bool:
         limits, at = self.file.settings.constraints, pose.position
-        if depth_in_body(self.file.body, at[None])[0] > 0:
-            return False
         others = removed(self.rig, self.number).mounts
-        apart = min((math.dist(at, other.position) for other in others), default=math.inf)
-        if apart < max(limits.distance, 1e-3):
+        if depth_in_body(self.file.body, at[None])[0] > 0 or any(
+            math.dist(at, other.position) < max(limits.distance, 1e-3) for other in others
+        ):
             return False
         share = limits.body_share
         return share is None or body_share(pose, self.lidar, self.file.body) <= share
 
     def best(self, tried: Sequence[Mount]) -> Mount | None:
-        """The one that adds most to the other LiDARs, with few rays, and breaks nothing that held.
-
-        None if all of the first JUDGED break something.
-        """
-        alone = [Placement("one", [mount], lidar=self.lidar) for mount in tried]
+        """The one that adds most to the other LiDARs, with few rays, and breaks nothing that held;
+        None if all of the first JUDGED break something."""
+        pairs = [(mount, self.lidar) for mount in tried]
         if self.others is not None:
-            pairs = zip(self.others.mounts, self.others.lidars, strict=True)
-            alone += [Placement("one", [mount], lidar=lidar) for mount, lidar in pairs]
+            pairs += zip(self.others.mounts, self.others.lidars, strict=True)
+        alone = [Placement("one", [mount], lidar=lidar) for mount, lidar in pairs]
         seen = self.meter.recall.objects.seen_by([thinned(one, RAYS) for one in alone])
         weights = dict.fromkeys(self.meter.recall.classes, 1.0)
         choice = RecallChoice(self.meter.recall, seen, weights)
@@ -236,13 +204,12 @@ class _Search:
 
     @property
     def broken(self) -> tuple[str, ...]:
-        """What poses that find more have broken, in the order in which they were refused."""
+        """What poses that find more have broken, in order."""
         return tuple(dict.fromkeys(chain.from_iterable(self._breaks.values())))
 
     def found(self, mount: Mount) -> float:
         """What the rig finds with the LiDAR there, with all rays."""
-        rig = self._with(mount).placement(self.file.settings.lidar.lidar())
-        return self.meter.measure(rig).mean_recall
+        return self.meter.measure(self._with(mount).placement(self.file.lidar)).mean_recall
 
     def _with(self, mount: Mount) -> Rig:
         return posed(self.rig, self.number, **pose_of(mount))

@@ -18,22 +18,14 @@ REACH_M = 6.0
 LOWEST_M = 0.25
 """Below it nobody is looked for: the ground itself returns light."""
 HEIGHTS_M = {"a child": 1.0, "an adult": 1.5}
-"""Up to which somebody is looked for: below the top of the head, in whole voxels. A cyclist and a
-car are as tall as an adult."""
+"""Up to which somebody is looked for: below the top of the head, in whole voxels."""
 COUNTED_M = {f"sensors on {who}": height for who, height in HEIGHTS_M.items()}
-"""The same, for the number of LiDARs that see them."""
 
 
 @dataclass(frozen=True)
 class BlindGround:
-    """Cells of the ground in which too little is seen.
-
-    Attributes:
-        middles: x, y in metres, shape (cells, 2).
-        share: of all cells that are asked for.
-        edge: of a cell, metres.
-        sensors: how many LiDARs see each cell, for cells whatever is seen in them; None: these are
-            those with too little.
+    """Cells of the ground by their middles, x, y in metres, shape (cells, 2), and how many LiDARs
+    see each; without `sensors` those with too little. `share` is of all cells that are asked for.
     """
 
     middles: NDArray[np.float64]
@@ -45,26 +37,20 @@ class BlindGround:
 def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
     """The cells around the vehicle over which no voxel below `height` is seen past the body.
 
-    The share is of all cells outside of the body.
-
-    Args:
-        placement: None for no LiDAR, by which all is blind.
-        height: metres, a multiple of EDGE_M above LOWEST_M.
+    The share is of all cells outside of the body. `height` is in metres, a multiple of EDGE_M above
+    LOWEST_M. Without a LiDAR, all is blind.
     """
     roi = _around(vehicle, height)
-    blind = np.ones(roi.shape[:2], bool)
-    cells = blind.size
-    if placement is not None:
-        seen, outside = seen_in_columns(placement, vehicle, roi)
-        blind, cells = (seen == 0) & (outside > 0), int((outside > 0).sum())
-    return BlindGround(_middles(roi, blind), float(blind.sum() / cells))
+    if placement is None:
+        return BlindGround(_middles(roi, np.ones(roi.shape[:2], bool)), 1.0)
+    seen, outside = seen_in_columns(placement, vehicle, roi)
+    blind = (seen == 0) & (outside > 0)
+    return BlindGround(_middles(roi, blind), float(blind.sum() / (outside > 0).sum()))
 
 
 def counted_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
     """All cells around the vehicle with the number of LiDARs that see a voxel below `height` there.
-
-    The share is of those with less than two. Arguments as of `blind_ground`.
-    """
+    The share is of those with less than two. Arguments as of `blind_ground`."""
     roi = _around(vehicle, height)
     sensors, there = np.zeros(roi.shape[:2], np.int64), np.ones(roi.shape[:2], bool)
     if placement is not None:

@@ -9,7 +9,8 @@ import typer
 
 from lidarplace.base.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.base.roi import Roi
-from lidarplace.command_line.verbs import RoiOption, checked_input, crop_of, new_app, verb, within
+from lidarplace.command_line.options import RoiOption, crop_of
+from lidarplace.command_line.verbs import checked_input, new_app, verb, within
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.studio.log_frames import scene_of, simulated_traffic
 from lidarplace.studio.rigs_file import read_rigs

@@ -17,37 +17,20 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.studio.numbers import SeenCells, thinned
 from lidarplace.viewing.frame import Frame, read_frame
 
-MOVING_POINTS = 60_000
-"""Rays of all LiDARs together that are cast for a picture while something moves: a message of half
-a megabyte."""
-RESTING_POINTS = 300_000
-"""The same at rest."""
+MOVING_POINTS, RESTING_POINTS = 60_000, 300_000
+"""Rays of all LiDARs together for a picture; 60,000 are a message of half a megabyte."""
 
 
 class SimulatedCloud(NamedTuple):
-    """The points of a rig in one frame.
-
-    Attributes:
-        points: x, y, z in metres, ego frame, shape (n, 3), float32.
-        lidar: which working LiDAR of the placement each comes from, shape (n,), int64.
-    """
+    """Points of a rig in one frame, (n, 3), metres, ego frame, and the working LiDAR of each."""
 
     points: NDArray[np.float32]
     lidar: NDArray[np.int64]
 
 
 class FrameView:
-    """A frame of a log.
-
-    Args:
-        log, number: the frame.
-        roi: what is shown of it.
-        classes: of objects that count.
-        vehicle: carries the LiDARs; None: a sedan.
-
-    Raises:
-        ValueError: there is no such frame, or a box is bad.
-    """
+    """What the ROI holds in frame `number` of a log, on a sedan if `vehicle` is None.
+    Raises ValueError: there is no such frame, or a box is bad."""
 
     def __init__(
         self,
@@ -65,12 +48,8 @@ class FrameView:
         self._seen = SeenCells(self.recall.objects)
 
     def objects(self, placement: Placement | None) -> pd.DataFrame:
-        """The objects that count, and what the rig sees of each, None being no LiDAR.
-
-        Columns of the box log, and `points`, `cells` of the surface and `probability` that it is
-        found; `visibility` is the share that an ideal sensor above the vehicle would see. All rays
-        are cast.
-        """
+        """The objects that count, with `points` and `cells` of the surface that all rays of the rig
+        hit, and the `probability` that each is found, None being no LiDAR."""
         seen = self._seen.of(placement)
         return self.recall.objects.table.assign(
             points=seen.points, cells=seen.counts(), probability=self.recall.probabilities(seen)
@@ -78,10 +57,7 @@ class FrameView:
 
     def cloud(self, placement: Placement | None, most: int) -> SimulatedCloud:
         """The points in the ROI and on the ground under it, None being no LiDAR.
-
-        Args:
-            most: rays of all LiDARs together; of more every n-th azimuth step is cast.
-        """
+        Of more than `most` rays of all LiDARs together every n-th azimuth step is cast."""
         if placement is None:
             return SimulatedCloud(np.empty((0, 3), np.float32), np.empty(0, np.int64))
         rig = thinned(placement, max(1, most // len(placement.mounts)))

@@ -18,20 +18,8 @@ PORTIONS = 4
 
 
 class LogFrames:
-    """Any frame of a log.
-
-    Several threads may use it.
-
-    Args:
-        log: frames that are in memory.
-        folder: of the whole log; None: that is all of it.
-
-    Attributes:
-        numbers: of all frames, in their order.
-
-    Raises:
-        ValueError: the table of frames cannot be read.
-    """
+    """Any frame of a log, some of which are in memory, the others in `folder`; for several threads.
+    Raises ValueError: the table of frames cannot be read."""
 
     def __init__(self, log: BoxLog, folder: Path | None = None) -> None:
         self._log, self._folder = log, folder
@@ -50,10 +38,7 @@ class LogFrames:
             raise ValueError(f"no frame {number}; the log has {listed}")
 
     def log_of(self, number: int) -> BoxLog:
-        """A part of the log that holds this frame.
-
-        Raises ValueError: there is no such frame, or its boxes cannot be read.
-        """
+        """A part of the log with this frame. Raises ValueError: it is not there, or unreadable."""
         self.check(number)
         if number in self._in_memory or self._folder is None:
             return self._log

@@ -55,13 +55,8 @@ MOVING_RAYS = 40_000
 
 @dataclass(frozen=True)
 class Numbers:
-    """What a rig is worth, by class.
-
-    Attributes:
-        s_mig, covered_entropy: nats.
-        expected_recall: mean probability that an object is found; NaN of a class without objects.
-        exact: whether all rays were cast for `expected_recall`; the others always are exact.
-    """
+    """What a rig is worth, by class: nats, and the mean probability that an object is found, NaN of
+    a class without objects. All rays were cast for this if `exact`; nats are always exact."""
 
     s_mig: Mapping[str, float]
     covered_entropy: Mapping[str, float]
@@ -76,33 +71,21 @@ class Numbers:
 
 
 class Meter:
-    """Measures rigs on the frames of a log.
-
-    Args:
-        log: all its frames count for the POG.
-        roi: with the edge of the voxels.
-        classes: of the objects.
-        vehicle: carries the LiDARs; None: a sedan.
-    """
+    """Measures rigs on the frames of a log, on a sedan if `vehicle` is None."""
 
     def __init__(
         self, log: BoxLog, roi: Roi, classes: Sequence[str], vehicle: Vehicle | None = None
     ) -> None:
         self.grids = OccupancyGrid.by_class(log.boxes, roi, classes, len(log.frames))
-        self.recall = ExpectedRecall.from_log(
-            log, roi, classes, frames=RECALL_FRAMES, vehicle=vehicle
-        )
+        frames = RECALL_FRAMES
+        self.recall = ExpectedRecall.from_log(log, roi, classes, frames=frames, vehicle=vehicle)
         self.h_pog = {name: grid.h_pog for name, grid in self.grids.items()}
         self.seen = SeenCells(self.recall.objects)
         of_class = self.recall.objects.table["class"].to_numpy()
         self._rows = {name: np.flatnonzero(of_class == name) for name in classes}
 
     def measure(self, placement: Placement | None, exact: bool = True) -> Numbers:
-        """The numbers of a rig, None being no LiDAR.
-
-        Args:
-            exact: cast all rays; else every n-th azimuth step of a LiDAR, see MOVING_RAYS.
-        """
+        """The numbers of a rig, None being no LiDAR, with all rays if `exact`, else MOVING_RAYS."""
         information = dict.fromkeys(self.grids, 0.0)
         if placement is not None:
             results = evaluate_classes(self.grids, placement)

@@ -1,4 +1,4 @@
-"""A rig under the hands of a person: LiDARs in the numbers and units of its file, and edits."""
+"""A rig that a person edits: LiDARs in the numbers and units of its file."""
 
 from __future__ import annotations
 
@@ -30,16 +30,10 @@ _ACROSS = {"y", "roll", "yaw"}  # what a mirror image has with the other sign
 
 @dataclass(frozen=True)
 class MountedLidar:
-    """A LiDAR of a rig.
+    """A LiDAR of a rig; paths are relative to `folder`. Raises ValueError that names a wrong key.
 
-    Attributes:
-        written: keys of `MountSettings` as the file has them, so that a number which nobody
-            changes stays what it is, to the last digit and in its unit.
-        enabled: whether it works; "what if it dies" is asked by one that does not.
-        folder: to which its paths are relative; None: the working directory.
-
-    Raises:
-        ValueError: a key is wrong; names it.
+    `written` are keys of `MountSettings` as the file has them, so that a number which nobody
+    changes stays what it is, to the last digit and in its unit.
     """
 
     written: Mapping[str, Any]
@@ -49,9 +43,8 @@ class MountedLidar:
 
     def __post_init__(self) -> None:
         try:
-            settings = MountSettings.model_validate(
-                dict(self.written), context={"folder": self.folder}
-            )
+            context = {"folder": self.folder}
+            settings = MountSettings.model_validate(dict(self.written), context=context)
         except ValidationError as error:
             raise fault(error) from None
         object.__setattr__(self, "settings", settings)
@@ -64,14 +57,10 @@ class MountedLidar:
 
 @dataclass(frozen=True)
 class Rig:
-    """LiDARs on a vehicle as a file has them: a `Placement` keeps neither the words of the file nor
-    a LiDAR that is switched off, and has one at least.
+    """LiDARs on a vehicle as a file has them, those that are disabled, too, or none at all.
 
-    Attributes:
-        name: of the rig.
-        lidars: in their order.
-        carla: whether the file has poses in CARLA's convention.
-        further: keys of cameras and radars as the file has them.
+    `carla` says whether the file has poses in CARLA's convention; `further` are its keys of cameras
+    and radars.
     """
 
     name: str
@@ -105,19 +94,23 @@ class Rig:
     @cached_property
     def sensors(self) -> tuple[MountedSensor, ...]:
         """Its cameras and radars, in the ego frame; they always work."""
-        return self._as_placement.further() if self.further else ()
+        return self._as_placement.further()
 
     @property
     def settings_of_sensors(self) -> tuple[CameraSettings | RadarSettings, ...]:
         """Of the same, in the same order."""
-        found = self._as_placement if self.further else None
-        return () if found is None else (*found.cameras, *found.radars)
+        return (*self._as_placement.cameras, *self._as_placement.radars)
 
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:
         """Of all LiDARs, in the ego frame."""
         poses = (lidar.settings.pose for lidar in self.lidars)
         return tuple(Mount(*(from_carla(*pose) if self.carla else pose)) for pose in poses)
+
+    @property
+    def working(self) -> list[int]:
+        """Numbers of the LiDARs that work."""
+        return [number for number, lidar in enumerate(self.lidars) if lidar.enabled]
 
     def models(self, lidar: Lidar) -> tuple[Lidar, ...]:
         """Of all LiDARs; `lidar` where none is named."""
@@ -126,20 +119,10 @@ class Rig:
 
     def placement(self, lidar: Lidar) -> Placement | None:
         """The LiDARs that work, None without any; `lidar` where no model is named.
-
-        Raises ValueError: two of them are in one place.
-        """
-        working = [
-            (mount, model)
-            for mounted, mount, model in zip(
-                self.lidars, self.mounts, self.models(lidar), strict=True
-            )
-            if mounted.enabled
-        ]
-        if not working:
-            return None
-        mounts, models = zip(*working, strict=True)
-        return Placement(self.name, mounts, lidar=models)
+        Raises ValueError: two of them are in one place."""
+        models, mounts = self.models(lidar), [self.mounts[number] for number in self.working]
+        own = [models[number] for number in self.working]
+        return Placement(self.name, mounts, lidar=own) if own else None
 
     def pose(self, number: int) -> dict[str, float]:
         """Of a LiDAR by the names of `POSE`: ego frame, metres and degrees."""
@@ -168,9 +151,7 @@ def posed(rig: Rig, number: int, **pose: float) -> Rig:
     """A LiDAR at other coordinates of `POSE`: ego frame, metres and degrees.
 
     An angle that the file has in radians stays one of radians, all others are written in degrees.
-
-    Raises:
-        ValueError: a number is beyond its limits.
+    Raises ValueError: a number is beyond its limits.
     """
     before, lidar = rig.pose(number), rig.lidars[number]
     written = dict(lidar.written)
@@ -205,16 +186,12 @@ def duplicated(rig: Rig, number: int) -> Rig:
 
 
 def mirrored(rig: Rig, number: int) -> Rig:
-    """With the mirror image of a LiDAR on the other side of the vehicle.
-
-    Raises ValueError: it sits in the middle.
-    """
+    """With a LiDAR's mirror image on the other side. Raises ValueError: it is in the middle."""
     pose = rig.pose(number)
     if pose["y"] == 0:
         raise ValueError(f"LiDAR {number} is at y = 0, where its mirror image would be, too")
     wider = replace(rig, lidars=(*rig.lidars, rig.lidars[number]))
-    across = {name: 0 - pose[name] for name in _ACROSS}
-    return posed(wider, len(rig.lidars), **across)
+    return posed(wider, len(rig.lidars), **{name: 0 - pose[name] for name in _ACROSS})
 
 
 def enabled(rig: Rig, number: int, works: bool) -> Rig:
@@ -224,14 +201,11 @@ def enabled(rig: Rig, number: int, works: bool) -> Rig:
 
 def working(rig: Rig) -> Rig:
     """Without the LiDARs that are disabled."""
-    return replace(rig, lidars=tuple(lidar for lidar in rig.lidars if lidar.enabled))
+    return replace(rig, lidars=tuple(rig.lidars[number] for number in rig.working))
 
 
 def of_model(rig: Rig, number: int, model: str | None) -> Rig:
-    """With another model of the catalogue on a mount; None: the default one.
-
-    Raises ValueError: there is no such model.
-    """
+    """With another model of the catalogue; None: the default. Raises ValueError: it is unknown."""
     lidar = rig.lidars[number]
     written = {key: value for key, value in lidar.written.items() if key != "lidar"}
     named = {} if model is None else {"lidar": model}

@@ -31,6 +31,7 @@ from lidarplace.mounting.zone import Zone
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.requirements.layout import Laid, lay_out
 from lidarplace.requirements.settings import Requirements
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio.rig import Rig
 
 
@@ -53,8 +54,7 @@ class RigsSettings(Settings):
         default={"mine": RigSettings()}, min_length=1, description="rigs by name"
     )
     zones: dict[Name, PlaceSettings] = Field(
-        default={},
-        description="zones by name: where a LiDAR may be mounted; anywhere without zones",
+        {}, description="zones by name: where a LiDAR may be mounted; anywhere without zones"
     )
     keep_out: KeepOuts = Field(default={})
     prices: dict[Name, Amount] = Field(
@@ -74,14 +74,8 @@ class RigsSettings(Settings):
 
 @dataclass(frozen=True)
 class RigsFile:
-    """A file that was read.
-
-    Attributes:
-        path: of the file.
-        content: what it says, as plain data.
-        settings: the same, checked.
-        single: whether it is the file of one placement, with `mounts` at its top.
-    """
+    """A file that was read, as plain data and validated; if `single` that of one placement, with
+    `mounts` at its top."""
 
     path: Path
     content: Mapping[str, Any]
@@ -96,6 +90,11 @@ class RigsFile:
         known = self.content.get("placements") or {"mine": {}}
         folder = self.path.parent
         return tuple(Rig.of_written(str(name), written, folder) for name, written in known.items())
+
+    @cached_property
+    def lidar(self) -> Lidar:
+        """The model of mounts that name none."""
+        return self.settings.lidar.lidar()
 
     @cached_property
     def zones(self) -> tuple[Zone, ...]:
@@ -125,10 +124,7 @@ class RigsFile:
 
     @cached_property
     def laid(self) -> tuple[Laid, ...]:
-        """The requirements, laid out around the body.
-
-        Raises ValueError: one cannot be; names file and requirement.
-        """
+        """The requirements, laid out around the body. Raises ValueError if one cannot be."""
         laid, curves = [], default_curves()
         for own in self.settings.requirements:
             try:
@@ -140,48 +136,33 @@ class RigsFile:
     def text_with(self, rigs: Sequence[Rig]) -> str:
         """The file with these rigs in place of its own; comments are lost."""
         if self.single and len(rigs) == 1:
-            content = {**self.content, **rigs[0].written}
-        else:
-            rest = {} if self.single else self.content
-            content = {**rest, "placements": {rig.name: rig.written for rig in rigs}}
-        return as_yaml(content)
+            return as_yaml({**self.content, **rigs[0].written})
+        rest = {} if self.single else self.content
+        return as_yaml({**rest, "placements": {rig.name: rig.written for rig in rigs}})
 
 
 def read_rigs(path: Path) -> RigsFile:
     """Read the keys of `RigsSettings`, or the file of one placement with `mounts`.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no such file; names file, key and value.
-    """
-    content = read_yaml_file(path)
-    if content is None:
-        content = {}
+    Raises OSError: it cannot be read; ValueError: it is no such file, names file, key and value."""
+    content, context = read_yaml_file(path), {"folder": path.parent}
+    content = {} if content is None else content
     try:
         if isinstance(content, dict) and "mounts" in content:
-            RigSettings.model_validate(content, context={"folder": path.parent})
+            RigSettings.model_validate(content, context=context)
             return RigsFile(path, content, RigsSettings(), single=True)
-        return RigsFile(
-            path, content, RigsSettings.model_validate(content, context={"folder": path.parent})
-        )
+        return RigsFile(path, content, RigsSettings.model_validate(content, context=context))
     except ValidationError as error:
         raise fault(error, str(path)) from None
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:
     """The text of a file with this content."""
-    return str(
-        yaml.safe_dump(
-            dict(content), sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
-        )
-    )
+    style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 100}
+    return str(yaml.safe_dump(dict(content), allow_unicode=True, **style))
 
 
 def write_rigs(path: Path, text: str, overwrite: bool) -> None:
-    """Write a file; it is renamed into place.
-
-    Raises FileExistsError: it is there, and `overwrite` does not say that it may go.
-    """
+    """Write a file in one step. Raises FileExistsError: it is there, without `overwrite`."""
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")
     write_text(path, text)

@@ -19,27 +19,17 @@ from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.judge import Outcome
 from lidarplace.rigs.placement import Placement
+from lidarplace.studio import blind_ground as ground
 from lidarplace.studio import rig as edits
+from lidarplace.studio import violations as limits
 from lidarplace.studio.best_pose import BestPose, best_addition, improved
-from lidarplace.studio.blind_ground import BlindGround, blind_ground, counted_ground, failing_ground
 from lidarplace.studio.frame_view import FrameView
-from lidarplace.studio.history import History
 from lidarplace.studio.log_frames import LogFrames
 from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
 from lidarplace.studio.sweep_files import RUNS, evaluation_of, is_evaluation, sweep_of
-from lidarplace.studio.violations import (
-    Violation,
-    blind,
-    judged,
-    powers_of,
-    prices_of,
-    unasked,
-    unknown,
-    unmet,
-    violations,
-)
+from lidarplace.studio.violations import Violation
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
 
 if TYPE_CHECKING:
@@ -51,31 +41,50 @@ PAPER_ROI = Roi((-40, 40), (-20, 20), (0, 4), 0.2)
 
 @dataclass(frozen=True)
 class Draft:
-    """The rigs, and which of them is under the hands."""
+    """The rigs, and which of them is selected."""
 
     rigs: tuple[Rig, ...]
     current: int = 0
 
 
+class History:
+    """A draft that changes, and what it was.
+    While something is dragged `value` is set all the time; `keep` makes one step of all of it."""
+
+    def __init__(self, value: Draft) -> None:
+        self.value = value
+        self._steps, self._at = [value], 0
+
+    def do(self, value: Draft) -> None:
+        """Change the value, as one step."""
+        self.keep()
+        self.value = value
+        self.keep()
+
+    def keep(self) -> None:
+        """End the step that is under way, if the value has changed."""
+        if self.value != self._steps[self._at]:
+            self._at += 1
+            self._steps[self._at :] = [self.value]
+
+    def go(self, by: int) -> bool:
+        """Undo (-1) or redo (1) a step; whether there is one."""
+        self.keep()
+        there = 0 <= self._at + by < len(self._steps)
+        self._at += by * there
+        self.value = self._steps[self._at]
+        return there
+
+
 class Studio:
     """Rigs of a file, changed step by step, and measured on a log.
 
-    A rig is told by its place in `rigs`, a LiDAR by its number in the rig, from 0. Poses are
-    coordinates of the ego frame: metres and degrees.
+    A LiDAR is named by its number in the rig, from 0. Poses are coordinates of the ego frame in
+    metres and degrees. Several threads may use a studio: edits come one after the other.
 
-    Several threads may use it: edits come one after the other.
-
-    Args:
-        file: the rigs, from `read_rigs`.
-        log: traffic; all of its frames count.
-        roi: for the surrogates and the pictures.
-        folder: of the log, if `log` has some of its frames alone: the others can be looked at, too.
-
-    Attributes:
-        left_out: classes of the log that have no numbers, and are in no sweep or evaluation.
-
-    Raises:
-        ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out.
+    All frames of the log count; `folder` is that of the whole log, if it has some of them only: all
+    can be looked at. `left_out` are its classes that have no numbers, and are in no sweep. Raises
+    ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out.
     """
 
     def __init__(
@@ -84,18 +93,16 @@ class Studio:
         if log.frames.empty:
             raise ValueError("the log has no frame")
         there = set(log.boxes["class"])
-        file.laid  # noqa: B018 - what is wrong with a requirement is told at the beginning
+        file.laid  # noqa: B018 - raises for a bad requirement before anything else is done
         self.file, self.log, self.roi = file, log, roi
         self.classes = tuple(c for c in CLASSES if c in there) or CLASSES
         self.left_out = tuple(sorted(there.difference(self.classes)))
-        self.lidar = file.settings.lidar.lidar()
-        self.begun = {rig.name: rig for rig in file.rigs}
+        self._begun = {rig.name: rig for rig in file.rigs}
         self._history = History(Draft(file.rigs))
-        self._editing = threading.Lock()
+        self._editing, self._viewing = threading.Lock(), threading.Lock()
         self._frames = LogFrames(log, folder)
         self._frame = self.frame_numbers[0]
         self._view = self._view_of(self._frame)
-        self._viewing = threading.Lock()
         self._judged: tuple[Placement | None, Sequence[Outcome]] = (None, ())
 
     @cached_property
@@ -112,12 +119,17 @@ class Studio:
 
     @property
     def rig(self) -> Rig:
-        """The one under the hands."""
+        """The selected one."""
         draft = self._history.value
         return draft.rigs[draft.current]
 
+    @property
+    def begun(self) -> Rig:
+        """The selected one as it is in the file; of a copy, what it was copied from."""
+        return self._begun[self.rig.name]
+
     def choose(self, name: str) -> None:
-        """Take another rig into the hands. Raises ValueError if there is none of that name."""
+        """Select another rig. Raises ValueError if there is none of that name."""
         names = [rig.name for rig in self.rigs]
         if name not in names:
             raise ValueError(f"no rig {name!r}; there are {', '.join(names)}")
@@ -125,13 +137,10 @@ class Studio:
             self._history.do(replace(self._history.value, current=names.index(name)))
 
     def copy_rig(self, name: str) -> None:
-        """A copy of the rig under another name, which is then under the hands.
-
-        Raises ValueError: the name is taken, or none.
-        """
+        """Select a copy of the rig under another name. Raises ValueError: it is empty or taken."""
         if not name or name in [rig.name for rig in self.rigs]:
             raise ValueError(f"a rig needs a name of its own, found {name!r}")
-        self.begun[name] = self.begun.get(self.rig.name, self.rig)
+        self._begun[name] = self._begun.get(self.rig.name, self.rig)
         rigs = (*self.rigs, replace(self.rig, name=name))
         with self._editing:
             self._history.do(Draft(rigs, len(rigs) - 1))
@@ -148,10 +157,7 @@ class Studio:
 
     @property
     def view(self) -> FrameView:
-        """The frame that is looked at, read when it is asked for.
-
-        Raises ValueError: it cannot be read, or a box is bad.
-        """
+        """The frame that is shown, read on demand. Raises ValueError: a box or the file is bad."""
         with self._viewing:
             if self._view.number != self._frame:
                 self._view = self._view_of(self._frame)
@@ -165,15 +171,13 @@ class Studio:
 
     def pose(self, number: int, /, **pose: float) -> None:
         """Give a LiDAR other coordinates: x, y, z in metres, roll, pitch, yaw in degrees.
-
-        Raises ValueError: a number is beyond its limits.
-        """
+        Raises ValueError: a number is beyond its limits."""
         self._do(edits.posed, number, **pose)
 
     def drag(self, number: int, /, **pose: float) -> None:
         """The same, as part of one step that `drop` ends. Raises as `pose`."""
         with self._editing:
-            self._history.try_out(self._with(edits.posed(self.rig, number, **pose)))
+            self._history.value = self._with(edits.posed(self.rig, number, **pose))
 
     def drop(self) -> None:
         """End the step of `drag`."""
@@ -205,10 +209,7 @@ class Studio:
         self._do(edits.of_model, number, name)
 
     def snap(self, number: int) -> None:
-        """Move a LiDAR to the nearest point of the nearest zone.
-
-        Raises ValueError: the file has no zones.
-        """
+        """Move a LiDAR to the nearest point of a zone. Raises ValueError without zones."""
         if not self.file.zones:
             raise ValueError(f"{self.file.path}: has no zones")
         mount = self.rig.mounts[number]
@@ -220,12 +221,12 @@ class Studio:
     def undo(self) -> bool:
         """Go a step back; whether there was one."""
         with self._editing:
-            return self._history.undo()
+            return self._history.go(-1)
 
     def redo(self) -> bool:
         """Go a step forward again; whether there was one."""
         with self._editing:
-            return self._history.redo()
+            return self._history.go(1)
 
     def _do(self, edit: Callable[..., Rig], *arguments: object, **pose: float) -> None:
         with self._editing:
@@ -247,43 +248,33 @@ class Studio:
     def placement_of(self, rig: Rig) -> Placement | None:
         """The same of any rig."""
         try:
-            return rig.placement(self.lidar)
-        except ValueError:  # told among the violations
+            return rig.placement(self.file.lidar)
+        except ValueError:  # is among the violations
             return None
 
-    def numbers(self, exact: bool = True) -> Numbers:
-        """Of the rig as it is now."""
-        return self.meter.measure(self.placement, exact)
+    def numbers(self, exact: bool = True, rig: Rig | None = None) -> Numbers:
+        """Of a rig, by default the selected one as it is now."""
+        return self.meter.measure(self.placement_of(rig or self.rig), exact)
 
-    def numbers_begun(self, exact: bool = True) -> Numbers:
-        """Of the rig as it was in the file."""
-        return self.meter.measure(self.placement_of(self.begun[self.rig.name]), exact)
-
-    @property
-    def totals(self) -> dict[str, float]:
-        """What all LiDARs add up to: price where the file has prices, and power in watts; NaN
-        where that of one is not known."""
-        return self._totals(self.rig)
-
-    @property
-    def totals_begun(self) -> dict[str, float]:
-        """The same of the rig as it was in the file."""
-        return self._totals(self.begun[self.rig.name])
-
-    def _totals(self, rig: Rig) -> dict[str, float]:
-        price = {"Price": math.fsum(prices_of(rig, self.file))} if self.file.settings.prices else {}
-        return price | {"Power, W": math.fsum(powers_of(rig, self.file))}
+    def totals(self, rig: Rig | None = None) -> dict[str, float]:
+        """Sums over all LiDARs of a rig, by default the selected one: price where the file has
+        prices, and power in watts; NaN where that of one is not known."""
+        rig, priced = rig or self.rig, bool(self.file.settings.prices)
+        price = {"Price": math.fsum(limits.prices_of(rig, self.file))} if priced else {}
+        return price | {"Power, W": math.fsum(limits.powers_of(rig, self.file))}
 
     def violations(self) -> tuple[Violation, ...]:
         """What the rig does not keep of what the file says."""
         kept = self.misplaced()
         if self.placement is None:
-            return (*kept, *unasked(self.file.laid))
-        return (*kept, *unknown(self.rig, self.file).values(), *unmet(self.outcomes()))
+            return (*kept, *limits.unasked(self.file.laid))
+        unknown = limits.unknown(self.rig, self.file).values()
+        return (*kept, *unknown, *limits.unmet(self.outcomes()))
 
     def misplaced(self) -> tuple[Violation, ...]:
         """The same without requirements, which take longer."""
-        return (*violations(self.rig, self.file), *blind(self.rig, self.file, self.roi))
+        own = limits.violations(self.rig, self.file)
+        return (*own, *limits.blind(self.rig, self.file, self.roi))
 
     def outcomes(self) -> Sequence[Outcome]:
         """What becomes of the requirements that can be asked of the LiDARs; nothing without one."""
@@ -291,34 +282,27 @@ class Studio:
         if placement is None:
             return ()
         if placement != known:
-            found = judged(self.rig, self.file, self.file.laid)
+            found = limits.judged(self.rig, self.file, self.file.laid)
             self._judged = placement, found
         return found
 
-    def blind_ground(self, height: float) -> BlindGround:
-        """Where somebody of that height is not seen around the vehicle."""
-        return blind_ground(self.placement, self.file.body, height)
-
-    def counted_ground(self, height: float) -> BlindGround:
-        """How many LiDARs see somebody of that height around the vehicle."""
-        return counted_ground(self.placement, self.file.body, height)
-
-    def failing_ground(self, requirement: str) -> BlindGround | None:
-        """Where a requirement has too little; None without a LiDAR that works."""
-        found = (one for one in self.outcomes() if one.requirement.name == requirement)
-        return next(map(failing_ground, found), None)
+    def too_little(self, what: str) -> ground.BlindGround | None:
+        """Ground around the vehicle where somebody of `HEIGHTS_M` is not seen, `COUNTED_M` with the
+        number of LiDARs, or where a requirement fails; None of one that is not asked."""
+        around = self.placement, self.file.body
+        if what in ground.HEIGHTS_M:
+            return ground.blind_ground(*around, ground.HEIGHTS_M[what])
+        if what in ground.COUNTED_M:
+            return ground.counted_ground(*around, ground.COUNTED_M[what])
+        found = (one for one in self.outcomes() if one.requirement.name == what)
+        return next(map(ground.failing_ground, found), None)
 
     # Questions.
 
     def improve(self, number: int) -> BestPose:
-        """Move one LiDAR to where the rig finds most, all others staying where they are.
-
-        What the rig keeps of the limits and requirements of the file it keeps then, too.
-
-        Raises:
-            ValueError: the LiDAR is disabled, two are in one place, no object counts, or somebody
-                has changed the rig meanwhile.
-        """
+        """Move one LiDAR to where the rig finds most, and still keeps what it keeps of the limits
+        and requirements of the file. Raises ValueError: the LiDAR is disabled, two are in one
+        place, no object counts, or the rig was changed meanwhile."""
         rig = self.rig
         if not rig.lidars[number].enabled:
             raise ValueError(f"LiDAR {number} does not work; enable it first")
@@ -329,16 +313,9 @@ class Studio:
         return found
 
     def add_best(self, model: str | None = None) -> BestPose:
-        """Mount one more LiDAR where the rig then finds most, in any zone; else as `improve`.
-
-        Args:
-            model: of the catalogue; the file's by default.
-
-        Raises:
-            ValueError: there is no such model, two LiDARs are in one place, no zone has room, the
-                limits allow no more LiDAR, no object counts, or somebody has changed the rig
-                meanwhile.
-        """
+        """Mount one more LiDAR, of the catalogue's model or of the file's, where the rig then finds
+        most, in any zone; else as `improve`. Raises ValueError also: the model is unknown, no zone
+        has room, or the limits allow no more LiDAR."""
         rig = self.rig
         found = best_addition(rig, model, self.file, self.meter)
         self._as_it_was(rig)
@@ -351,16 +328,12 @@ class Studio:
 
     def why_unseen(self, object_id: str) -> tuple[AimedRays, ...]:
         """What becomes of the rays that the working LiDARs aim at an object of the frame.
-
-        Raises ValueError: there is no such object, or no LiDAR.
-        """
+        Raises ValueError: there is no such object, or no LiDAR."""
         return why_unseen(self.view.frame, object_id, self._working(), self.file.carrier)
 
     def plot(self) -> go.Figure:
         """The frame as the rig sees it, in 3D, for a notebook or a page.
-
-        Raises ValueError: no LiDAR works, or two are in one place.
-        """
+        Raises ValueError: no LiDAR works, or two are in one place."""
         from lidarplace.viewing.scene import draw_frame
 
         view, carrier = self.view, self.file.carrier
@@ -375,16 +348,8 @@ class Studio:
     # Files.
 
     def save(self, path: Path | None = None, overwrite: bool = False) -> Path:
-        """Write all rigs, in the file's own words; returns the path.
-
-        Args:
-            path: of the file; the one that was read by default.
-            overwrite: whether it may take the place of another.
-
-        Raises:
-            FileExistsError: it is there, and may not be overwritten.
-            OSError: it cannot be written.
-        """
+        """Write all rigs, in the file's own words, by default to that file; returns the path.
+        Raises OSError: it cannot be written; FileExistsError: it is there, without `overwrite`."""
         self.drop()
         path = self.file.path if path is None else path
         write_rigs(path, self.file.text_with(self.rigs), overwrite)
@@ -393,13 +358,9 @@ class Studio:
     def sweep(self, path: Path, scene: Mapping[str, Any], overwrite: bool = False) -> str:
         """Write the configuration of a sweep over the rigs that have LiDARs; its command.
 
-        Args:
-            path: of the configuration.
-            scene: the traffic as a configuration has it, with frames to train and to test.
-
-        Raises:
-            ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing.
-            FileExistsError: the file is there, and may not be overwritten.
+        `scene` is the traffic as a configuration has it, with frames to train and to test. Raises
+        ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing;
+        FileExistsError: the file is there, without `overwrite`.
         """
         content = sweep_of(self.rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(content), overwrite)
@@ -408,16 +369,9 @@ class Studio:
     def evaluation(self, path: Path, scene: Mapping[str, Any]) -> Path:
         """Write the configuration of a sweep in which a generalist judges the rigs as they work.
 
-        One of the same name is brought up to date, see `evaluation_of`.
-
-        Args:
-            path, scene: as of `sweep`.
-
-        Returns:
-            The run folder of the sweep, for `found_by_sweep`.
-
-        Raises:
-            ValueError: as `sweep`, of the LiDARs that work, or the file is there and no such sweep.
+        One of the same name is brought up to date, see `evaluation_of`. Returns the run folder of
+        the sweep, for `found_by_sweep`. Raises ValueError as `sweep`, of the LiDARs that work, and
+        for another file of that name.
         """
         before = read_yaml_file(path) if path.exists() else None
         if before is not None and not is_evaluation(before):

@@ -19,8 +19,7 @@ Content = dict[str, Any]
 RUNS = Path("runs")
 """The folder of run folders, as of any sweep."""
 MOST_RAYS = 100_000
-"""Of a rig in the clouds that are evaluated; the generalist of the package knows no denser ones
-than about twice as many."""
+"""Of a rig in evaluated clouds; the generalist was trained on at most about twice as many."""
 JUDGE: Content = {
     "judge": "pretrained",
     "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
@@ -33,14 +32,8 @@ INTERVAL = ("mean", "low", "high")
 def sweep_of(
     rigs: Sequence[Rig], file: RigsFile, scene: Mapping[str, Any], roi: Roi, classes: Sequence[str]
 ) -> Content:
-    """The configuration of a sweep over the rigs that have LiDARs.
-
-    Args:
-        scene: the traffic, as a configuration has it.
-
-    Raises:
-        ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing of the ROI.
-    """
+    """The configuration of a sweep over the rigs that have LiDARs; `scene` is its traffic. Raises
+    ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing of the ROI."""
     for rig in rigs:
         check_sweepable(rig, file, roi)
     placements = {rig.name: rig.written for rig in rigs if rig.lidars}
@@ -70,16 +63,11 @@ def _vehicle(file: RigsFile) -> Content:
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:
-    """The same, judged in seconds by the generalist of the package.
-
-    Args:
-        sweep: of `sweep_of`.
-        before: an earlier evaluation, which is brought up to date: how it judges stays.
-    """
+    """A sweep of `sweep_of`, judged in seconds by the generalist of the package.
+    `before` is an earlier evaluation, which is brought up to date: how it judges stays."""
     content = JUDGE | (before or {})
-    lidar = file.settings.lidar.lidar()
     rigs = (Rig.of_written(name, own) for name, own in sweep["placements"].items())
-    rays = max(sum(own.rays for own in rig.models(lidar)) for rig in rigs)
+    rays = max(sum(own.rays for own in rig.models(file.lidar)) for rig in rigs)
     share = {"cloud_share": round(MOST_RAYS / rays, 3)} if rays > MOST_RAYS else {}
     return {
         **content,
@@ -99,14 +87,10 @@ def is_evaluation(content: Any) -> bool:
 
 
 def found_by_sweep(run: Path) -> dict[str, pd.DataFrame]:
-    """AP and recall by what they are of, from the tables of a run folder's report.
+    """AP and recall by the name of the metric, from the tables of a run folder's report.
 
-    Returns:
-        Tables by the name of the metric: index `placement`, columns `mean`, `low` and `high`, the
-        ends of the 95 % interval, in percent; NaN where it is not known.
-
-    Raises:
-        OSError, ValueError: a table cannot be read.
+    Each is a table with index `placement`, columns `mean`, `low` and `high`, the ends of the 95 %
+    interval, in percent; NaN where it is not known. Raises ValueError: a table cannot be read.
     """
     tables = {}
     for path in sorted((run / "tables").glob("best-*.csv")):

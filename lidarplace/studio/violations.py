@@ -31,15 +31,13 @@ MICROMETRE = 1e-6
 
 @dataclass(frozen=True)
 class Violation:
-    """A constraint that is not kept.
+    """A constraint that is not kept: zone, body, keep_out, distance, body_share, common_view,
+    facing, price, power, blind or requirement.
 
     Attributes:
-        constraint: zone, body, keep_out, distance, body_share, common_view, facing, price, power,
-            blind or requirement.
         lidars: numbers of those concerned; none if it is the rig.
         excess: by how much: metres, a share, money, watts, or what a requirement lacks in its own
             measure; NaN where it is not known.
-        text: the same for people.
     """
 
     constraint: str
@@ -49,8 +47,7 @@ class Violation:
 
 
 def prices_of(rig: Rig, file: RigsFile) -> list[float]:
-    """Of its LiDARs, disabled or not, and of cameras and radars, in the file's currency; NaN where
-    the file does not say."""
+    """Of LiDARs, disabled or not, cameras and radars, in the file's currency; NaN if unknown."""
     prices = file.settings.prices
     own = [math.nan if one.price is None else one.price for one in rig.settings_of_sensors]
     return [prices.get(name or "", math.nan) for name in _models(rig, file)] + own
@@ -69,11 +66,6 @@ def _models(rig: Rig, file: RigsFile) -> list[str | None]:
     return [lidar.model if "lidar" in lidar.written else default for lidar in rig.lidars]
 
 
-def _called(rig: Rig, file: RigsFile) -> list[str | None]:
-    """The same and names of cameras and radars, in the order of `prices_of`."""
-    return [*_models(rig, file), *(sensor.name for sensor in rig.sensors)]
-
-
 def violations(rig: Rig, file: RigsFile) -> tuple[Violation, ...]:
     """All that the rig does not keep of what the file says."""
     parts = (_outside, _inside, _close, _blocked, _paired, totals_above)
@@ -81,7 +73,7 @@ def violations(rig: Rig, file: RigsFile) -> tuple[Violation, ...]:
 
 
 def totals_above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
-    """Of what LiDARs add up to, what is more than allowed, or not known."""
+    """The sums over LiDARs that are more than allowed, or not known."""
     limits = file.settings.constraints
     for name, values, limit, unit in (
         ("price", prices_of(rig, file), limits.price, ""),
@@ -92,7 +84,7 @@ def totals_above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
             continue
         text = f"{name} {total:g}{unit}: {total - limit:g}{unit} above {limit:g}{unit}"
         if math.isnan(total):
-            known = zip(_called(rig, file), values, strict=True)
+            known = zip([*_models(rig, file), *(s.name for s in rig.sensors)], values, strict=True)
             strange = {model or "a LiDAR without a name" for model, one in known if one != one}
             text = f"{name}: of {', '.join(sorted(strange))} it is not known"
         yield Violation(name, (), total - limit, text)
@@ -123,37 +115,38 @@ def _close(rig: Rig, file: RigsFile) -> Iterator[Violation]:
     for i, j in combinations(range(len(rig.mounts)), 2):
         apart = math.dist(rig.mounts[i].position, rig.mounts[j].position)
         if apart < least - ROUNDING or apart == 0:
-            text = f"LiDARs {i} and {j}: {apart:.3g} m apart, {least - apart:.3g} m too close"
-            if apart == 0:
-                text = f"LiDARs {i} and {j}: in one place"
-            yield Violation("distance", (i, j), least - apart, text)
+            how = (
+                f"{apart:.3g} m apart, {least - apart:.3g} m too close" if apart else "in one place"
+            )
+            yield Violation("distance", (i, j), least - apart, f"LiDARs {i} and {j}: {how}")
 
 
 def _blocked(rig: Rig, file: RigsFile) -> Iterator[Violation]:
     limit = file.settings.constraints.body_share
     if limit is None:
         return
-    models = rig.models(file.settings.lidar.lidar())
+    models = rig.models(file.lidar)
     housings = housings_of(rig.mounts, models)
     for number, (mount, lidar) in enumerate(zip(rig.mounts, models, strict=True)):
         share = body_share(mount, lidar, file.body, others=without(housings, number))
         if share > limit + ROUNDING:
-            text = (
-                f"LiDAR {number}: {100 * share:.3g} % of its rays meet the vehicle, "
-                f"allowed are {100 * limit:g} %"
-            )
-            yield Violation("body_share", (number,), share - limit, text)
+            met = f"{100 * share:.3g} % of its rays meet the vehicle, allowed are {100 * limit:g} %"
+            yield Violation("body_share", (number,), share - limit, f"LiDAR {number}: {met}")
+
+
+def _whole(rig: Rig, file: RigsFile) -> Placement | None:
+    """All LiDARs, dead or not; None without any, or for two in one place (see `_close`)."""
+    try:
+        return Placement(rig.name, rig.mounts, lidar=rig.models(file.lidar))
+    except ValueError:
+        return None
 
 
 def _paired(rig: Rig, file: RigsFile) -> Iterator[Violation]:
     limits = file.settings.constraints
-    if (limits.common_view is None and limits.facing is None) or not rig.lidars:
-        return
-    try:
-        whole = Placement(rig.name, rig.mounts, lidar=rig.models(file.settings.lidar.lidar()))
-    except ValueError:  # of two in one place `_close` tells
-        return
-    if limits.common_view is not None:
+    asked_for = limits.common_view is not None or limits.facing is not None
+    whole = _whole(rig, file) if asked_for else None
+    if whole is not None and limits.common_view is not None:
         asked = limits.common_view.asked()
         share, pair = weakest(common_view(whole, file.body, asked, rig.sensors), asked)
         if pair is not None and share < asked.share - ROUNDING:
@@ -166,7 +159,7 @@ def _paired(rig: Rig, file: RigsFile) -> Iterator[Violation]:
             )
             lidars = tuple(n for n in pair if n < len(rig.lidars))
             yield Violation("common_view", lidars, asked.share - share, text)
-    if limits.facing is not None:
+    if whole is not None and limits.facing is not None:
         pairs = facing_pairs(whole, file.body)
         for pair in pairs if len(pairs) > limits.facing else ():
             text = f"LiDARs {pair[0]} and {pair[1]}: look into each other"
@@ -175,20 +168,13 @@ def _paired(rig: Rig, file: RigsFile) -> Iterator[Violation]:
 
 def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
     """The LiDARs that see nothing of the ROI, dead or not, unless the file allows them."""
-    if file.settings.allow_blind_lidars or not rig.lidars:
-        return []
-    try:
-        whole = Placement(rig.name, rig.mounts, lidar=rig.models(file.settings.lidar.lidar()))
-    except ValueError:  # of two in one place `_close` tells
-        return []
+    whole = None if file.settings.allow_blind_lidars else _whole(rig, file)
     text = (
         f"sees no ground and nothing below {OBJECTS_M:g} m in the ROI; turn or move it, extend "
         "the ROI, or set allow_blind_lidars: true"
     )
-    return [
-        Violation("blind", (number,), math.nan, f"LiDAR {number}: {text}")
-        for number in blind_lidars(whole, roi, file.carrier)
-    ]
+    found = () if whole is None else blind_lidars(whole, roi, file.carrier)
+    return [Violation("blind", (n,), math.nan, f"LiDAR {n}: {text}") for n in found]
 
 
 def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:
@@ -214,31 +200,29 @@ def unmet(outcomes: Sequence[Outcome]) -> Iterator[Violation]:
 
 def unasked(laid: Sequence[Laid]) -> Iterator[Violation]:
     """All requirements, of a rig without a LiDAR that works."""
-    for own in laid:
-        text = f"{own.requirement.name}: no LiDAR works"
-        yield Violation("requirement", (), own.requirement.least, text)
+    for wanted in (own.requirement for own in laid):
+        yield Violation("requirement", (), wanted.least, f"{wanted.name}: no LiDAR works")
 
 
 def unknown(rig: Rig, file: RigsFile) -> dict[str, Violation]:
     """By name the requirements that cannot be asked of a LiDAR that works, and of the first why."""
-    models, found = rig.models(file.settings.lidar.lidar()), {}
+    found: dict[str, Violation] = {}
     for own in file.settings.requirements:
-        for number, lidar in enumerate(models):
-            reason = own.not_of(lidar) if rig.lidars[number].enabled else None
-            if reason is not None:
-                key, told = reason
-                text = f"{own.name}: {key}: LiDAR {number}: {told}"
+        for number, lidar in enumerate(rig.models(file.lidar)):
+            if (
+                rig.lidars[number].enabled
+                and own.name not in found
+                and (reason := own.not_of(lidar))
+            ):
+                text = f"{own.name}: {reason[0]}: LiDAR {number}: {reason[1]}"
                 found[own.name] = Violation("requirement", (number,), math.nan, text)
-                break
     return found
 
 
 def judged(rig: Rig, file: RigsFile, laid: Sequence[Laid]) -> list[Outcome]:
     """What becomes of those of the requirements that can be asked of the LiDARs that work.
-
-    Nothing without such a LiDAR. Raises ValueError if two are in one place.
-    """
-    placement = rig.placement(file.settings.lidar.lidar())
+    Nothing without such a LiDAR. Raises ValueError if two are in one place."""
+    placement = rig.placement(file.lidar)
     if placement is None:
         return []
     left_out = unknown(rig, file)

@@ -29,12 +29,10 @@ class AimedRays:
     """What becomes of the rays of one LiDAR that meet the object when it is alone in the world.
 
     Attributes:
-        aimed: number of these rays.
-        returned: those whose light comes back from it.
         dark: those that meet it, too near or too dark to return light.
         lost: those whose return drop-off or a correction loses; expected, rounded.
-        stopped: those that something else stops, by what it is: the id of an object, "a building"
-            or "the vehicle itself", which its other LiDARs belong to.
+        stopped: those that something else stops, by the id of an object or a value of `NAMES`; the
+            other LiDARs are part of the vehicle.
     """
 
     aimed: int
@@ -60,14 +58,8 @@ class AimedRays:
 def why_unseen(
     frame: Frame, object_id: str, placement: Placement, vehicle: Vehicle | None = None
 ) -> tuple[AimedRays, ...]:
-    """What becomes of the rays that each LiDAR aims at an object of the frame.
-
-    Args:
-        vehicle: carries the LiDARs; None: a sedan.
-
-    Raises:
-        ValueError: there is no such object in the frame.
-    """
+    """What becomes of the rays that each LiDAR, on a sedan if `vehicle` is None, aims at an object.
+    Raises ValueError: there is no such object in the frame."""
     number = int(frame.row["frame"])
     surroundings = Surroundings(frame.log)
     ids = frame.log.boxes["object_id"].iloc[surroundings.rows(number)].astype(str).tolist()
@@ -80,10 +72,8 @@ def why_unseen(
     parts = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
     mine = (parts.owner == own) | (parts.owner == PANE - own)
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
-    found = []
-    ends_of_each = ends_in_rig(placement, vehicle)
-    lidars = zip(placement.mounts, placement.lidars, ends_of_each, strict=True)
-    for mount, lidar, ends in lidars:
+    found, ends_of_each = [], ends_in_rig(placement, vehicle)
+    for mount, lidar, ends in zip(placement.mounts, placement.lidars, ends_of_each, strict=True):
         aimed = cast(mount, lidar, alone, level=world is None).target == own
         met = cast_in_world(mount, lidar, parts, world, ends=ends)
         reached = np.flatnonzero(aimed & (met.target == own))

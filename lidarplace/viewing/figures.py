@@ -1,6 +1,5 @@
 """Figures of what the library computes, by its class: `placement.plot()` and others like it."""
 
-import html
 from functools import singledispatch
 
 import numpy as np
@@ -10,7 +9,7 @@ from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.result import Surrogates
 from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
-from lidarplace.viewing.axes import equal_axes
+from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.solids import corners, edges
 from lidarplace.viewing.vehicle import add_lidars, vehicle_boxes
 
@@ -24,12 +23,9 @@ def figure(thing: object) -> go.Figure:
 @figure.register
 def _placement(placement: Placement) -> go.Figure:
     """LiDARs on the box of the vehicle, each with the direction of its x axis."""
-    body = vehicle_boxes(None)
-    plot = _new(placement.name)
-    x, y, z = edges(body).T
-    plot.add_scatter3d(
-        x=x, y=y, z=z, mode="lines", line={"color": style.OUTLINE, "width": 3}, name="vehicle"
-    )
+    body, plot = vehicle_boxes(None), _new(placement.name)
+    line = {"color": style.OUTLINE, "width": 3}
+    plot.add_scatter3d(**xyz(edges(body)), mode="lines", line=line, name="vehicle")
     add_lidars(plot, placement, pointer=0.5)
     at = np.array([mount.position for mount in placement.mounts])
     plot.update_layout(scene=equal_axes(np.concatenate([corners(body)[0], at]), longest=1.6))
@@ -53,19 +49,17 @@ def _grid(grid: OccupancyGrid) -> go.Figure:
 def _surrogates(result: Surrogates) -> go.Figure:
     """How much of the entropy of the POG is covered, and how much is not."""
     plot = _new("Entropy of the POG")
+    y = [result.placement.name]
     for name, value, shade in (
         ("covered", result.covered_entropy, style.COLOURS[2]),
         ("residual", result.residual_entropy, style.OUTLINE),
     ):
-        plot.add_bar(
-            x=[value], y=[result.placement.name], orientation="h", name=name, marker_color=shade
-        )
+        plot.add_bar(x=[value], y=y, orientation="h", name=name, marker_color=shade)
     plot.update_layout(barmode="stack", height=220)
     plot.update_xaxes(title="nats")
     return plot
 
 
 def _new(title: str) -> go.Figure:
-    return go.Figure(
-        layout={"template": style.theme(False), "title": {"text": html.escape(title, quote=False)}}
-    )
+    heading = {"text": style.plain(title)}
+    return go.Figure(layout={"template": style.theme(False), "title": heading})

@@ -19,14 +19,10 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class Frame:
-    """The surroundings in one frame, in the ego frame.
+    """The surroundings in one frame, in the ego frame: its part of the log, and its row.
 
-    Attributes:
-        log: the part of the box log that is about this frame.
-        row: the frame's row of `BoxLog.frames`.
-        objects: rows of `BoxLog.boxes` that may reach into the crop.
-        inside: which of `objects` have their centre in the crop, shape (objects,), bool.
-        buildings: rows of `lidarplace.logs.boxes.GEOMETRY` that may reach into it, shape (B, 7).
+    `objects`, rows of `boxes`, and `buildings`, rows of `lidarplace.logs.boxes.GEOMETRY`, (B, 7),
+    may reach into the crop; `inside`, (objects,), says which objects have their centre in it.
     """
 
     log: BoxLog
@@ -38,13 +34,9 @@ class Frame:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points of one placement in one frame, thinned.
+    """Points of one placement in one frame, (n, 3), metres, ego frame, and the mount of each.
 
-    Attributes:
-        points: x, y, z in metres, ego frame, shape (n, 3), float32.
-        lidar: index of the mount of each point, shape (n,), uint8.
-        returned: number of points before thinning.
-        on_objects: how many of these lie on each of `Frame.objects`, shape (objects,), int64.
+    They are thinned: `returned` is the number before, `on_objects` that on each of `Frame.objects`.
     """
 
     points: NDArray[np.float32]
@@ -54,11 +46,7 @@ class Cloud:
 
 
 def busiest_frame(log: BoxLog, crop: Crop) -> int:
-    """The first of the frames with the most boxes whose centre is in the crop.
-
-    Raises:
-        ValueError: the log has no frame.
-    """
+    """The first of the frames with most boxes in the crop. Raises ValueError without a frame."""
     if log.frames.empty:
         raise ValueError("the log has no frame")
     inside = centres_in(crop, log.boxes)
@@ -69,10 +57,7 @@ def busiest_frame(log: BoxLog, crop: Crop) -> int:
 
 def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
     """What surrounds the vehicle in frame `number`.
-
-    Raises:
-        ValueError: the log has no such frame, a box is bad, or a pose is missing.
-    """
+    Raises ValueError: the log has no such frame, a box is bad, or a pose is missing."""
     rows = log.frames[log.frames["frame"] == number]
     if rows.empty:
         listed = log.frames["frame"]
@@ -102,17 +87,10 @@ def read_cloud(
     vehicle: Vehicle | None = None,
 ) -> Cloud:
     """The cloud of `placement` within the crop and on the ground under it, as a sweep collects it.
-
-    Beyond `most` points a random choice of them. The vehicle is a sedan for None.
-    """
-    clouds = collect(
-        frame.log,
-        [frame.row["frame"]],
-        placement,
-        crop_for(crop[::3], crop[1::3], crop[2::3], placement, misaligned_heights),
-        misaligned_heights=misaligned_heights,
-        vehicle=vehicle,
-    )
+    Beyond `most` points a random choice of them. The vehicle is a sedan for None."""
+    reach = crop_for(crop[::3], crop[1::3], crop[2::3], placement, misaligned_heights)
+    numbers = [frame.row["frame"]]
+    clouds = collect(frame.log, numbers, placement, reach, 0, misaligned_heights, vehicle=vehicle)
     points, lidar = clouds[0], clouds.lidar(0)
     kept = np.arange(len(points))
     if len(points) > most:

@@ -1,7 +1,7 @@
 """Frames of a box log from above: a first look at what an import has made of a file."""
 
-import html
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,22 +21,15 @@ _RECTANGLE = [0, 1, 3, 2, 0]
 
 
 def write_from_above(path: Path, log: BoxLog, title: str) -> None:
-    """Write a page of the first frames of `log` that hold a box, `title` above them.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a page of the first frames of `log` that hold a box. Raises OSError."""
     numbers = log.frames["frame"][log.frames["frame"].isin(log.boxes["frame"])].iloc[:FRAMES]
-    classes = log.boxes.groupby("class")[list(SIZE)]
     notes = [
         "x is forward, y left. Boxes have the colour of their class and a line to their front; the "
-        "vehicle is grey. Hover over a point for its box.",
-        *(
-            f"{name}: {len(own):,} boxes, {' × '.join(f'{side:.2f}' for side in own.median())} m "
-            "in the median."
-            for name, own in classes
-        ),
+        "vehicle is grey. Hover over a point for its box."
     ]
+    for name, own in log.boxes.groupby("class")[list(SIZE)]:
+        sides = " × ".join(f"{side:.2f}" for side in own.median())
+        notes.append(f"{name}: {len(own):,} boxes, {sides} m in the median.")
     figures = [draw_from_above(log, int(number)) for number in numbers]
     shown = log.boxes[log.boxes["frame"].isin(numbers)]
     for figure in figures:  # all of the same part of the plane
@@ -51,23 +44,13 @@ def _reach(places: pd.Series) -> list[float]:
 
 
 def draw_from_above(log: BoxLog, number: int) -> go.Figure:
-    """The boxes of frame `number`, x forward to the right, y left upwards, equal scales.
-
-    Boxes have the colour of their class and a line to their front; the vehicle is grey.
-    """
+    """The boxes of frame `number`, x forward to the right, y left upwards, equal scales."""
     row = log.frames[log.frames["frame"] == number].iloc[0]
     boxes = log.boxes[log.boxes["frame"] == number]
     figure = go.Figure(layout={"template": style.theme(False), "hovermode": "closest"})
     when = "" if np.isnan(row["timestamp_s"]) else f", t = {row['timestamp_s']:g} s"
-    figure.update_layout(
-        title={
-            "text": html.escape(f"{row['scene']}, frame {number}{when}", quote=False),
-            "subtitle": {"text": f"{row['split']}, {len(boxes)} boxes", "font": {"size": 11}},
-            "x": 0,
-            "xref": "paper",
-        },
-        margin={"l": 45, "r": 10, "t": 52, "b": 48},
-    )
+    shown = f"{row['scene']}, frame {number}{when}", f"{row['split']}, {len(boxes)} boxes"
+    figure.update_layout(title=style.title(*shown), margin={"l": 45, "r": 10, "t": 52, "b": 48})
     figure.update_xaxes(title="x, forward (m)")
     figure.update_yaxes(title="y, left (m)", scaleanchor="x", constrain="domain")
     _add(figure, between(Vehicle.car().boxes[:1]), "vehicle", style.OUTLINE, [])
@@ -84,26 +67,16 @@ def _add(
     outline = np.full((len(boxes), 6, 2), np.nan)
     outline[:, :5] = corners(boxes)[:, _RECTANGLE, :2]
     lines = np.concatenate([outline.reshape(-1, 2), headings(boxes)[..., :2].reshape(-1, 2)])
-    name = html.escape(name, quote=False)
+    name, line = style.plain(name), {"color": colour, "width": 1.5}
     figure.add_scatter(
-        x=lines[:, 0],
-        y=lines[:, 1],
-        mode="lines",
-        line={"color": colour, "width": 1.5},
-        hoverinfo="skip",
-        name=name,
+        x=lines[:, 0], y=lines[:, 1], mode="lines", line=line, hoverinfo="skip", name=name
     )
     if ids:
-        figure.add_scatter(
-            x=boxes[:, 0],
-            y=boxes[:, 1],
-            mode="markers",
-            marker={"color": colour, "size": 3},
-            hovertext=[
-                f"{html.escape(str(who), quote=False)}<br>x {x:.1f}, y {y:.1f}, z {z:.2f} m<br>"
-                f"{length:.2f} × {width:.2f} × {height:.2f} m<br>yaw {np.degrees(yaw):.0f}°"
-                for who, (x, y, z, length, width, height, yaw) in zip(ids, boxes, strict=True)
-            ],
-            hoverinfo="text",
-            name=name,
-        )
+        marks: dict[str, Any] = {"mode": "markers", "marker": {"color": colour, "size": 3}}
+        labels = [
+            f"{style.plain(who)}<br>x {x:.1f}, y {y:.1f}, z {z:.2f} m<br>"
+            f"{length:.2f} × {width:.2f} × {height:.2f} m<br>yaw {np.degrees(yaw):.0f}°"
+            for who, (x, y, z, length, width, height, yaw) in zip(ids, boxes, strict=True)
+        ]
+        marks |= {"hovertext": labels, "hoverinfo": "text", "name": name}
+        figure.add_scatter(x=boxes[:, 0], y=boxes[:, 1], **marks)

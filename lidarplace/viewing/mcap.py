@@ -34,9 +34,7 @@ PAUSE_S = 1.0
 
 def clock(frames: pd.DataFrame) -> NDArray[np.int64]:
     """When each frame is played, (rows,), nanoseconds: one drive after the other, from 0 on.
-
-    A drive is a route of a scene. Where a time of it is missing, its frames follow by `STEP_S`.
-    """
+    A drive is a route of a scene. Where a time of it is missing, its frames follow by `STEP_S`."""
     seconds = np.zeros(len(frames))
     start = 0.0
     of_drive = frames.reset_index(drop=True).groupby(["scene", "route"], sort=False)
@@ -55,26 +53,19 @@ def write_mcap(
     portions: Iterable[tuple[pd.DataFrame, PointClouds]],
     placement: Placement,
 ) -> None:
-    """Write topics `/lidar_0`, … of clouds, `/objects`, `/tf` and `/frame`.
+    """Write topics `/lidar_0`, … of clouds, `/objects`, `/tf` and `/frame`, in the ego frame.
 
-    The file appears at the end. Everything is in the ego frame. `/tf` has the mounts, and the
-    vehicle in the world if the log knows its poses.
-
-    Args:
-        frames: of a box log, in the order in which they are played.
-        portions: boxes and clouds of some of the frames at a time, together of all, in that order.
+    `/tf` has the mounts, and the vehicle in the world if the log knows its poses. `frames` are in
+    the order of play; `portions` are boxes and clouds of some of them at a time, in that order.
     """
-    times = iter(clock(frames).tolist())
-    rows = frames.itertuples()
+    times, rows = iter(clock(frames).tolist()), frames.itertuples()
     context = foxglove.Context()  # of its own: nothing else is recorded with it
-    clouds_of = [
-        PointCloudChannel(f"/lidar_{i}", context=context) for i in range(len(placement.mounts))
-    ]
+    lidars = range(len(placement.mounts))
+    clouds_of = [PointCloudChannel(f"/lidar_{i}", context=context) for i in lidars]
     objects = SceneUpdateChannel("/objects", context=context)
     transforms = FrameTransformsChannel("/tf", context=context)
-    about = foxglove.Channel(
-        "/frame", schema={"type": "object"}, message_encoding="json", context=context
-    )
+    kind: dict[str, Any] = {"schema": {"type": "object"}, "message_encoding": "json"}
+    about = foxglove.Channel("/frame", context=context, **kind)
     clear = messages.SceneEntityDeletion(type=messages.SceneEntityDeletionType.All)
     with replacing(path) as partial, foxglove.open_mcap(partial, context=context):
         for boxes, clouds in portions:
@@ -82,7 +73,7 @@ def write_mcap(
             for index, number in enumerate(clouds.frames.tolist()):
                 ns, row = next(times), next(rows)
                 stamp = messages.Timestamp(ns // 10**9, ns % 10**9)
-                held = [*_rig(placement, stamp), *_vehicle(row, stamp)]
+                held = _transforms(placement, row, stamp)
                 transforms.log(messages.FrameTransforms(transforms=held), log_time=ns)
                 points, owner = clouds[index], clouds.lidar(index)
                 for lidar, channel in enumerate(clouds_of):
@@ -94,34 +85,24 @@ def write_mcap(
                 about.log(json.dumps(told).encode(), log_time=ns)
 
 
-def _rig(placement: Placement, stamp: Any) -> list[FrameTransform]:
-    """Where the LiDARs are on the vehicle."""
-    return [
-        FrameTransform(
-            timestamp=stamp,
-            parent_frame_id=EGO,
-            child_frame_id=f"lidar_{number}",
-            translation=messages.Vector3(x=mount.x, y=mount.y, z=mount.z),
-            rotation=_quaternion(Rotation.from_matrix(mount.rotation)),
-        )
+def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransform]:
+    """Where the LiDARs are on the vehicle, and where it is in the world, if that is known."""
+    poses = [
+        (EGO, f"lidar_{number}", mount.position, Rotation.from_matrix(mount.rotation))
         for number, mount in enumerate(placement.mounts)
     ]
-
-
-def _vehicle(row: Any, stamp: Any) -> list[FrameTransform]:
-    """Where the vehicle is in the world, if that is known."""
-    pose = [getattr(row, name, np.nan) for name in POSE_COLUMNS]
-    if np.isnan(pose).any():
-        return []
-    x, y, yaw = pose
+    x, y, yaw = (getattr(row, name, np.nan) for name in POSE_COLUMNS)
+    if not np.isnan([x, y, yaw]).any():
+        poses.append((WORLD, EGO, np.array([x, y, 0.0]), Rotation.from_euler("z", yaw)))
     return [
         FrameTransform(
             timestamp=stamp,
-            parent_frame_id=WORLD,
-            child_frame_id=EGO,
-            translation=messages.Vector3(x=x, y=y, z=0.0),
-            rotation=_about_z(yaw),
+            parent_frame_id=parent,
+            child_frame_id=child,
+            translation=_vector(at),
+            rotation=_quaternion(turn),
         )
+        for parent, child, at, turn in poses
     ]
 
 
@@ -144,13 +125,10 @@ def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
 def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
     """A box in the colour of its class."""
     red, green, blue = (int(CLASSES[box["class"]][i : i + 2], 16) / 255 for i in (1, 3, 5))
-    length, width, height = (box[name] for name in SIZE)
+    at = [box[name] for name in "xyz"]
     cube = messages.CubePrimitive(
-        pose=messages.Pose(
-            position=messages.Vector3(x=box["x"], y=box["y"], z=box["z"]),
-            orientation=_about_z(box["yaw"]),
-        ),
-        size=messages.Vector3(x=length, y=width, z=height),
+        pose=messages.Pose(position=_vector(at), orientation=_about_z(box["yaw"])),
+        size=_vector([box[name] for name in SIZE]),
         color=messages.Color(r=red, g=green, b=blue, a=0.5),
     )
     return SceneEntity(
@@ -162,9 +140,13 @@ def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
     )
 
 
+def _vector(values: Iterable[float]) -> messages.Vector3:
+    return messages.Vector3(**dict(zip("xyz", values, strict=True)))
+
+
 def _about_z(yaw: float) -> messages.Quaternion:
     return _quaternion(Rotation.from_euler("z", yaw))
 
 
-def _quaternion(rotation: Rotation) -> messages.Quaternion:
-    return messages.Quaternion(**dict(zip("xyzw", rotation.as_quat().tolist(), strict=True)))
+def _quaternion(turn: Rotation) -> messages.Quaternion:
+    return messages.Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))

@@ -22,15 +22,10 @@ def write_page(
     figures: Sequence[go.Figure],
     cameras: Mapping[str, Any] = CAMERAS,
 ) -> None:
-    """Write figures of frames as one page.
+    """Write figures side by side as one page with a shared legend and camera; makes its folder.
 
-    They share a legend that shows and hides, and a camera: turning one turns all.
-
-    Args:
-        path: of the page; its folder is made.
-        title, notes: plain text, the notes a paragraph each.
-        figures: side by side, one below the other on a phone.
-        cameras: of scenes in space, by the name on a button; none for figures from above.
+    `notes` are paragraphs of plain text. `cameras` are those of scenes in space, by the name on a
+    button; none for figures from above.
     """
     page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).substitute(
         title=html.escape(title),

@@ -1,6 +1,5 @@
 """A frame under one placement as an interactive 3D picture."""
 
-import html
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,17 +20,14 @@ from lidarplace.viewing.vehicle import Surface, add_lidars, vehicle_surface
 POINTS = 160_000
 """Points drawn of a frame: 16 bytes each in a page, and still turned smoothly."""
 
+
+def _at(x: float, y: float, z: float) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}
+
+
 CAMERAS = {
-    "from behind": {
-        "eye": {"x": -2.2, "y": 0.0, "z": 1.2},
-        "center": {"x": 0.0, "y": 0.0, "z": -0.45},
-        "up": {"x": 0.0, "y": 0.0, "z": 1.0},
-    },
-    "from above": {
-        "eye": {"x": 0.0, "y": 0.0, "z": 2.8},
-        "center": {"x": 0.0, "y": 0.0, "z": 0.0},
-        "up": {"x": 1.0, "y": 0.0, "z": 0.0},
-    },
+    "from behind": {"eye": _at(-2.2, 0, 1.2), "center": _at(0, 0, -0.45), "up": _at(0, 0, 1)},
+    "from above": {"eye": _at(0, 0, 2.8), "center": _at(0, 0, 0), "up": _at(1, 0, 0)},
 }
 """Plotly's cameras; the first is the one at the start."""
 
@@ -45,21 +41,11 @@ def draw_frame(
     misaligned_heights: bool = False,
     vehicle: Vehicle | None = None,
 ) -> go.Figure:
-    """Frame `number` of `log` as `placement` sees it.
+    """Frame `number` of `log` as `placement` sees it, in 3D.
 
     Points have the colour of their LiDAR, boxes that of their class, with a line on the roof
-    towards the front. ROI, vehicle and buildings are grey.
-
-    Args:
-        log: a box log; its other frames are ignored.
-        number: the frame.
-        placement: mounts and LiDAR.
-        crop: the ROI, x0, y0, z0, x1, y1, z1 in the ego frame, metres.
-        points: of a larger cloud so many are drawn, chosen at random.
-        misaligned_heights, vehicle: see `lidarplace.clouds.collect.collect`.
-
-    Raises:
-        ValueError: there is no such frame, a box is bad, or the crop is empty.
+    towards the front. ROI, vehicle and buildings are grey. Of a cloud of more than `points` so many
+    are drawn, chosen at random. Other arguments and errors as of `read_cloud` and `read_frame`.
     """
     frame = read_frame(log, number, crop)
     cloud = read_cloud(frame, placement, crop, points, misaligned_heights, vehicle)
@@ -69,12 +55,7 @@ def draw_frame(
     axes = equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}
     figure = go.Figure(layout={"template": style.theme(False), "scene": axes})
     figure.update_layout(
-        title={
-            "text": html.escape(placement.name, quote=False),
-            "subtitle": {"text": _summary(cloud), "font": {"size": 11}},
-            "x": 0,
-            "xref": "paper",
-        },
+        title=style.title(placement.name, _summary(cloud)),
         height=400,
         margin={"l": 10, "r": 10, "t": 48, "b": 0},
         legend={"itemsizing": "constant"},
@@ -94,15 +75,11 @@ def _summary(cloud: Cloud) -> str:
 
 def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
     for i in range(len(placement.mounts)):
-        shade = style.COLOURS[i % len(style.COLOURS)]
-        name = f"LiDAR {i}"
+        shade, name = style.COLOURS[i % len(style.COLOURS)], f"LiDAR {i}"
+        marker = {"size": 1.2, "color": shade, "line": {"width": 0}}
+        own: dict[str, Any] = {"hoverinfo": "skip", "name": name, "legendgroup": name}
         figure.add_scatter3d(
-            **xyz(cloud.points[cloud.lidar == i]),
-            mode="markers",
-            marker={"size": 1.2, "color": shade, "line": {"width": 0}},
-            hoverinfo="skip",
-            name=name,
-            legendgroup=name,
+            **xyz(cloud.points[cloud.lidar == i]), mode="markers", marker=marker, **own
         )
     add_lidars(figure, placement)
 
@@ -117,42 +94,25 @@ def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping
         if boxes.size == 0:
             continue
         front = headings(boxes)
-        figure.add_scatter3d(
-            **xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)])),
-            mode="lines",
-            line={"color": shade, "width": 4},
-            hoverinfo="skip",
-            name=html.escape(name, quote=False),
-            legendgroup=name,
-        )
-        figure.add_scatter3d(
-            **xyz(front[:, 1]),
-            mode="markers",
-            marker={"size": 3, "color": shade},
-            hovertext=[
-                f"{html.escape(str(who), quote=False)}<br>x {x:.1f}, y {y:.1f} m<br>"
-                f"{length:.1f} × {width:.1f} × {height:.1f} m<br>{count:,} points"
-                for who, (x, y, _, length, width, height, _), count in zip(
-                    own["object_id"], boxes, points, strict=True
-                )
-            ],
-            hoverinfo="text",
-            name=html.escape(name, quote=False),
-            legendgroup=name,
-            showlegend=False,
-        )
+        lines = xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)]))
+        known: dict[str, Any] = {"name": style.plain(name), "legendgroup": name}
+        line, marker = {"color": shade, "width": 4}, {"size": 3, "color": shade}
+        figure.add_scatter3d(**lines, mode="lines", line=line, hoverinfo="skip", **known)
+        known |= {"mode": "markers", "marker": marker, "hoverinfo": "text", "showlegend": False}
+        labels = [
+            f"{style.plain(who)}<br>x {x:.1f}, y {y:.1f} m<br>"
+            f"{length:.1f} × {width:.1f} × {height:.1f} m<br>{count:,} points"
+            for who, (x, y, _, length, width, height, _), count in zip(
+                own["object_id"], boxes, points, strict=True
+            )
+        ]
+        figure.add_scatter3d(**xyz(front[:, 1]), hovertext=labels, **known)
 
 
 def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface) -> None:
-    roi = between(np.reshape(crop, (1, 2, 3)))
+    roi, line = edges(between(np.reshape(crop, (1, 2, 3)))), {"color": style.OUTLINE, "width": 2}
     grey: dict[str, Any] = {"color": style.OUTLINE, "hoverinfo": "skip", "showlegend": True}
-    figure.add_scatter3d(
-        **xyz(edges(roi)),
-        mode="lines",
-        line={"color": style.OUTLINE, "width": 2},
-        hoverinfo="skip",
-        name="ROI",
-    )
+    figure.add_scatter3d(**xyz(roi), mode="lines", line=line, hoverinfo="skip", name="ROI")
     for name, (vertices, faces), opacity in (
         ("vehicle", body, 0.8),
         ("buildings", triangles(frame.buildings), 0.25),

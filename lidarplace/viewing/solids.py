@@ -17,9 +17,7 @@ _TRIANGLES = np.array(
 
 def corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners of boxes (m, 7), rows of `lidarplace.logs.boxes.GEOMETRY`; shape (m, 8, 3), metres.
-
-    Corner n lies in front if bit 0 of n is set, to the left for bit 1, at the top for bit 2.
-    """
+    Corner n lies in front if bit 0 of n is set, to the left for bit 1, at the top for bit 2."""
     local = _SIGNS * boxes[:, None, 3:6]
     c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
     turned = [
@@ -46,9 +44,7 @@ def between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def headings(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     """A line on the roof of each of boxes (m, 7), from its middle to its front edge, then NaN.
-
-    Shape (m, 3, 3), metres.
-    """
+    Shape (m, 3, 3), metres."""
     roof = corners(boxes)[:, 4:]
     front = roof[:, [1, 3]].mean(axis=1)
     return np.stack([roof.mean(axis=1), front, np.full_like(front, np.nan)], 1).astype(np.float32)

@@ -1,5 +1,6 @@
 """Colours of the pictures, for light and dark pages."""
 
+import html
 from collections.abc import Iterable
 from itertools import cycle
 from typing import Any
@@ -21,30 +22,32 @@ def class_colours(names: Iterable[str]) -> dict[str, str]:
     return CLASSES | dict(zip(others, cycle(_FURTHER)))
 
 
+def title(text: str, below: str) -> dict[str, Any]:
+    """Plotly's layout of a title to the left, and of a line below it."""
+    subtitle = {"text": below, "font": {"size": 11}}
+    return {"text": plain(text), "subtitle": subtitle, "x": 0, "xref": "paper"}
+
+
+def plain(text: object) -> str:
+    """A text in which plotly finds no HTML."""
+    return html.escape(str(text), quote=False)
+
+
 def theme(dark: bool) -> dict[str, Any]:
     """The plotly template of a light or a dark page; backgrounds are transparent."""
     ink, grid = ("#e3e6ea", "#3a4048") if dark else ("#1d2126", "#dfe3e8")
-    axis = {
-        "color": ink,
-        "gridcolor": grid,
-        "linecolor": grid,
-        "zerolinecolor": grid,
-        "showspikes": False,
-    }
+    clear = "rgba(0,0,0,0)"
+    axis: dict[str, Any] = dict.fromkeys(("gridcolor", "linecolor", "zerolinecolor"), grid)
+    axis |= {"color": ink, "showspikes": False}
     in_space = axis | {"showbackground": False}
     return {
         "layout": {
-            "paper_bgcolor": "rgba(0,0,0,0)",
+            "paper_bgcolor": clear,
             "font": {"color": ink, "size": 12, "family": "system-ui, sans-serif"},
-            "plot_bgcolor": "rgba(0,0,0,0)",
+            "plot_bgcolor": clear,
             "xaxis": axis,
             "yaxis": axis,
-            "scene": {
-                "bgcolor": "rgba(0,0,0,0)",
-                "xaxis": in_space,
-                "yaxis": in_space,
-                "zaxis": in_space,
-            },
-            "legend": {"bgcolor": "rgba(0,0,0,0)"},
+            "scene": {"bgcolor": clear} | dict.fromkeys(("xaxis", "yaxis", "zaxis"), in_space),
+            "legend": {"bgcolor": clear},
         }
     }

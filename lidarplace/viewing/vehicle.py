@@ -15,8 +15,7 @@ Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
 
 
 def vehicle_boxes(vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Its boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, shape (m, 7), metres; that around a
-    sedan for None."""
+    """Its boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, (m, 7), metres; of a sedan for None."""
     return np.array([OWN_BODY]) if vehicle is None else between(vehicle.boxes)
 
 
@@ -30,20 +29,13 @@ def vehicle_surface(vehicle: Vehicle | None) -> Surface:
 
 
 def add_lidars(figure: go.Figure, placement: Placement, pointer: float = 0.0) -> None:
-    """Add a mark per mount with its pose, in the colour of its number.
-
-    Args:
-        pointer: length of a line along the sensor's x axis, metres.
-    """
+    """Add a mark per mount with its pose, and a line of `pointer` metres along its x axis."""
     for i, mount in enumerate(placement.mounts):
         name, shade = f"LiDAR {i}", style.COLOURS[i % len(style.COLOURS)]
         roll, pitch, yaw = np.degrees([mount.roll, mount.pitch, mount.yaw]) + 0.0
         ends = np.stack([mount.position, mount.position + pointer * mount.rotation[:, 0]])
-        x, y, z = (ends if pointer else ends[:1]).T
         figure.add_scatter3d(
-            x=x,
-            y=y,
-            z=z,
+            **dict(zip("xyz", (ends if pointer else ends[:1]).T, strict=True)),
             mode="lines+markers" if pointer else "markers",
             marker={"size": [4, 0] if pointer else 4, "color": shade, "symbol": "diamond"},
             line={"color": shade, "width": 4},

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lidarplace.command_line.invocation import called, command
+from lidarplace.command_line.options import FRONT_ROI, RoiOption
 from lidarplace.command_line.terminal import output, say, table
-from lidarplace.command_line.verbs import FRONT_ROI, RoiOption, checked_input, new_app, verb, wrong
+from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
 from sweeps.options import (
     CalibOption,

@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line.options import LogArgument
+from lidarplace.command_line.options import FRONT_ROI, LogArgument, RoiOption
 from lidarplace.command_line.terminal import output, say, table
-from lidarplace.command_line.verbs import (
-    FRONT_ROI,
-    JsonOption,
-    RoiOption,
-    checked_input,
-    new_app,
-    print_json,
-    verb,
-)
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.options import (
     CalibOption,
     ClassesOption,

@@ -13,7 +13,8 @@ import pandas as pd
 from lidarplace.base.class_names import listed
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.profiles import PROFILES
-from lidarplace.command_line.verbs import crop_of, known
+from lidarplace.command_line.options import crop_of
+from lidarplace.command_line.verbs import known
 from lidarplace.configuration.placement import read_placement
 from lidarplace.detections.read import LAYOUTS, read_detections
 from lidarplace.logs.box_log import read_box_log

@@ -1,7 +1,6 @@
 """Files that appear in one step: what is in the way stays, what a killed process left goes."""
 
 import os
-import socket
 import stat
 import subprocess
 import sys
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from lidarplace.files.atomic import remove_leftovers, replacing, temporary
+from tests.fuzz.mutate_bytes import NO_FILES
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,28 +40,10 @@ def test_two_writers_with_the_same_process_id_do_not_meet(tmp_path, monkeypatch)
     assert temporary(path).name.startswith(".a.txt.node7-1-")
 
 
-def pipe(folder: Path) -> Path:
-    path = folder / "pipe"
-    os.mkfifo(path)
-    return path
-
-
-def listener(folder: Path) -> Path:
-    path = folder / "socket"
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind(str(path))
-    return path
-
-
-def link(folder: Path) -> Path:
-    path = folder / "link"
-    path.symlink_to("/dev/null")
-    return path
-
-
-@pytest.mark.parametrize("make", [pipe, listener, link, lambda folder: Path("/dev/null")])
-def test_a_device_is_not_replaced(tmp_path, make):
-    path = make(tmp_path)
+@pytest.mark.parametrize("what", ["a FIFO", "a socket", "an empty device", "the device itself"])
+def test_a_device_is_not_replaced(tmp_path, what):
+    path = tmp_path / "any" if what in NO_FILES else Path("/dev/null")
+    NO_FILES.get(what, str)(path)
     before = path.lstat().st_mode
     beside = set(path.parent.glob(".*.part"))
     with pytest.raises(OSError, match="is a device, a pipe or a socket"), replacing(path) as part:
@@ -97,11 +79,8 @@ with replacing(folder / "table.parquet") as partial:
 
 
 def test_what_a_killed_process_was_writing_is_removed_and_nothing_else(tmp_path):
-    subprocess.run(
-        [sys.executable, "-c", LEAVE, str(tmp_path)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        check=False,
-    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", LEAVE, str(tmp_path)], env=environment, check=False)
     assert len([path for path in tmp_path.rglob("*.part*") if path.name[0] == "."]) == 3
     running = temporary(tmp_path / "mine")
     elsewhere = tmp_path / ".a.db.otherhost-1-0123abcd.part"

@@ -28,6 +28,10 @@ def boxes(**changes):
     return pd.DataFrame({"frame": [0, 1, 2, 3], **own})
 
 
+FRAMES = pd.DataFrame({"scene": "s", "frame": range(4), "timestamp_s": 0.0, "route": 0})
+FRAMES["split"] = ["train", "train", "train", "test"]
+
+
 @pytest.fixture(scope="module")
 def grid():
     return OccupancyGrid.from_boxes(boxes(), ROI, "Car", frames=8)
@@ -44,17 +48,13 @@ def test_a_mount_in_degrees(position, angles):
 
 
 def test_each_is_a_short_line(grid):
-    frames = pd.DataFrame({"scene": "s", "frame": range(4), "timestamp_s": 0.0, "route": 0})
-    log = BoxLog(boxes(), frames.assign(split=["train", "train", "train", "test"]))
+    log = BoxLog(boxes(), FRAMES)
     clouds = collect(log, [0], LINE, crop_for((0, 8), (-4, 4), (0, 2), LINE))
     assert repr(log) == "BoxLog(4 frames (3 train, 1 test), 4 boxes (Car 4))"
     assert repr(BoxLog(log.boxes[:0], log.frames[:0])) == "BoxLog(0 frames, 0 boxes)"
     assert repr(LINE) == "Placement('line': 4 LiDARs of 16 beams; x 0, y -0.6 to 0.6, z 2.2 m)"
-    occupied = np.count_nonzero(grid.counts)
-    assert repr(grid) == (
-        f"OccupancyGrid('Car': 16 × 16 × 4 voxels of 0.5 m, {occupied} of them occupied in some "
-        "of 8 frames)"
-    )
+    occupied = f"{np.count_nonzero(grid.counts)} of them occupied in some of 8 frames"
+    assert repr(grid) == f"OccupancyGrid('Car': 16 × 16 × 4 voxels of 0.5 m, {occupied})"
     assert repr(clouds).startswith("PointClouds(1 frames, 4 LiDARs, ")
     result = evaluate(grid, LINE)
     assert repr(result).startswith(f"Surrogates('line' by cone: s_mig={result.s_mig:.6g}, ")
@@ -108,15 +108,11 @@ def test_placements_side_by_side(grid):
     assert "expected_points" not in table  # nobody asked for it
 
 
-def test_the_public_names_and_no_others():
+def test_the_public_names_and_a_mistyped_placement():
     assert set(dir(lidarplace)) == set(lidarplace.__all__)
     assert all(hasattr(lidarplace, name) for name in dir(lidarplace))
-
-
-def test_a_mistyped_placement():
-    with pytest.raises(
-        KeyError, match=r"no placement 'lien' \(did you mean line\?\); there are line"
-    ):
+    told = r"no placement 'lien' \(did you mean line\?\); there are line"
+    with pytest.raises(KeyError, match=told):
         PAPER_PLACEMENTS["lien"]
     assert "lien" not in PAPER_PLACEMENTS
 
@@ -161,13 +157,11 @@ def test_another_log_in_the_same_folder_is_another_scene(tmp_path):
     """What is computed from a log is known by its content, and a log that changes is refused."""
     from lidarplace.scenes.recorded import LogScene, log_parts
 
-    frames = pd.DataFrame({"scene": "s", "frame": range(4), "timestamp_s": 0.0, "route": 0})
-    frames = frames.assign(split=["train", "train", "train", "test"])
-    write_box_log(tmp_path, BoxLog(boxes(), frames))
+    write_box_log(tmp_path, BoxLog(boxes(), FRAMES))
     scene = LogScene(source="log", folder=tmp_path)
     (before,) = log_parts(scene)
     assert len(before.recording.record().boxes) == 4
-    write_box_log(tmp_path, BoxLog(boxes(x=5.0), frames))
+    write_box_log(tmp_path, BoxLog(boxes(x=5.0), FRAMES))
     (after,) = log_parts(scene)
     assert after.recording != before.recording
     assert (after.recording.record().boxes["x"] == 5.0).all()

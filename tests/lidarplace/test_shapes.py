@@ -44,11 +44,9 @@ def corners_in_box(parts: Parts, box: np.ndarray) -> np.ndarray:
     for part in parts.geometry:
         length, width, height = part[3:6] / 2
         front, rear, side = part[7:]
-        for x, y, z in [
-            *((x, y, -height) for x in (-length, length) for y in (-width, width)),
-            *((x, y, height) for x in (rear - length, length - front) for y in (width - side,)),
-        ]:
-            found.append(rotation(0, 0, part[6]) @ [x, y, z] + part[:3])
+        below = [(x, y, -height) for x in (-length, length) for y in (-width, width)]
+        above = [(x, width - side, height) for x in (rear - length, length - front)]
+        found += [rotation(0, 0, part[6]) @ corner + part[:3] for corner in below + above]
     return (np.array(found) - box[:3]) @ rotation(0, 0, box[6]) / (box[3:6] / 2)
 
 
@@ -88,20 +86,12 @@ def test_parts_never_leave_their_box_and_come_close_to_its_faces(name, size, yaw
 
 
 def test_windows_hide_what_is_behind_them_and_return_nothing():
-    boxes = table(
-        ["Car", "Pedestrian"],
-        np.array([[10, 0, 0.75, 4.5, 1.8, 1.5, 1.57], [13, 0, 0.9, 0.6, 0.6, 1.8, 0]], float),
-    )
-    parts = parts_of(boxes)
+    places = [[10, 0, 0.75, 4.5, 1.8, 1.5, 1.57], [13, 0, 0.9, 0.6, 0.6, 1.8, 0]]
+    parts = parts_of(table(["Car", "Pedestrian"], np.array(places, float)))
+    solid = parts.owner >= 0
+    bare = Parts(parts.geometry[solid], parts.owner[solid], parts.reflectivity[solid])
     lidar = Lidar(tuple(np.radians(np.linspace(-10, 5, 200))), azimuth_steps=3600)
-    met, open_ = (
-        cast(
-            Mount(z=1.4),
-            lidar,
-            Parts(*(column[kept] for column in (parts.geometry, parts.owner, parts.reflectivity))),
-        )
-        for kept in (parts.owner < 99, parts.owner >= 0)
-    )
+    met, open_ = (cast(Mount(z=1.4), lidar, own) for own in (parts, bare))
     assert (met.target == PANE).sum() > 100
     assert (met.target == 1).sum() < (open_.target == 1).sum()
 
@@ -143,21 +133,18 @@ def test_cars_come_in_variants():
 def test_an_object_looks_the_same_in_every_frame_and_portion():
     geometry = np.tile([5.0, 1.0, 0.75, 4.5, 1.8, 1.5, 0.3], (6, 1))
     boxes = table(["Car"] * 6, geometry).assign(object_id=["a", "b", "a", "c", "b", "a"])
-    whole = parts_of(boxes)
-    same = [whole.geometry[of_row(whole) == row] for row in (0, 2, 5)]
-    np.testing.assert_array_equal(same[0], same[1])
-    np.testing.assert_array_equal(same[0], same[2])
-    alone = parts_of(boxes[3:4])
-    np.testing.assert_array_equal(alone.geometry, whole.geometry[of_row(whole) == 3])
+    whole, alone = parts_of(boxes), parts_of(boxes[3:4])
+    cars = [whole.geometry[of_row(whole) == row] for row in range(6)]
     paints = [whole.reflectivity[of_row(whole) == row] for row in range(6)]
-    np.testing.assert_array_equal(paints[0], paints[2])
-    np.testing.assert_array_equal(paints[0], paints[5])
+    for row in (2, 5):
+        np.testing.assert_array_equal(cars[0], cars[row])
+        np.testing.assert_array_equal(paints[0], paints[row])
+    np.testing.assert_array_equal(alone.geometry, cars[3])
     np.testing.assert_array_equal(alone.reflectivity, paints[3])
     drawn = np.concatenate([paints[0], paints[1], paints[3]])
     assert len(set(drawn[drawn > 0])) == 21  # each part its own
-    other = parts_of(boxes, seed=1)
-    assert not np.array_equal(other.geometry, whole.geometry)
-    assert not np.array_equal(same[0], whole.geometry[of_row(whole) == 1])
+    assert not np.array_equal(parts_of(boxes, seed=1).geometry, whole.geometry)
+    assert not np.array_equal(cars[0], cars[1])
 
 
 def test_draws_are_the_same_in_every_process():
@@ -203,9 +190,8 @@ def test_plates_and_lamps_are_seen_at_the_ends_and_not_from_the_side(name, size)
         box = np.array([[12.0, 0.0, size[2] / 2, *size, yaw]])
         parts = parts_of(table([name], box))
         lights = parts.geometry[:, 5] < 0.1 * size[2]  # they alone are so flat
-        hits = cast(
-            Mount(z=1.8), lidar, Parts(parts.geometry, lights.astype(np.int32), lights * 1.0)
-        )
+        lit = Parts(parts.geometry, lights.astype(np.int32), lights * 1.0)
+        hits = cast(Mount(z=1.8), lidar, lit)
         met = hits.target >= 0
         found[yaw] = (hits.target[met] == 1).mean()
     assert found[0.0] > 0.01

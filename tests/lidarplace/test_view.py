@@ -32,17 +32,8 @@ LOG = BoxLog(
         ],
         columns=list(BOX_COLUMNS),
     ),
-    pd.DataFrame(
-        {
-            "scene": "town",
-            "frame": [3, 4, 5],
-            "timestamp_s": 0.0,
-            "route": 0,
-            "split": "train",
-            "ego_x": 100.0,
-            "ego_y": 50.0,
-            "ego_yaw": np.pi / 2,
-        }
+    pd.DataFrame({"scene": "town", "frame": [3, 4, 5]}).assign(
+        timestamp_s=0.0, route=0, split="train", ego_x=100.0, ego_y=50.0, ego_yaw=np.pi / 2
     ),
     # Seen from (100, 50) by one who looks along y: 20 m ahead, 10 m to the left.
     pd.DataFrame(
@@ -67,9 +58,13 @@ def marks(figure, size):
     return [t for t in figure.data if t.type == "scatter3d" and t.marker.size == size]
 
 
-def test_corners_of_a_turned_box():
+def test_corners_and_headings_of_a_turned_box():
     assert corners(TURNED)[0, 0] == pytest.approx([11, 0, 0.25])  # rear, right, bottom
     assert corners(TURNED)[0, 7] == pytest.approx([9, 4, 1.75])  # front, left, top
+    middle, front, gap = headings(TURNED)[0]
+    assert middle == pytest.approx([10, 2, 1.75])
+    assert front == pytest.approx([10, 4, 1.75])
+    assert np.isnan(gap).all()
 
 
 def test_the_line_runs_along_each_of_the_twelve_edges_of_each_box():
@@ -93,13 +88,6 @@ def test_triangles_cover_the_faces():
     length, width, height = TURNED[:, 3:6].T
     surface = 2 * (length * width + length * height + width * height)
     assert area == pytest.approx(surface, rel=1e-5)
-
-
-def test_headings_point_to_the_front():
-    middle, front, gap = headings(TURNED)[0]
-    assert middle == pytest.approx([10, 2, 1.75])
-    assert front == pytest.approx([10, 4, 1.75])
-    assert np.isnan(gap).all()
 
 
 def test_the_busiest_frame_counts_objects_in_the_roi_only():
@@ -188,16 +176,11 @@ def test_an_empty_frame_makes_a_page(folder, tmp_path):
     assert "0 points" in out.read_text(encoding="utf-8")
 
 
-def test_a_mount_of_a_file_keeps_its_own_lidar(tmp_path):
-    path = tmp_path / "mixed.yaml"
-    path.write_text("mounts: [{z: 2}, {z: 1, lidar: {beams: 4, azimuth_steps: 90}}]")
-    paper = PROFILES["paper"].lidar
-    rig = read_placement(path, paper)
-    assert [lidar.rays for lidar in rig.lidars] == [90_000, 360]
-
-
-def test_mounts_may_be_in_degrees(tmp_path):
+def test_mounts_of_a_file_may_have_their_own_lidar_and_be_in_degrees(tmp_path):
     path = tmp_path / "rig.yaml"
-    path.write_text("mounts: [{z: 2, roll_deg: 10, yaw: 0.5, yaw_deg: null}]")
-    (mount,) = read_placement(path, PROFILES["paper"].lidar).mounts
+    own = "lidar: {beams: 4, azimuth_steps: 90}, roll_deg: 10, yaw: 0.5, yaw_deg: null"
+    path.write_text(f"mounts: [{{z: 2}}, {{z: 1, {own}}}]")
+    rig = read_placement(path, PROFILES["paper"].lidar)
+    assert [lidar.rays for lidar in rig.lidars] == [90_000, 360]
+    mount = rig.mounts[1]
     assert (mount.roll, mount.pitch, mount.yaw) == (pytest.approx(np.radians(10)), 0.0, 0.5)

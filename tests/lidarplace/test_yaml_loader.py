@@ -1,5 +1,7 @@
 """YAML files as plain data: what is taken, what is refused and in which words."""
 
+import re
+
 import pytest
 import yaml
 
@@ -40,17 +42,14 @@ def test_what_an_alias_stands_for_is_not_shared():
     found = parse_yaml("a: &m {x: [1]}\nb: *m\nc: {<<: *m, y: 2}")
     found["a"]["x"].append(2)
     assert found == {"a": {"x": [1, 2]}, "b": {"x": [1]}, "c": {"x": [1], "y": 2}}
+    text = "p: {q: &b {<<: &a {x: 0}, x: 1}}\nc: {<<: *b}"  # own keys win wherever they are
+    assert parse_yaml(text) == {"p": {"q": {"x": 1}}, "c": {"x": 1}}
 
 
 @pytest.mark.parametrize("key", ["b", "2", "2.0", "~", "'b'"])
 def test_a_key_given_twice_is_named_with_its_place(key):
     text = f"b: 1\n2: 1\n~: 1\nc:\n  a: 1\n{key}: 3"
     assert refusal(text).startswith("line 6, column 1: key ")
-
-
-def test_own_keys_win_over_merged_ones_wherever_they_stand():
-    text = "p: {q: &b {<<: &a {x: 0}, x: 1}}\nc: {<<: *b}"
-    assert parse_yaml(text) == {"p": {"q": {"x": 1}}, "c": {"x": 1}}
 
 
 def test_keys_are_compared_by_their_hashes(monkeypatch):
@@ -64,12 +63,9 @@ def test_keys_are_compared_by_their_hashes(monkeypatch):
 
         __hash__ = str.__hash__
 
-    monkeypatch.setattr(
-        settings_yaml._Loader,
-        "yaml_constructors",
-        settings_yaml._Loader.yaml_constructors
-        | {"tag:yaml.org,2002:str": lambda loader, node: Key(node.value)},
-    )
+    loader = settings_yaml._Loader
+    as_key = {"tag:yaml.org,2002:str": lambda loader, node: Key(node.value)}
+    monkeypatch.setattr(loader, "yaml_constructors", loader.yaml_constructors | as_key)
     assert len(parse_yaml("\n".join(f"k{i}: 1" for i in range(500)))) == 500
     assert len(compared) < 50  # of keys whose hashes happen to be alike
 
@@ -84,22 +80,15 @@ def test_keys_are_compared_by_their_hashes(monkeypatch):
     ],
 )
 def test_what_is_no_plain_data_is_refused_with_its_place(text, words):
-    with pytest.raises(YamlError, match=f"^{words}"):
-        parse_yaml(text)
-    refusal(text)
+    assert re.match(words, refusal(text))
 
 
 @pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "[{? "])
 def test_nesting_beyond_the_limit_is_refused_however_deep(opening):
     assert "more than 100 mappings and lists inside each other" in refusal(opening * 100_000)
-
-
-def test_nesting_within_the_limit_is_taken():
     depth = settings_yaml.DEEPEST - 1
-    found = parse_yaml("[" * depth + "1" + "]" * depth)
-    for _ in range(depth):
-        (found,) = found
-    assert found == 1
+    text = "[" * depth + "1" + "]" * depth
+    assert str(parse_yaml(text)) == text
 
 
 def test_aliases_of_aliases_count_as_what_they_stand_for():

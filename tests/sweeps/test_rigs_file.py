@@ -36,5 +36,5 @@ def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, monkeypatch, l
     file = read_rigs(tmp_path / FILE)
     assert file.content["lidar"] == told
     assert file.content["placements"]["mine"] == OWN
-    opened = {rig.name: rig.placement(file.settings.lidar.lidar()) for rig in file.rigs}
+    opened = {rig.name: rig.placement(file.lidar) for rig in file.rigs}
     assert opened == {own.point.placement: own.rig for own in sweep.points}

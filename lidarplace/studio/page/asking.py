@@ -1,4 +1,4 @@
-"""What a page asks for beside drawing: files, better poses, and commands that run meanwhile."""
+"""What a page does besides drawing: files, better poses, and commands that run meanwhile."""
 
 from __future__ import annotations
 
@@ -25,21 +25,14 @@ LINES = 6
 NICENESS = 10
 """It leaves the processor to the page and to who works at this machine."""
 
+_Say = Callable[[str, bool], None]
+
 
 class Command:
-    """`python -m MODULE …`, which starts at once.
+    """`python -m` with these arguments, which starts at once.
+    `told` is called with it after each line, and at the end, by a thread of its own."""
 
-    Args:
-        arguments: the module, and what follows it.
-        told: called with it after each line, and at the end, by a thread of its own.
-
-    Attributes:
-        cancelled: whether it was asked to end.
-    """
-
-    def __init__(
-        self, arguments: Sequence[str], told: Callable[[Command], None] = lambda command: None
-    ) -> None:
+    def __init__(self, arguments: Sequence[str], told: Callable[[Command], None]) -> None:
         self.cancelled = False
         self._told = told
         self._lines: deque[str] = deque(maxlen=LINES)
@@ -88,18 +81,14 @@ class Command:
 
 
 class Files:
-    """Writes what the fields of a panel name; what is there already is asked for first.
-
-    Args:
-        scene: the traffic as a configuration of a sweep has it.
-    """
+    """Writes the files that a panel names; before it overwrites one it asks."""
 
     def __init__(self, studio: Studio, panel: Panel, scene: Mapping[str, Any]) -> None:
         self._studio, self._panel, self._scene = studio, panel, scene
         self._overwrite: Callable[[], str] | None = None
 
     def save(self) -> str:
-        """Save the rigs, or ask; what to tell."""
+        """Save the rigs, or ask; the message."""
         path = self.beside(self._panel.path.value)
         return self._asking(lambda over: f"saved: {self._studio.save(path, over)}")
 
@@ -121,17 +110,15 @@ class Files:
         return path, run
 
     def confirm(self) -> str:
-        """Overwrite what was asked for last; what to tell."""
+        """Overwrite what was asked for last; the message."""
         overwrite, self._overwrite = self._overwrite, None
         return "" if overwrite is None else overwrite()
 
     def beside(self, name: str) -> Path:
         """A file in the folder of the rigs. Raises ValueError for one that is not."""
         if not re.fullmatch(r"(?!\.)[^/\x00-\x1f]+\.ya?ml", name):
-            raise ValueError(
-                "file name: invalid; expected NAME.yaml without a folder, NUL or line break, found "
-                f"{name!r}"
-            )
+            expected = "NAME.yaml without a folder, NUL or line break"
+            raise ValueError(f"file name: invalid; expected {expected}, found {name!r}")
         return self._studio.file.path.parent / name
 
     def _asking(self, write: Callable[[bool], str]) -> str:
@@ -144,24 +131,14 @@ class Files:
 
 
 class Asking:
-    """Answers on the panel. One command runs at a time.
-
-    Args:
-        say: tells the person a line, and whether it is good.
-    """
+    """Answers on the panel. One command runs at a time. `say` shows a line, and if it is good."""
 
     def __init__(
-        self,
-        studio: Studio,
-        panel: Panel,
-        editing: Editing,
-        files: Files,
-        say: Callable[[str, bool], None],
+        self, studio: Studio, panel: Panel, editing: Editing, files: Files, say: _Say
     ) -> None:
         self._studio, self._panel, self._editing, self._files = studio, panel, editing, files
-        self._say = say
+        self._say, self._starting = say, threading.Lock()
         self._command: Command | None = None
-        self._starting = threading.Lock()
 
     def improve(self) -> None:
         """Move the chosen LiDAR to where the rig finds most."""
@@ -178,11 +155,11 @@ class Asking:
         self._say(_told(found), True)
 
     def evaluate(self) -> None:
-        """Let a generalist judge all rigs, beside the page."""
+        """Let a generalist judge all rigs while the page goes on."""
         with self._starting:
             self._idle()
             path, run = self._files.evaluation()
-            self._start(["sweeps.main", "run", str(path)])
+            self._start("run", str(path))
         if self._ended():
             self._panel.found.content = evaluation_tables(found_by_sweep(run))
             self._say(f"evaluated: {run.absolute() / 'decision.html'}", True)
@@ -198,8 +175,7 @@ class Asking:
             if not run.is_dir():
                 raise ValueError("evaluate the rigs first")
             out = run / "compared"
-            rigs = ["--rigs", f"{one},{other}", "--out", str(out)]
-            self._start(["sweeps.main", "failures", str(run), *rigs])
+            self._start("failures", str(run), "--rigs", f"{one},{other}", "--out", str(out))
         if self._ended():
             self._say(f"compared: {out.absolute() / 'failures.html'}", True)
 
@@ -218,8 +194,8 @@ class Asking:
         if self._command is not None and self._command.exit_code is None:
             raise ValueError("something runs already; wait, or cancel it")
 
-    def _start(self, arguments: Sequence[str]) -> None:
-        self._command = Command(arguments, self._show)
+    def _start(self, *words: str) -> None:
+        self._command = Command(["sweeps.main", *words], self._show)
         self._show(self._command)
 
     def _show(self, command: Command) -> None:
@@ -227,7 +203,7 @@ class Asking:
         self._panel.progress.content = progress(command.lines)
 
     def _ended(self) -> bool:
-        """Wait for the command; whether it has done its work. Says what it did not."""
+        """Wait for the command; whether it has done its work. Raises ValueError if it failed."""
         assert self._command is not None
         code = self._command.wait()
         if code and self._command.cancelled:
@@ -239,8 +215,7 @@ class Asking:
 
 
 def _told(found: BestPose) -> str:
-    if found.after == found.before and found.broken:
-        return f"no better pose was found that keeps {', '.join(found.broken)}"
-    if found.after == found.before:
-        return "no better pose was found"
-    return f"expected recall {found.before:.4f} → {found.after:.4f}"
+    if found.after != found.before:
+        return f"expected recall {found.before:.4f} → {found.after:.4f}"
+    kept = f" that keeps {', '.join(found.broken)}" if found.broken else ""
+    return f"no better pose was found{kept}"

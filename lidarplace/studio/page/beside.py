@@ -1,4 +1,4 @@
-"""Another rig of the file beside the one under the hands: over it, or apart from it."""
+"""Another rig of the file next to the selected one: over it, or apart from it."""
 
 from __future__ import annotations
 
@@ -28,9 +28,7 @@ FROM_ABOVE = math.radians(40)
 
 class Beside:
     """Draws the rig that the panel names, in one colour; nothing if it names none.
-
-    Apart from the other one it has ground, vehicle and objects of its own.
-    """
+    Apart from the other one it has ground, vehicle and objects of its own."""
 
     def __init__(
         self, studio: Studio, server: viser.ViserServer, panel: Panel, scene: Scene
@@ -57,7 +55,7 @@ class Beside:
         self._node.position = (0.0, _aside(studio.roi) if apart else 0.0, 0.0)
         if rig != self._lidars:
             self._lidars = rig
-            self._nodes.lidars(rig, rig.models(studio.lidar), chosen=None, wrong=None)
+            self._nodes.lidars(rig, rig.models(studio.file.lidar), chosen=None, wrong=None)
         placement = studio.placement_of(rig)
         self._draw_cloud(rig, placement, view, resting)
         if apart and self._objects != (placement, view):
@@ -71,16 +69,13 @@ class Beside:
         if not self._panel.cloud.value:
             self._nodes.cloud(None, [])
             self._cloud = None
-            return
-        if self._cloud in ((placement, view, True), (placement, view, resting)):
-            return
-        self._cloud = (placement, view, resting)
-        working = [number for number, lidar in enumerate(rig.lidars) if lidar.enabled]
-        most = RESTING_POINTS if resting else MOVING_POINTS
-        self._nodes.cloud(view.cloud(placement, most), working)
+        elif self._cloud not in ((placement, view, True), (placement, view, resting)):
+            self._cloud = (placement, view, resting)
+            most = RESTING_POINTS if resting else MOVING_POINTS
+            self._nodes.cloud(view.cloud(placement, most), rig.working)
 
     def turn_camera(self, client: viser.ClientHandle) -> None:
-        """Let a browser see both rigs where they stand apart, and else the one under the hands."""
+        """Let a browser see both rigs where they stand apart, and else the selected one."""
         camera, roi = client.camera, self._studio.roi
         if not self._panel.apart.value or self._panel.beside.value == NO_RIG:
             camera.position, camera.look_at = EYE, LOOKS_AT
@@ -88,8 +83,8 @@ class Beside:
         half = 0.5 * (roi.y[1] - roi.y[0] + _aside(roi))
         away = half / (camera.aspect * math.tan(0.5 * camera.fov))
         x, y = 0.5 * sum(roi.x), roi.y[0] + half
-        up = away * math.sin(FROM_ABOVE)
-        camera.position = (x - away * math.cos(FROM_ABOVE), y, up)
+        back, up = away * math.cos(FROM_ABOVE), away * math.sin(FROM_ABOVE)
+        camera.position = (x - back, y, up)
         camera.look_at = (x, y, 0.0)
 
 

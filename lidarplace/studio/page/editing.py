@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from lidarplace.studio.page.dragged import dragged
-from lidarplace.studio.page.panel import FROM_FILE, NO_LIDAR, Panel
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lidarplace.studio.page.panel import FROM_FILE, NO_LIDAR, STEPS, Panel
+from lidarplace.studio.rig import ANGLES, POSE
 from lidarplace.studio.studio import Studio
 
 if TYPE_CHECKING:
@@ -17,10 +23,7 @@ ABOVE_M = 0.3
 
 class Editing:
     """Changes the rig of a studio; mistakes are ValueErrors.
-
-    Attributes:
-        chosen: number of the LiDAR under the hands; somebody else may have taken it away.
-    """
+    `chosen` is the number of the selected LiDAR; another browser may have removed it."""
 
     def __init__(self, studio: Studio, panel: Panel) -> None:
         self._studio, self._panel = studio, panel
@@ -28,10 +31,10 @@ class Editing:
 
     def one(self) -> int:
         """The chosen LiDAR. Raises ValueError without any."""
-        number = len(self._studio.rig.lidars)
-        if self.chosen is None or not number:
+        self.still_there()
+        if self.chosen is None:
             raise ValueError("there is no LiDAR; add one")
-        return min(self.chosen, number - 1)
+        return self.chosen
 
     def still_there(self) -> None:
         """Choose another LiDAR if the chosen one is gone."""
@@ -44,7 +47,7 @@ class Editing:
         self.chosen = len(self._studio.rig.lidars) - 1
 
     def choose_rig(self, name: str) -> None:
-        """Take another rig into the hands."""
+        """Select another rig."""
         self._studio.choose(name)
         self.chosen = 0 if self._studio.rig.lidars else None
 
@@ -66,12 +69,8 @@ class Editing:
         if what == "add":
             top = round(studio.file.vehicle.height + ABOVE_M, 3)
             studio.add(self.model_to_add(), x=0.0, y=0.0, z=top)
-        elif what == "remove":
-            studio.remove(self.one())
-        elif what == "to zone":
-            studio.snap(self.one())
         else:
-            getattr(studio, what)(self.one())
+            getattr(studio, "snap" if what == "to zone" else what)(self.one())
         if what in ("add", "duplicate", "mirror"):
             self.choose_last()
 
@@ -93,3 +92,26 @@ class Editing:
 def model_named(name: str) -> str | None:
     """A model of a field; None: the file's."""
     return None if name == FROM_FILE else name
+
+
+def dragged(
+    before: Mapping[str, float], position: NDArray[np.float64], wxyz: NDArray[np.float64]
+) -> dict[str, float]:
+    """Coordinates that differ from `before`, all of `POSE`, by more than half a step, rounded.
+
+    What was not touched is left out, so that it stays as its file has it: also an angle that could
+    be written as another, as 180 degrees and -180. `wxyz`, (4,), is the sensor-to-ego rotation.
+    """
+    turned = Rotation.from_quat(wxyz, scalar_first=True)
+    old = Rotation.from_euler("ZYX", [before[name] for name in reversed(ANGLES)], degrees=True)
+    now = dict(zip(POSE[:3], position.tolist(), strict=True))
+    if math.degrees((turned * old.inv()).magnitude()) > 0.5 * STEPS["yaw"]:
+        angles = turned.as_euler("ZYX", degrees=True).tolist()
+        now |= dict(zip(reversed(ANGLES), angles, strict=True))
+    moved = {name: value - before[name] for name, value in now.items()}
+    moved |= {name: math.remainder(moved[name], 360) for name in ANGLES if name in moved}
+    return {
+        name: round(round(value / STEPS[name]) * STEPS[name], 6)
+        for name, value in now.items()
+        if abs(moved[name]) > 0.5 * STEPS[name]
+    }

@@ -1,8 +1,7 @@
 """A studio in the browser: what a person does on the page reaches the state, and is drawn.
 
-Edits come from the server's event loop, one after the other, and change the state alone; a thread
-draws what the state has become (`Redraw`). What takes longer runs on threads of the server's, or in
-processes of its own. All browsers see the same rigs.
+Edits come from the server's event loop and change the state alone; a thread draws it (`Redraw`).
+What takes longer runs on threads of the server's, or in processes. All browsers see the same rigs.
 """
 
 from __future__ import annotations
@@ -32,12 +31,9 @@ _Event = Callable[[Any], Coroutine[Any, Any, None]]
 
 
 class Page:
-    """Shows a studio on a server, until `close`.
+    """Shows a studio on a server of `lidarplace.studio.page.server.serving`, until `close`.
 
-    Args:
-        studio: the state; edits from elsewhere are shown after `refresh`.
-        server: of `lidarplace.studio.page.server.serving`.
-        scene: the traffic as a configuration of a sweep has it, for sweeps of the rigs.
+    Edits from elsewhere are shown after `refresh`. `scene` is the traffic, for sweeps of the rigs.
     """
 
     def __init__(self, studio: Studio, server: viser.ViserServer, scene: Mapping[str, Any]) -> None:
@@ -67,8 +63,7 @@ class Page:
         self._redraw.ask(resting)
 
     def _listen(self) -> None:
-        panel, editing, studio = self.panel, self.editing, self.studio
-        one = editing.one
+        panel, editing, studio, one = self.panel, self.editing, self.studio, self.editing.one
         for name, field in panel.pose.items():
             field.on_update(self._edit(partial(editing.typed, name)))
         panel.rig.on_update(self._edit(editing.choose_rig))
@@ -94,32 +89,27 @@ class Page:
         panel.picture.on_click(self._ask(lambda event: send_picture(event.client)))
 
     def _edit(self, act: Callable[[Any], object]) -> _Event:
-        """An event that changes the studio; a mistake is told on the page."""
+        """An event that changes the studio; a mistake is shown on the page."""
 
         async def done(event: Any) -> None:
             if event.client is None:  # the panel was brought up to date by us
                 return
             self._say("")
             self.panel.overwrite.visible = False
-            try:
-                act(event.target.value)
-            except (ValueError, OSError) as error:
-                self._say(str(error), False)
-            self.refresh()
+            self._try(act, event.target.value)
 
         return done
 
     def _ask(self, act: Callable[[Any], None]) -> Callable[[Any], None]:
         """An event that takes long, on a thread of the server's: the page goes on meanwhile."""
+        return lambda event: self._try(act, event)
 
-        def done(event: Any) -> None:
-            try:
-                act(event)
-            except (ValueError, OSError) as error:
-                self._say(str(error), False)
-            self.refresh()
-
-        return done
+    def _try(self, act: Callable[[Any], object], argument: Any) -> None:
+        try:
+            act(argument)
+        except (ValueError, OSError) as error:
+            self._say(str(error), False)
+        self.refresh()
 
     async def _turn(self, event: Any) -> None:
         """The camera of who asked goes along where two rigs come to stand apart, or do no more."""
@@ -129,11 +119,11 @@ class Page:
             self._drawing.beside.turn_camera(event.client)
 
     async def _pulled(self, event: viser.TransformControlsEvent) -> None:
+        goes_on = True
         try:
             goes_on = self.editing.pulled(event)
         except ValueError as error:  # such as below the ground
             self._say(str(error), False)
-            goes_on = True
         self.refresh(resting=not goes_on)
 
     def _say(self, text: str, good: bool = True) -> None:
@@ -153,21 +143,15 @@ PATIENCE_S = 120.0
 
 
 def send_picture(client: viser.ClientHandle) -> None:
-    """Let a browser draw its scene as it stands there, and save it as a PNG file.
-
-    Raises ValueError: it does not answer.
-    """
+    """Let a browser save its scene as a PNG file. Raises ValueError: it does not answer."""
     import imageio.v3 as iio
 
     try:
-        pixels = client.get_render(
-            client.camera.image_height,
-            client.camera.image_width,
-            transport_format="png",
-            timeout=PATIENCE_S,
-        ).astype(np.float64)
+        size = client.camera.image_height, client.camera.image_width
+        shown = client.get_render(*size, transport_format="png", timeout=PATIENCE_S)
     except (TimeoutError, RuntimeError) as error:
         raise ValueError(f"no picture came from the browser: {error}") from None
+    pixels = shown.astype(np.float64)
     opacity = pixels[..., 3:] / 255
     on_white = (opacity * pixels[..., :3] + (1 - opacity) * 255).round().astype(np.uint8)
     file = io.BytesIO()

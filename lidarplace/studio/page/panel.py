@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from lidarplace.rigs.catalogue.datasheet import catalogue
 from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M
-from lidarplace.studio.page.dragged import STEPS
 from lidarplace.studio.page.tables import left_out, message
-from lidarplace.studio.rig import POSE
+from lidarplace.studio.rig import ANGLES, POSE
 from lidarplace.studio.studio import Studio
 
 if TYPE_CHECKING:
@@ -19,7 +18,9 @@ NO_LIDAR = "none yet"
 NOBODY, NO_OBJECT, NO_RIG = "nobody", "none", "no rig"
 FROM_FILE = "as the file says"
 
-UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(POSE[3:], "°")
+STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(ANGLES, 0.1)
+"""Of number fields and of the handle: metres and degrees."""
+UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(ANGLES, "°")
 SHOWN_DIGITS = 4
 
 DECIMAL_COMMA = """
@@ -38,7 +39,7 @@ addEventListener("input", event => {
 
 
 class Panel:
-    """Makes the fields on a server; what happens when they change is said elsewhere."""
+    """Makes the fields on a server."""
 
     def __init__(self, server: viser.ViserServer, studio: Studio) -> None:
         from viser._messages import RunJavascriptMessage
@@ -54,17 +55,14 @@ class Panel:
         tabs = gui.add_tab_group()
         with tabs.add_tab("LiDAR"):
             self.lidar = gui.add_dropdown("LiDAR", (NO_LIDAR,))
-            self.pose = {
-                name: gui.add_number(f"{name}, {UNITS[name]}", 0.0, step=STEPS[name])
-                for name in POSE
-            }
+            steps = STEPS.items()
+            self.pose = {n: gui.add_number(f"{n}, {UNITS[n]}", 0.0, step=own) for n, own in steps}
             models = (FROM_FILE, *catalogue())
             self.model = gui.add_dropdown("model", models)
             self.works = gui.add_checkbox("works", True)
             self.to_add = gui.add_dropdown("to add", models)
-            self.change = gui.add_button_group(
-                "change", ("add", "duplicate", "mirror", "remove", "to zone")
-            )
+            changes = ("add", "duplicate", "mirror", "remove", "to zone")
+            self.change = gui.add_button_group("change", changes)
             self.improve = gui.add_button("improve this LiDAR")
             self.add_best = gui.add_button("add one where it finds most")
         gui._websock_interface.queue_message(RunJavascriptMessage(DECIMAL_COMMA))
@@ -87,10 +85,9 @@ class Panel:
             self.cancel = gui.add_button("cancel", visible=False)
             self.progress = gui.add_html("")
             self.found = gui.add_html("")
-            self.compared = (
-                gui.add_dropdown("what finds", names, initial_value=names[0]),
-                gui.add_dropdown("and misses", names, initial_value=names[-1]),
-            )
+            finds = gui.add_dropdown("what finds", names, initial_value=names[0])
+            misses = gui.add_dropdown("and misses", names, initial_value=names[-1])
+            self.compared = finds, misses
             self.compare = gui.add_button("compare these two")
         with tabs.add_tab("File"):
             self.new_rig = gui.add_text("new rig", "")

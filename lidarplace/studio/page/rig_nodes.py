@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lidarplace.rigs.lidar import Lidar, unit_vectors
 from lidarplace.rigs.placement import Mount
 from lidarplace.studio.frame_view import SimulatedCloud
-from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.rig import Rig
 
 if TYPE_CHECKING:
@@ -26,13 +26,7 @@ DEAD = "#bbbbbb"
 
 
 class RigNodes:
-    """Draws one rig.
-
-    Args:
-        server: of the page.
-        colours: of the LiDARs, in turn.
-        below: the node of the scene that carries it.
-    """
+    """Draws one rig, with colours of its LiDARs in turn, `below` a node of the scene."""
 
     def __init__(self, server: viser.ViserServer, colours: Sequence[str], below: str = "") -> None:
         self._scene, self._colours, self._below = server.scene, colours, below
@@ -57,11 +51,8 @@ class RigNodes:
             works = rig.lidars[number].enabled
             colour = rgb(self._colours[number % len(self._colours)] if works else DEAD)
             name = f"{self._below}/lidars/{number}"
-            self._lidars.append(
-                self._scene.add_frame(
-                    name, show_axes=False, wxyz=quaternion(mount), position=mount.position
-                )
-            )
+            pose: dict[str, Any] = {"wxyz": quaternion(mount), "position": mount.position}
+            self._lidars.append(self._scene.add_frame(name, show_axes=False, **pose))
             self._scene.add_box(f"{name}/body", colour, lidar.size or SIZE_M, cast_shadow=False)
             self._scene.add_line_segments(
                 f"{name}/view", _view(lidar), colour, thickness_units="screen",
@@ -80,11 +71,16 @@ class RigNodes:
     def cloud(self, cloud: SimulatedCloud | None, working: list[int]) -> None:
         """Draw points in the colours of their LiDARs; `working` are those of the cloud."""
         self._cloud.visible = cloud is not None and len(cloud.points) > 0
-        if cloud is None or not len(cloud.points):
+        if cloud is None or not self._cloud.visible:
             return
         table = np.array([rgb(colour) for colour in self._colours], np.uint8)
         self._cloud.points = cloud.points.astype(np.float16)
         self._cloud.colors = table[np.array(working, np.int64)[cloud.lidar] % len(table)]
+
+
+def quaternion(mount: Mount) -> NDArray[np.float64]:
+    """Sensor-to-ego rotation, w first, shape (4,)."""
+    return np.asarray(Rotation.from_matrix(mount.rotation).as_quat(scalar_first=True))
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     import viser
 
 LANE_M = 3.5
-BLIND = "#e8590c"
-SENSORS = (BLIND, "#fab005", "#82c91e", "#2b8a3e")
+SENSORS = ("#e8590c", "#fab005", "#82c91e", "#2b8a3e")
 """Of ground by the number of LiDARs that see it, the last one of three and more."""
 UNSEEN = "#e03131"
 EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)
@@ -30,13 +29,7 @@ EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)
 
 
 class Scene:
-    """Draws on a server.
-
-    Args:
-        server: of the page.
-        file: vehicle, zones and what is kept out.
-        roi: its outline is drawn.
-    """
+    """Draws the vehicle and zones of a file, the outline of the ROI, and objects on a server."""
 
     def __init__(self, server: viser.ViserServer, file: RigsFile, roi: Roi) -> None:
         self._scene, self._file, self._roi = server.scene, file, roi
@@ -44,15 +37,13 @@ class Scene:
         self.stand("")
         for number, zone in enumerate(file.zones):
             self._lines(f"/zones/{number}", _prism(zone), "#2b8a3e", 2.0)
-            self._scene.add_label(f"/zones/{number}/name", zone.name, position=_top(zone))
+            x, y = np.mean(zone.polygon, axis=0).tolist()
+            self._scene.add_label(f"/zones/{number}/name", zone.name, position=(x, y, zone.z[1]))
         server.initial_camera.position, server.initial_camera.look_at = EYE, LOOKS_AT
 
     def stand(self, below: str) -> None:
         """Draw ground and vehicle below a node of the scene."""
-        self._ground(below)
         self._vehicle(below)
-
-    def _ground(self, below: str) -> None:
         roi = self._roi
         middle = (0.5 * sum(roi.x), 0.5 * sum(roi.y), -0.01)
         self._scene.add_grid(
@@ -67,28 +58,20 @@ class Scene:
         self._boxes_as_lines(f"{below}/roi", box, style.OUTLINE, 1.0)
 
     def _vehicle(self, below: str) -> None:
-        file = self._file
-        for name, boxes, colour, opacity in (
-            (f"{below}/vehicle", file.vehicle.boxes, (120, 130, 142), 1.0),
-            (f"{below}/keep_out", file.keep_out, (201, 42, 42), 0.35),
-        ):
-            if len(boxes):
-                self._surface(name, *triangles(between(boxes)), colour, opacity)
-        mesh = file.vehicle.mesh
+        body, mesh, kept = self._file.vehicle, self._file.vehicle.mesh, self._file.keep_out
+        own: dict[str, Any] = {"color": (120, 130, 142), "opacity": 1.0, "flat_shading": True}
+        if len(body.boxes):
+            self._mesh(f"{below}/vehicle", *triangles(between(body.boxes)), **own)
+        if len(kept):
+            out = own | {"color": (201, 42, 42), "opacity": 0.35}
+            self._mesh(f"{below}/keep_out", *triangles(between(kept)), **out)
         if mesh is not None:
-            self._surface(f"{below}/vehicle_mesh", mesh.vertices, mesh.faces, (120, 130, 142), 1.0)
+            self._mesh(f"{below}/vehicle_mesh", mesh.vertices, mesh.faces, **own)
 
-    def _surface(
-        self,
-        name: str,
-        vertices: NDArray[np.floating],
-        faces: NDArray[np.integer],
-        colour: tuple[int, int, int],
-        opacity: float,
-    ) -> None:
+    def _mesh(self, name: str, vertices: NDArray[Any], faces: NDArray[Any], **look: Any) -> None:
         self._scene.add_mesh_simple(
-            name, vertices.astype(np.float32), faces, color=colour, opacity=opacity,
-            flat_shading=True, side="double", cast_shadow=False,
+            name, vertices.astype(np.float32), faces.astype(np.uint32), side="double",
+            cast_shadow=False, **look,
         )  # fmt: skip
 
     def _lines(self, name: str, segments: NDArray[np.floating], colour: str, width: float) -> None:
@@ -101,30 +84,19 @@ class Scene:
         else:
             self._scene.remove_by_name(name)
 
-    def _boxes_as_lines(
-        self, name: str, boxes: NDArray[np.float64], colour: str, width: float
-    ) -> None:
+    def _boxes_as_lines(self, name: str, boxes: NDArray[Any], colour: str, width: float) -> None:
         line = np.concatenate([edges(boxes), headings(boxes).reshape(-1, 3)])
         pairs = np.stack([line[:-1], line[1:]], axis=1)
         self._lines(name, pairs[np.isfinite(pairs).all(axis=(1, 2))], colour, width)
 
     def objects(self, boxes: pd.DataFrame, objects: pd.DataFrame, below: str = "") -> None:
-        """Draw the boxes of a frame, those that count and that no LiDAR sees in red, and thick.
-
-        Args:
-            boxes: rows of the box log.
-            objects: of `FrameView.objects`.
-            below: a node of the scene.
-        """
-        unseen = set(objects.index[objects["points"] == 0])
-        missed = boxes.index.isin(list(unseen))
-        for name, shade in style.CLASSES.items():
-            own = boxes[(boxes["class"] == name) & ~missed]
-            self._boxes_as_lines(
-                f"{below}/objects/{name}", own[list(GEOMETRY)].to_numpy(np.float64), shade, 1.5
-            )
-        rows = boxes.loc[missed, list(GEOMETRY)].to_numpy(np.float64)
-        self._boxes_as_lines(f"{below}/objects/unseen", rows, UNSEEN, 3.0)
+        """Draw boxes below a node; those of `FrameView.objects` that no LiDAR sees in thick red."""
+        unseen = boxes.index.isin(objects.index[objects["points"] == 0])
+        missed = pd.Series(unseen, boxes.index)
+        shown = [(n, (boxes["class"] == n) & ~missed, c, 1.5) for n, c in style.CLASSES.items()]
+        for name, own, colour, width in (*shown, ("unseen", missed, UNSEEN, 3.0)):
+            rows = boxes.loc[own, list(GEOMETRY)].to_numpy(np.float64)
+            self._boxes_as_lines(f"{below}/objects/{name}", rows, colour, width)
 
     def blind(self, ground: BlindGround | None) -> None:
         """Draw the cells of the ground in which too little is seen, or all by their sensors."""
@@ -148,10 +120,7 @@ class Scene:
         vertices = np.concatenate([flat, np.full((len(flat), 1), 0.02)], axis=1)
         first = 4 * np.arange(len(middles))[:, None, None]
         faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-        self._scene.add_mesh_simple(
-            name, vertices.astype(np.float32), faces.astype(np.uint32), color=rgb(colour),
-            opacity=0.45, side="double", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+        self._mesh(name, vertices, faces, color=rgb(colour), opacity=0.45, receive_shadow=False)
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:
@@ -160,8 +129,3 @@ def _prism(zone: Zone) -> NDArray[np.float64]:
     sides = list(zip(zone.polygon, (*zone.polygon[1:], zone.polygon[0]), strict=True))
     rings = [[(*a, z), (*b, z)] for a, b in sides for z in (low, high)]
     return np.array([*rings, *([(*a, low), (*a, high)] for a, _ in sides)], np.float64)
-
-
-def _top(zone: Zone) -> tuple[float, float, float]:
-    x, y = np.mean(zone.polygon, axis=0).tolist()
-    return x, y, zone.z[1]

@@ -1,7 +1,6 @@
 """The server of a page: on this machine alone, for pages of its own address, and without a way out.
 
-viser lets nobody look at a request before it is answered, and its port would stay open behind a
-proxy. So the listening call that it makes is replaced while it starts.
+viser has no hook to reject a request, so the listening call that it makes is replaced at its start.
 """
 
 from __future__ import annotations
@@ -36,12 +35,8 @@ _Answer = Callable[["ServerConnection", "Request"], "Response | None"]
 def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, str]]:
     """A server that listens while the block runs, and its address, which holds a secret.
 
-    Args:
-        port: None for FIRST_PORT or the next one that is free.
-        title: of the panel.
-
-    Raises:
-        ValueError: the port is taken, or requests to this version of viser cannot be checked.
+    None is FIRST_PORT or the next free one. Raises ValueError: the port is taken, or requests to
+    this version of viser cannot be checked.
     """
     import viser
     from websockets.asyncio import server as websockets_server

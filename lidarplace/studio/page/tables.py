@@ -2,7 +2,7 @@
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -25,12 +25,7 @@ _CELL = "text-align:right; white-space:nowrap; padding-left:0.5em"
 def numbers_table(
     now: Numbers, begun: Numbers, h_pog: Mapping[str, float], others: Sequence[Row]
 ) -> str:
-    """Values, and the difference to the rig as it began.
-
-    Args:
-        h_pog: entropy of the POG by class, nats.
-        others: further rows.
-    """
+    """Values, and the difference to the rig as it began; `h_pog` is by class, nats."""
     total = sum(h_pog.values()) or math.nan
     shares = [100 * sum(own.covered_entropy.values()) / total for own in (now, begun)]
     rows: list[Row] = [
@@ -66,6 +61,14 @@ def _text(value: float, form: str) -> str:
     return f"{value:{form}}".replace("-", "−") if math.isfinite(value) else DASH
 
 
+def _box(body: str, more: str = "") -> str:
+    return f'<div style="{_STYLE}{more}">{body}</div>'
+
+
+def _lines(texts: Iterable[str]) -> str:
+    return "".join(f"<div>{html.escape(text)}</div>" for text in texts)
+
+
 def left_out(studio: Studio) -> str:
     """Which classes of the log have no numbers."""
     return (
@@ -77,9 +80,8 @@ def left_out(studio: Studio) -> str:
 def violations_list(found: Sequence[Violation]) -> str:
     """What is not kept, or that all is."""
     if not found:
-        return f'<div style="{_STYLE}; {_APART}; color:#2b8a3e">✓ all constraints are kept</div>'
-    lines = "".join(f"<div>✗ {html.escape(one.text)}</div>" for one in found)
-    return f'<div style="{_STYLE}; {_APART}; color:#c92a2a">{lines}</div>'
+        return _box("✓ all constraints are kept", f"; {_APART}; color:#2b8a3e")
+    return _box(_lines(f"✗ {one.text}" for one in found), f"; {_APART}; color:#c92a2a")
 
 
 def unseen_list(objects: pd.DataFrame) -> str:
@@ -88,7 +90,7 @@ def unseen_list(objects: pd.DataFrame) -> str:
     told = f"{len(unseen)} of {len(objects)} objects that count are seen by no LiDAR"
     if len(unseen):
         told += ": " + ", ".join(map(str, unseen["object_id"]))
-    return f'<div style="{_STYLE}">{html.escape(told)}</div>'
+    return _box(html.escape(told))
 
 
 def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays]) -> str:
@@ -102,17 +104,11 @@ def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays])
             f"{row['class']}, {away:.1f} m away: {row['points']:,} points on {row['cells']:,} "
             f"cells, found with probability {row['probability']:.2f}."
         ]
-    lines += [f"LiDAR {number}: {one.text}." for number, one in enumerate(rays)]
-    text = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
-    return f'<div style="{_STYLE}">{text}</div>'
+    return _box(_lines([*lines, *(f"LiDAR {n}: {one.text}." for n, one in enumerate(rays))]))
 
 
 def evaluation_tables(found: Mapping[str, pd.DataFrame]) -> str:
-    """AP and recall of every rig with the ends of their intervals.
-
-    Args:
-        found: of `lidarplace.studio.sweep_files.found_by_sweep`.
-    """
+    """AP and recall of every rig, from `found_by_sweep`, with the ends of their intervals."""
     rows = []
     for metric, table in found.items():
         rows.append(f'<tr><td colspan="2" style="opacity:0.6">{html.escape(metric)}, %</td></tr>')
@@ -122,19 +118,14 @@ def evaluation_tables(found: Mapping[str, pd.DataFrame]) -> str:
                 f"<tr><td>{html.escape(str(name))}</td>"
                 f'<td style="{_CELL}"><b>{mean}</b> ({low} to {high})</td></tr>'
             )
-    return (
-        f'<div style="{_STYLE}"><table style="width:100%; border-collapse:collapse">'
-        f"{''.join(rows)}</table></div>"
-    )
+    return _box(f'<table style="width:100%; border-collapse:collapse">{"".join(rows)}</table>')
 
 
 def progress(lines: Sequence[str]) -> str:
     """What a command has printed last."""
-    text = "".join(f"<div>{html.escape(line)}</div>" for line in lines or ["starts …"])
-    return f'<div style="{_STYLE}; font-family:monospace; overflow-wrap:anywhere">{text}</div>'
+    return _box(_lines(lines or ["starts …"]), "; font-family:monospace; overflow-wrap:anywhere")
 
 
 def message(text: str, good: bool = True) -> str:
     """A line of the page to the person."""
-    colour = "inherit" if good else "#c92a2a"
-    return f'<div style="{_STYLE}; color:{colour}">{html.escape(text)}</div>'
+    return _box(html.escape(text), f"; color:{'inherit' if good else '#c92a2a'}")

@@ -1,6 +1,9 @@
 """What a browser says to viser's server and hears from it, without a browser: many at a time."""
 
 import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import msgspec.msgpack
@@ -10,6 +13,31 @@ from viser import _messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
+
+from lidarplace.studio.page.page import Page
+from lidarplace.studio.page.server import serving
+from lidarplace.studio.studio import Studio
+
+GUARD_S = 300
+"""Against hanging alone."""
+
+
+@contextmanager
+def shown(studio: Studio) -> Iterator[Page]:
+    """The page of a studio, which has its `address`."""
+    with serving(None, "studio") as (server, address):
+        page = Page(studio, server, {"source": "log", "folder": "logs/mine"})
+        page.address = address
+        yield page
+        page.close()
+
+
+def until(found: Callable[[], object]) -> None:
+    """Wait for what another thread will do."""
+    end = time.monotonic() + GUARD_S
+    while not found():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 class Browser:

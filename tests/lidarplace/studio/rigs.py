@@ -1,11 +1,18 @@
-"""A file of rigs and a log for the tests of the studio."""
+"""A file of rigs, a log and a studio of both for its tests."""
 
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
+import yaml
 
+from lidarplace import Roi
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import Studio
+
+ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
 
 TEXT = """\
 lidar: {beams: 8, elevation_deg: [-25, 5], azimuth_steps: 720}
@@ -25,11 +32,19 @@ constraints: {distance: 0.2}
 """
 
 
-def written(folder: Path, text: str = TEXT) -> Path:
-    """The path of a file with that text."""
+def written(folder: Path, content: str | dict[str, Any] = TEXT) -> Path:
+    """The path of a file with that content."""
     path = folder / "rigs.yaml"
+    text = content if isinstance(content, str) else yaml.safe_dump(content, sort_keys=False)
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def studio_of(
+    folder: Path, content: str | dict[str, Any] = TEXT, *cars: tuple[float, float]
+) -> Studio:
+    """A studio of a file with that content, and of a log of one frame with these cars."""
+    return Studio(read_rigs(written(folder, content)), log_of([*cars] or [(8.0, 1.0)], 1), ROI)
 
 
 def log_of(cars: list[tuple[float, float]], frames: int = 3) -> BoxLog:

@@ -2,19 +2,14 @@
 
 import pytest
 
-from lidarplace import Roi
 from lidarplace.studio.best_pose import BestPose
-from lidarplace.studio.rigs_file import read_rigs
-from lidarplace.studio.studio import Studio
-from tests.lidarplace.studio.rigs import log_of, written
+from tests.lidarplace.studio.rigs import studio_of
 
 pytest.importorskip("viser")
 
-from lidarplace.studio.page.page import Page
+from lidarplace.studio.page.asking import LINES, NICENESS, Command
 from lidarplace.studio.page.panel import assign
-from lidarplace.studio.page.server import serving
-from tests.lidarplace.studio.browsers import Browser
-from tests.lidarplace.studio.test_page import until
+from tests.lidarplace.studio.browsers import Browser, shown, until
 
 RUN = r"""
 import signal, sys, time
@@ -40,6 +35,27 @@ from pathlib import Path
 Path("asked").write_text(" ".join(sys.argv[1:]))
 print("3 objects are found by roof alone")
 """
+TALK = """
+import os, sys
+for number in range(20):
+    print("line", number)
+print("niceness", os.nice(0), file=sys.stderr)
+sys.exit(3)
+"""
+
+
+def test_a_command_tells_what_it_prints_and_how_it_has_ended(tmp_path, monkeypatch):
+    (tmp_path / "talk.py").write_text(TALK)
+    monkeypatch.chdir(tmp_path)
+    told = []
+    command = Command(["talk"], lambda own: told.append(own.exit_code))
+    assert command.wait() == 3
+    assert len(command.lines) == LINES
+    assert command.lines[0] == f"line {20 - LINES + 1}"
+    assert command.lines[-1] == f"niceness {NICENESS}"
+    assert len(told) == 22  # after each line, and at the end
+    assert told[-1] == 3
+    command.cancel()  # does no harm
 
 
 @pytest.fixture
@@ -51,14 +67,8 @@ def page(tmp_path, monkeypatch):
     (tmp_path / "sweeps/run.py").write_text(RUN)
     (tmp_path / "sweeps/failures.py").write_text(FAILURES)
     monkeypatch.chdir(tmp_path)
-    studio = Studio(
-        read_rigs(written(tmp_path)), log_of([(8.0, 1.0)]), Roi((-16, 16), (-8, 8), (0, 4), 0.4)
-    )
-    with serving(None, "studio") as (server, address):
-        shown = Page(studio, server, {"source": "log", "folder": "logs/mine"})
-        shown.address = address
-        yield shown
-        shown.close()
+    with shown(studio_of(tmp_path)) as page:
+        yield page
 
 
 def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, tmp_path):
@@ -99,21 +109,16 @@ def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, tmp_
     (tmp_path / "fails").touch()
     browser.type("evaluate all rigs", True)
     until(lambda: "no frame is in the test split" in page.panel.message.content)
-    browser.close()
-
-
-def test_what_runs_ends_with_the_page(page, tmp_path):
+    (tmp_path / "fails").unlink()
     (tmp_path / "waits").touch()
-    browser = Browser(page.address)
-    until(lambda: "evaluate all rigs" in browser.labels)
     browser.type("evaluate all rigs", True)
-    until(lambda: "scene: 1 done" in page.panel.progress.content)
-    page.asking.close()
+    until(lambda: page.panel.cancel.visible and "1 done" in page.panel.progress.content)
+    page.asking.close()  # as when the page is closed
     until(lambda: "cancelled" in page.panel.message.content)
     browser.close()
 
 
-def test_one_more_lidar_is_mounted_where_it_finds_most(page):
+def test_one_more_lidar_is_mounted_where_it_finds_most(page, monkeypatch):
     assign(page.panel.to_add, "vlp16")
     page.asking.add_best()
     assert [lidar.model for lidar in page.studio.rig.lidars] == [None, None, "vlp16"]
@@ -121,9 +126,6 @@ def test_one_more_lidar_is_mounted_where_it_finds_most(page):
     assert "→" in page.panel.message.content
     page.asking.improve()
     assert page.editing.chosen == 2
-
-
-def test_what_better_poses_would_break_is_told(page, monkeypatch):
     old = page.studio.rig.mounts[0]
     for broken, told in (
         ((), "no better pose was found<"),

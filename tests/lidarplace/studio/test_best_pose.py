@@ -3,18 +3,12 @@
 import math
 
 import pytest
-import yaml
 
-from lidarplace import Roi
 from lidarplace.studio.best_pose import Limits
 from lidarplace.studio.rig import posed
-from lidarplace.studio.rigs_file import read_rigs
-from lidarplace.studio.studio import Studio
 from tests.lidarplace.requirements.brute_force import hits_of
-from tests.lidarplace.studio.rigs import log_of, written
+from tests.lidarplace.studio import rigs
 
-ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
-LOG = log_of([(10.0, 2.0), (-12.0, -2.0)], frames=1)
 NEAR = {
     "name": "somebody ahead",
     "where": {"x": [2.5, 3.5], "y": [-0.6, 0.6]},
@@ -30,8 +24,11 @@ RIGS = {
 """Its nose is far down: it sees what is near, and hardly the cars."""
 
 
-def studio_of(folder, **told):
-    return Studio(read_rigs(written(folder, yaml.safe_dump(RIGS | told))), LOG, ROI)
+DARK = NEAR | {"name": "in black", "what": NEAR["what"] | {"reflectivity": 0.05}}
+
+
+def studio_of(folder, **keys):
+    return rigs.studio_of(folder, RIGS | keys, (10.0, 2.0), (-12.0, -2.0))
 
 
 def fewest_points(studio, laid):
@@ -73,7 +70,7 @@ def test_one_more_lidar_stays_within_price_and_power(tmp_path):
         studio.add_best("hdl64e")
     assert len(studio.rig.lidars) == 1
     studio.add_best()
-    assert studio.totals["Price"] == 8.0
+    assert studio.totals()["Price"] == 8.0
     with pytest.raises(ValueError, match="price 12: 2 above 10"):
         studio.add_best()
     watts = studio_of(tmp_path, lidar="vlp16", constraints={"power": 12.0})
@@ -82,9 +79,8 @@ def test_one_more_lidar_stays_within_price_and_power(tmp_path):
 
 
 def test_one_more_lidar_that_cannot_be_asked_does_not_keep_what_was_met(tmp_path):
-    dark = NEAR | {"name": "in black", "what": NEAR["what"] | {"reflectivity": 0.05}}
     with_light = {"x": 0.5, "z": 1.8, "pitch_deg": 20.0, "lidar": {"range_10": 60.0}}
-    studio = studio_of(tmp_path, requirements=[dark], placements={"one": {"mounts": [with_light]}})
+    studio = studio_of(tmp_path, requirements=[DARK], placements={"one": {"mounts": [with_light]}})
     assert not studio.violations()
     with pytest.raises(ValueError, match=r"no pose was found .* and that keeps in black"):
         studio.add_best()  # of the file's model, of which no range_10 is known
@@ -109,26 +105,21 @@ def test_a_constraint_of_another_lidar_is_kept_as_well(tmp_path):
 
 
 def test_a_zone_between_millimetres_has_its_own_place(tmp_path):
-    studio = studio_of(
-        tmp_path,
-        zones={"rail": {"x": 0.12345, "y": [-0.5, 0.5], "z": 1.7}},
-        placements={"empty": {}},
-    )
+    rail = {"rail": {"x": 0.12345, "y": [-0.5, 0.5], "z": 1.7}}
+    studio = studio_of(tmp_path, zones=rail, placements={"empty": {}})
     studio.add_best()
     assert studio.rig.pose(0)["x"] == 0.12345
     assert not studio.violations()
 
 
 def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_path):
-    dark = NEAR | {"name": "in black", "what": NEAR["what"] | {"reflectivity": 0.05}}
     fog = NEAR | {"name": "in fog", "also_when": {"range_factor": 0.001}}
     mounts = [
         {"x": 0.5, "z": 1.8, "pitch_deg": 20.0},
         {"y": 0.5, "z": 1.8, "lidar": {"range_10": 30.0, "min_range": 0.5}},
     ]
-    studio = studio_of(
-        tmp_path, requirements=[dark, NEAR, fog], placements={"two": {"mounts": mounts}}
-    )
+    asked, two = [DARK, NEAR, fog], {"two": {"mounts": mounts}}
+    studio = studio_of(tmp_path, requirements=asked, placements=two)
     assert [one.requirement.name for one in studio.outcomes()] == ["somebody ahead"]
     told = [(v.lidars, v.text) for v in studio.violations()]
     assert told == [
@@ -137,6 +128,6 @@ def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_pat
         ((1,), "in fog: also_when: LiDAR 1: min_range must be within [0, range), found 0.5"),
     ]  # fmt: skip
     assert all(math.isnan(v.excess) for v in studio.violations())
-    assert studio.failing_ground("in black") is None
+    assert studio.too_little("in black") is None
     studio.enable(0, False)
     assert [one.requirement.name for one in studio.outcomes()] == ["in black", "somebody ahead"]

@@ -3,15 +3,13 @@
 import pandas as pd
 import pytest
 
-from lidarplace import Roi
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.studio import log_frames
 from lidarplace.studio.log_frames import PORTIONS, LogFrames
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
-from tests.lidarplace.studio.rigs import log_of, written
+from tests.lidarplace.studio.rigs import ROI, log_of, written
 
-ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
 FRAMES = 23
 CARS = [(-9.0, 2.0), (-6.0, -3.0)]
 

@@ -10,8 +10,8 @@ from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio import rig as edits
-from lidarplace.studio.history import History
 from lidarplace.studio.rig import POSE, Rig
+from lidarplace.studio.studio import History
 
 metres = st.floats(-50, 50)
 radians = st.fixed_dictionaries({"rad": st.floats(-3, 3)})
@@ -102,26 +102,26 @@ def test_undo_and_redo_lead_back_and_forth(written, steps):
         if after != states[-1]:
             states.append(after)
     for state in states[-2::-1]:
-        assert history.undo()
+        assert history.go(-1)
         assert history.value == state
-    assert not history.undo()
+    assert not history.go(-1)
     for state in states[1:]:
-        assert history.redo()
+        assert history.go(1)
         assert history.value == state
-    assert not history.redo()
+    assert not history.go(1)
 
 
 def test_a_drag_is_one_step():
     history = History(0)
     for value in (1, 2, 3):
-        history.try_out(value)
+        history.value = value
     history.keep()
     history.do(4)
-    assert [history.undo(), history.value, history.undo(), history.value] == [True, 3, True, 0]
-    history.try_out(7)  # a drag whose end never comes
-    history.undo()
+    assert [history.go(-1), history.value, history.go(-1), history.value] == [True, 3, True, 0]
+    history.value = 7  # a drag whose end never comes
+    history.go(-1)
     assert history.value == 0
-    assert history.redo()
+    assert history.go(1)
     assert history.value == 7
 
 

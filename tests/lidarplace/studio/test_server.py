@@ -92,13 +92,22 @@ def test_a_page_is_served_under_its_whole_address_alone(address):
         asked.close()
 
 
-def test_every_session_has_a_token_of_its_own(address):
-    with serving(None, "another") as (_, other):
+def test_every_session_has_a_port_and_a_token_of_its_own_and_no_public_address(address):
+    with serving(None, "another") as (server, other):
+        assert server.request_share_url() is None
+        assert server.get_host() == "127.0.0.1"
         assert urlsplit(address).port != urlsplit(other).port
         token = urlsplit(other).path
         assert len(token) > 40
         assert status(other, token) == 101
         assert status(address, token) == 403
+
+
+def test_a_port_in_use_is_one_line(address):
+    port = urlsplit(address).port
+    told = f"--port {port}: Address already in use"
+    with pytest.raises(ValueError, match=told), serving(port, "studio"):
+        pass
 
 
 def test_a_viser_that_cannot_be_checked_does_not_serve(monkeypatch):

@@ -4,17 +4,13 @@ import numpy as np
 import pytest
 import yaml
 
-from lidarplace import Roi
 from lidarplace.clouds.collect import collect
 from lidarplace.studio.log_frames import scene_of
-from lidarplace.studio.rigs_file import read_rigs
-from lidarplace.studio.studio import Studio
 from sweeps.plan.plan import read_plan
-from tests.lidarplace.studio.rigs import log_of, written
+from tests.lidarplace.studio import rigs
+from tests.lidarplace.studio.rigs import ROI
 from tests.sweeps.small_log import write_small_log
 
-ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
-LOG = log_of([(8.0, 1.0), (-9.0, -2.0)], frames=1)
 SCREEN = [[1.5, -4.0, 0.0], [1.6, 4.0, 4.0]]
 """It hides the car ahead from a LiDAR in the middle, and not the one behind."""
 RIGS = {
@@ -23,8 +19,8 @@ RIGS = {
 }
 
 
-def studio_of(folder, **told):
-    return Studio(read_rigs(written(folder, yaml.safe_dump(RIGS | told))), LOG, ROI)
+def studio_of(folder, **keys):
+    return rigs.studio_of(folder, RIGS | keys, (8.0, 1.0), (-9.0, -2.0))
 
 
 def as_box(folder):
@@ -71,7 +67,7 @@ def test_a_sweep_of_the_rigs_has_the_same_clouds(screened, tmp_path, monkeypatch
     body = sweep.points[0].vehicle
     view, rig = screened.view, screened.placement
     crop = (ROI.x[0], ROI.y[0], ROI.z[0] - 0.5, ROI.x[1], ROI.y[1], ROI.z[1])
-    swept = collect(LOG, [0], rig, crop, vehicle=body)[0]
+    swept = collect(screened.log, [0], rig, crop, vehicle=body)[0]
     assert swept[:, :3] == pytest.approx(view.cloud(rig, 10**6).points, abs=1e-3)
 
 
@@ -82,17 +78,14 @@ def test_the_vehicle_is_in_the_picture(screened):
     assert corners.max(axis=1) == pytest.approx(SCREEN[1])
 
 
-def test_a_file_that_tells_no_vehicle_has_the_clouds_of_a_sweep_without_one(tmp_path):
+def test_a_sweep_has_a_vehicle_with_its_keep_outs_if_the_file_has_any(tmp_path):
+    plain, racked = tmp_path / "plain.yaml", tmp_path / "racked.yaml"
     studio = studio_of(tmp_path)
     assert studio.file.carrier is None
-    studio.sweep(tmp_path / "sweep.yaml", {"source": "log", "folder": "mine"})
-    assert "vehicle" not in yaml.safe_load((tmp_path / "sweep.yaml").read_text())
-
-
-def test_a_keep_out_of_a_car_stands_beside_its_own_body(tmp_path):
+    studio.sweep(plain, {"source": "log", "folder": "mine"})
+    assert "vehicle" not in yaml.safe_load(plain.read_text())
     studio = studio_of(tmp_path, keep_out={"rack": {"x": [0, 1], "y": [0, 1], "z": [1.5, 1.6]}})
-    studio.sweep(tmp_path / "sweep.yaml", {"source": "log", "folder": "mine"})
-    swept = yaml.safe_load((tmp_path / "sweep.yaml").read_text())["vehicle"]["boxes"]
-    assert swept[-1] == [[0, 0, 1.5], [1, 1, 1.6]]
-    assert swept[:-1] == studio.file.vehicle.boxes.tolist()
-    assert len(swept) == 3
+    studio.sweep(racked, {"source": "log", "folder": "mine"})
+    swept = yaml.safe_load(racked.read_text())["vehicle"]["boxes"]
+    rack = [[0, 0, 1.5], [1, 1, 1.6]]
+    assert swept == [*studio.file.vehicle.boxes.tolist(), rack]
