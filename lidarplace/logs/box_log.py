@@ -64,8 +64,7 @@ class BoxLog:
         world: what stands still and the ground, of each scene of which recorded clouds show it, by
             the scene's name, in the same frame as buildings.
 
-    Raises:
-        ValueError: a rig is invalid.
+    Raises ValueError for an invalid rig.
     """
 
     boxes: pd.DataFrame
@@ -92,9 +91,7 @@ class BoxLog:
 def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     """One log of several, in their order; their frame numbers must differ.
 
-    Raises:
-        ValueError: there is no log, a frame number occurs in two of them, or a scene has two rigs
-            or worlds.
+    Raises ValueError if there is none, or two have one frame, or other rigs or worlds of a scene.
     """
     if not logs:
         raise ValueError("no box log to join")
@@ -162,10 +159,9 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
         most_frames: read at most so many frames, spread evenly over the log; the boxes of others
             are not kept in memory.
 
-    Raises:
-        ValueError: a table cannot be read, lacks a column or has an invalid value, a box is in no
-            frame of `frames`, a LiDAR has counts but is none of its scene's rig, or there are
-            buildings or a world without poses; names file and row.
+    Raises ValueError that names file and row if a table cannot be read, lacks a column or has an
+    invalid value, a box is in no frame of `frames`, a LiDAR has counts but is none of its scene's
+    rig, or there are buildings or a world without poses.
     """
     if most_frames is None:
         boxes, frames = read_boxes(folder), read_frames(folder)

@@ -58,6 +58,13 @@ def full_poses(frames: pd.DataFrame) -> dict[int, tuple[NDArray[np.float64], NDA
     }
 
 
+def geometry_of(
+    centre: NDArray[np.float64], size: NDArray[np.float64], yaw: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Columns of `GEOMETRY` from centres, (n, 3), sizes, (n, 3), and yaws, (n,)."""
+    return dict(zip(GEOMETRY, (*centre.T, *size.T, yaw), strict=True))
+
+
 def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
     """Raise ValueError that names the column or row, unless `boxes` can be used.
 

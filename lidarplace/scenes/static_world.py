@@ -80,8 +80,7 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
         log: frames with poses, boxes, and the rig of every scene, which says where rays start.
         clouds: of the log's frames, in the ego frame; the frames of a scene follow each other.
 
-    Raises:
-        ValueError: a frame has no pose, a scene no rig, or the clouds distinguish other LiDARs.
+    Raises ValueError if a frame has no pose, a scene no rig, or clouds distinguish other LiDARs.
     """
     if missing := [name for name in POSE_COLUMNS if name not in log.frames.columns]:
         problem, found = "a static world needs poses of the vehicle", f"no {', '.join(missing)}"

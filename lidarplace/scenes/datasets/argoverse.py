@@ -14,7 +14,7 @@ from lidarplace.files.columns import counts_if_known, integers, numbers, sizes, 
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_feather
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, rows_of
+from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of, rows_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, ClassMap, classify, merged
@@ -65,8 +65,7 @@ def read_argoverse(
         class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.ARGOVERSE`.
         lidar: model of both LiDARs; None: VLP-32C.
 
-    Raises:
-        ValueError: a file is missing or wrong, a time has no pose, or a category is unknown.
+    Raises ValueError if a file is missing or wrong, a time has no pose, or a category is unknown.
     """
     drives = drives_in(folder, splits, SPLITS, "*/", "a folder for each log")
     classes = merged(ARGOVERSE, class_map, keep_ignored)
@@ -143,11 +142,7 @@ def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
     """
     size = sizes(table, SIZE, source)
     pose = poses(*_transforms(table, source), rows_of(source))
-    return {
-        **dict(zip("xyz", (pose.position - ORIGIN).T, strict=True)),
-        **dict(zip(("length", "width", "height"), size.T, strict=True)),
-        "yaw": pose.yaw,
-    }
+    return geometry_of(pose.position - ORIGIN, size, pose.yaw)
 
 
 def _sweeps(folder: Path) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first
+from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classified, classify, merged
 from lidarplace.scenes.datasets.drives import recorded_rig
@@ -60,8 +60,7 @@ def read_nuscenes(
         lidar: model of the LiDAR; None: HDL-32E at 20 Hz.
         keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
-    Raises:
-        ValueError: a table is missing or wrong, a token leads nowhere, or a category is unknown.
+    Raises ValueError if a table is wrong, a token leads nowhere, or a category is unknown.
     """
     folder = _tables(folder, version)
     class_map = merged(NUSCENES, class_map, keep_ignored)
@@ -107,11 +106,7 @@ def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
     if (row := first((size < 0).any(axis=1))) is not None:
         raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
     pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
-    return {
-        **dict(zip("xyz", pose.position.T, strict=True)),
-        **dict(zip(("width", "length", "height"), size.T, strict=True)),
-        "yaw": pose.yaw,
-    }
+    return geometry_of(pose.position, size[:, [1, 0, 2]], pose.yaw)
 
 
 def _tables(folder: Path, version: str | None) -> Path:

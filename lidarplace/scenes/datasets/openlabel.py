@@ -45,9 +45,7 @@ def read_openlabel(
         class_map: from types of objects to classes; our own stand for themselves.
         ignored: gets the number of boxes left out by type.
 
-    Raises:
-        ValueError: a file is missing or wrong, a type is unknown, or no transform leads from a
-            cuboid to the vehicle.
+    Raises ValueError if a file is wrong, a type unknown, or no transform leads to the vehicle.
     """
     classes = merged(BOX_LOG, class_map)
     paths = sorted(source.glob("*.json")) if source.is_dir() else [source]

@@ -18,7 +18,7 @@ from lidarplace.files.columns import check_columns, counts_if_known, integers, n
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import POINTS, SOURCE, first, rows_of
+from lidarplace.logs.boxes import POINTS, SOURCE, first, geometry_of, rows_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
@@ -84,8 +84,7 @@ def read_waymo(
         class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.WAYMO`.
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
 
-    Raises:
-        ValueError: a file is missing or wrong, a box is in no frame, or a type is unknown.
+    Raises ValueError if a file is missing or wrong, a box is in no frame, or a type is unknown.
     """
     pattern, each = "lidar_box/*.parquet", "a file for each segment"
     drives = drives_in(folder, splits, SPLITS, pattern, each)
@@ -200,11 +199,8 @@ def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
 
     Raises ValueError that names file, row and value.
     """
-    return {
-        **dict(zip("xyz", (numbers(table, CENTRE, source) - ORIGIN).T, strict=True)),
-        **dict(zip(("length", "width", "height"), sizes(table, SIZE, source).T, strict=True)),
-        "yaw": numbers(table, [HEADING], source)[:, 0],
-    }
+    centre, size = numbers(table, CENTRE, source) - ORIGIN, sizes(table, SIZE, source)
+    return geometry_of(centre, size, numbers(table, [HEADING], source)[:, 0])
 
 
 def frame_names(table: pd.DataFrame, source: str) -> NDArray[np.object_]:

@@ -64,10 +64,8 @@ def read_kitti(
         skipped: gets what is wrong with lines and frames, which are then left out.
         lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
 
-    Raises:
-        OSError: `folder` has no labels.
-        ValueError: a line is broken or of an unknown type, a calibration or a label file is
-            missing; names file and line. Or no frame is left, or `lidar_height` is no height.
+    Raises OSError without labels, ValueError that names file and line if one is broken or of an
+    unknown type, a calibration or a label file is missing, or no frame is left.
     """
     LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
     types = merged(KITTI, class_map, keep_ignored)

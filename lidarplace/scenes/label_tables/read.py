@@ -83,15 +83,11 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
 
 
 def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -> BoxLog:
-    """The boxes of a label file as a box log; its frames have poses if the mapping has.
+    """The boxes of a label file, a row a box; its frames have poses if the mapping has.
 
-    Args:
-        path: CSV or Parquet, a row a box.
-        ignored: gets the number of boxes left out by category.
-
-    Raises:
-        ValueError: a column is missing, a value is none, a category is in no class, an object is
-            twice in a frame, or time stamps, drives or poses do not fit; names file and column.
+    `ignored` gets the number of boxes left out by category. Raises ValueError that names file and
+    column if one is missing, a value is none, a category is in no class, an object is twice in a
+    frame, or time stamps, drives or poses do not fit.
     """
     columns, source = mapping.columns, str(path)
     names = (columns.drive, columns.object, columns.category)

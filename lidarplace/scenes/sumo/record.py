@@ -97,10 +97,8 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
     egos; frame `n` of a route is `n` frames after its first, which is `frames_per_route` after that
     of the route before. The same settings give the same bytes.
 
-    Raises:
-        ImportError: SUMO is not installed.
-        ValueError: the map is missing or broken, or has no sidewalks for pedestrians; there are
-            fewer cars on the road than routes, or more vehicles than fit.
+    Raises ImportError without SUMO, ValueError if the map is missing or broken, or has no sidewalks
+    for pedestrians, or there are fewer cars on the road than routes, or more vehicles than fit.
     """
     sumo_home()
     if run.routes > (cars := cars_among(scene.density)):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -68,20 +69,17 @@ def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
     A vehicle may leave an edge of `CHANGE_M` or more from any of its lanes, a shorter one from the
     lane on which it came. Turning round is left to dead ends.
     """
-    lanes = [
-        lane for edge in _edges(network) for lane in edge.getLanes() if lane.allows(sumo_class)
-    ]
+    every = (lane for edge in _edges(network) for lane in edge.getLanes())
+    lanes = [lane for lane in every if lane.allows(sumo_class)]
     onward = {lane.getID(): _onward(lane, sumo_class) for lane in lanes}
-    ways = {}
+    states, ways = {}, {}
     for lane in lanes:
         edge = lane.getEdge()
+        states[lane.getID()] = (edge.getID(), lane.getLength(), lane.getSpeed())
         beside = edge.getLanes() if edge.getLength() >= CHANGE_M else [lane]
         found = {way for other in beside for way in onward.get(other.getID(), ())}
         ahead = {target for target, back in found if not back}
         ways[lane.getID()] = ahead or {target for target, _ in found}
-    states = {
-        lane.getID(): (lane.getEdge().getID(), lane.getLength(), lane.getSpeed()) for lane in lanes
-    }
     return _component(states, ways)
 
 
@@ -91,7 +89,9 @@ def foot_graph(network: Net, speed: float) -> WalkGraph:
     Needs a network that was read with its pedestrian connections.
     """
     joined = _joined_areas(network)
-    states, first, last = {}, {}, {}
+    states: dict[Any, tuple[str, float, float]] = {}
+    first: dict[Any, int] = {}
+    last: dict[Any, int] = {}
     starts = defaultdict(set)
     for edge in _edges(network):
         sides = [
@@ -161,19 +161,13 @@ def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[
         if a in new and b in new:
             following[new[a]].append(new[b])
     chosen = [states[keys[k]] for k in kept]
-    return WalkGraph(
-        [keys[k] for k in kept],
-        [edge for edge, _, _ in chosen],
-        following,
-        [metres for _, metres, _ in chosen],
-        [metres / speed for _, metres, speed in chosen],
-        {keys[k]: n for n, k in enumerate(kept)},
-    )
+    own = [keys[k] for k in kept]
+    edges, metres = [edge for edge, _, _ in chosen], [length for _, length, _ in chosen]
+    seconds = [length / speed for _, length, speed in chosen]
+    return WalkGraph(own, edges, following, metres, seconds, {key: n for n, key in enumerate(own)})
 
 
-def _components(
-    nodes: int, arcs: list[tuple[int, int]], connection: str
-) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
+def _components(nodes: int, arcs: list[tuple[int, int]], connection: str) -> NDArray[np.int32]:
     """Label of every node's connected component."""
     start, end = np.array(arcs, np.int64).reshape(-1, 2).T
     matrix = coo_array((np.ones(len(arcs), np.int8), (start, end)), shape=(nodes, nodes))
