@@ -7,6 +7,7 @@ Tiles that the vehicle leaves behind are condensed, so memory does not grow with
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -89,7 +90,7 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
     scene_of = dict(zip(log.frames["frame"].tolist(), log.frames["scene"], strict=True))
     rows_of = log.boxes.groupby("frame").indices
     geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
-    builders: dict[str, WorldBuilder] = {}
+    builders: defaultdict[str, WorldBuilder] = defaultdict(WorldBuilder)
     for part in clouds:
         for index, frame in enumerate(part.frames.tolist()):
             scene = scene_of[frame]
@@ -97,9 +98,8 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
             if frame not in places:
                 problem = "a static world needs the pose of every frame with a cloud"
                 raise InputError(problem, place=f"frames: frame {frame}", expected="finite numbers")
-            builder = builders.setdefault(scene, WorldBuilder())
             boxes = geometry[rows_of.get(frame, np.empty(0, np.int64))]
-            builder.add(part[index], part.lidar(index), eyes, *places[frame], boxes)
+            builders[scene].add(part[index], part.lidar(index), eyes, *places[frame], boxes)
     return {scene: builder.world() for scene, builder in builders.items()}
 
 
@@ -218,7 +218,7 @@ class WorldBuilder:
     def _condense(self, centre: NDArray[np.float64], reach: float) -> None:
         """Keep what stands still in tiles farther than `reach`, and forget how it was counted."""
         rows = np.flatnonzero(self._state.keys >= 0)
-        i, j = _tiles(self._state.keys[rows] * BLOCK**3)
+        i, j = _tiles(self._state.keys[rows])
         away = np.hypot((i + 0.5) * TILE_M - centre[0], (j + 0.5) * TILE_M - centre[1])
         rows = rows[away > reach]
         rows = rows[np.argsort(self._state.keys[rows])]
@@ -230,12 +230,11 @@ class WorldBuilder:
         own = np.unique(block_keys // (2 * HALF_LEVELS))
         lows = _lows(keys, cells, own)
         new: Ground = {}
-        for n, (ti, tj) in enumerate(zip(*_tiles(own * 2 * HALF_LEVELS * BLOCK**3), strict=True)):
+        for ti, tj, column, low in zip(*_tiles(own * 2 * HALF_LEVELS), own, lows, strict=True):
             tile = new.setdefault((int(ti), int(tj)), np.full((TILE, TILE), np.nan))
-            tile[divmod(int(own[n] % TILE**2), TILE)] = lows[n]
+            tile[divmod(int(column % TILE**2), TILE)] = low
         for at, tile in new.items():
-            old = self._lows.get(at, tile)
-            self._lows[at] = np.where(np.isnan(tile), old, tile)
+            self._lows[at] = np.where(np.isnan(tile), self._lows.get(at, tile), tile)
         kept = _above(keys, cells, self._ground(new))
         self._found.append((keys[kept], cells[kept], points[kept]))
         self._state.keys[rows] = -1
@@ -244,8 +243,8 @@ class WorldBuilder:
 
 
 def _tiles(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Tiles i and j of keys of cells."""
-    tile = keys // (TILE**2 * 2 * HALF_LEVELS * BLOCK**3)
+    """Tiles i and j of keys of blocks."""
+    tile = keys // (TILE**2 * 2 * HALF_LEVELS)
     return tile // (2 * HALF_TILES) - HALF_TILES, tile % (2 * HALF_TILES) - HALF_TILES
 
 

@@ -54,8 +54,11 @@ def frames_of(
         own = route == number
         values, index = _frames_of_drive(stamps.value[own], mapping, source)
         of_row[own] = first + index
+        seconds = (values - values[0]) / (mapping.frames.rate_hz or np.nan)
+        if mapping.columns.time is not None:
+            seconds = (values - values[0]) * SECONDS[mapping.units.time]
         table = {"scene": drive, "frame": first + np.arange(len(values)), "route": number}
-        time = {"timestamp_s": _seconds(values, mapping), "stamp": values}
+        time = {"timestamp_s": seconds, "stamp": values}
         tables.append(pd.DataFrame({**table, **time, "split": split[drive]}))
         first += len(values)
     return pd.concat(tables, ignore_index=True), of_row
@@ -92,14 +95,6 @@ def _frames_of_drive(
         )
     known, first = np.unique(number, return_index=True)
     return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
-
-
-def _seconds(values: NDArray[np.float64], mapping: TableMapping) -> NDArray[np.float64]:
-    """Times of frames from the first of their drive; NaN where only numbers are known."""
-    since = values - values[0]
-    if mapping.columns.time is not None:
-        return np.asarray(since * SECONDS[mapping.units.time])
-    return np.asarray(since / (mapping.frames.rate_hz or np.nan))
 
 
 def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dict[str, str]:
