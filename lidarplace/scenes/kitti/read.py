@@ -85,9 +85,8 @@ def read_kitti(
                 fault(str(error), skipped)
                 continue
         placed.append(frame)
-        for line, name, values in read_labels(
-            part(folder, "label_2") / file, types, ignored, skipped
-        ):
+        path = part(folder, "label_2") / file
+        for line, name, values in read_labels(path, types, ignored, skipped):
             numbers.append(values[7:_NUMBERS])
             names.append((frame, f"{frame_name(frame)}-{line}", types[name]))
             to_ego.append(pose)

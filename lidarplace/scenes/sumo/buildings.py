@@ -194,9 +194,8 @@ def _pairs(own: Rectangles, others: Rectangles) -> NDArray[np.int64]:
         # Long ones are searched on their own, lest their reach makes all others neighbours.
         group = np.digitize(radii, np.quantile(radii, [0.5, 0.9]))
         for members in (np.flatnonzero(group == g) for g in range(3) if (group == g).any()):
-            near = cKDTree(others[members, :2]).query_ball_point(
-                own[:, :2], radius + radii[members].max()
-            )
+            tree, reach = cKDTree(others[members, :2]), radius + radii[members].max()
+            near = tree.query_ball_point(own[:, :2], reach)
             a = np.repeat(np.arange(len(own)), [len(n) for n in near])
             b = members[np.concatenate([np.array(n, np.int64) for n in near])]
             found.append(np.column_stack([a, b])[rectangles_meet(own[a], others[b])])
