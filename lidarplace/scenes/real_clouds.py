@@ -56,12 +56,12 @@ class RealClouds:
 
     def paths(self, frames: pd.DataFrame) -> dict[int, Path]:
         """The file of each frame that has one, by the frame's number."""
-        numbers = frames["frame"].tolist()
+        numbers, own = frames["frame"].tolist(), self._numbered
         if CLOUD in frames:
-            paths = map(self._named, frames[CLOUD])
+            paths = [self._named(name) for name in frames[CLOUD]]
         else:
             keys = zip(frames["scene"].map(str), numbers, strict=True)
-            paths = (self._numbered.get(key) or self._numbered.get(("", key[1])) for key in keys)
+            paths = [own.get(key) or own.get(("", key[1])) for key in keys]
         return {n: path for n, path in zip(numbers, paths, strict=True) if path is not None}
 
     def _named(self, name: str) -> Path | None:

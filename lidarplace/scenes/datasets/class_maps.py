@@ -64,7 +64,7 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
     With `keep_ignored` ignored categories are `OTHER`, but for `NO_OBSTACLES`. Raises ValueError if
     a category is no text, or a class no name.
     """
-    result = {**known, **(class_map or {})}
+    result: ClassMap = {**known, **(class_map or {})}
     if isinstance(class_map, OwnNames):
         result = class_map
     check_class_map(result)

@@ -83,7 +83,10 @@ def read_tabular(
         raise ValueError(
             f"{source}: frames without a box are unknown; add a table of all frames or their number"
         )
-    table = (_counted if isinstance(frames, int) else _listed)(boxes, frames, source)
+    if isinstance(frames, int):
+        table = _counted(boxes, frames, source)
+    else:
+        table = _listed(boxes, frames, source)
     _set_scene_and_time(boxes, table, source)
     boxes["class"] = classify(boxes["class"], class_map, rows_of(source), ignored)
     return BoxLog(classified(boxes), table, **further)

@@ -160,9 +160,9 @@ def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: st
         if values.shape != (16,) or not np.isfinite(values).all():
             raise ValueError(f"{source}: row {row}: {column} must be 16 finite numbers")
         matrix[:] = values
-    matrices = matrices.reshape(-1, 4, 4)
+    transforms = matrices.reshape(-1, 4, 4)
     try:
-        return Poses(matrices[:, :3, 3], Rotation.from_matrix(matrices[:, :3, :3]))
+        return Poses(transforms[:, :3, 3], Rotation.from_matrix(transforms[:, :3, :3]))
     except ValueError as error:  # a matrix that is no rotation
         raise ValueError(f"{source}: {column}: {' '.join(str(error).split())}") from None
 

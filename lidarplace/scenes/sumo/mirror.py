@@ -63,5 +63,5 @@ def mirror_log(log: BoxLog) -> BoxLog:
 
 def _mirrored(table: pd.DataFrame, y: str, yaw: str) -> pd.DataFrame:
     """Angles are in (-pi, pi] and stay there."""
-    turned = np.where(table[yaw] == np.pi, np.pi, -table[yaw])
+    turned = (-table[yaw]).where(table[yaw] != np.pi, np.pi)
     return table.assign(**{y: -table[y], yaw: turned})

@@ -78,7 +78,7 @@ def frames_met(traffic: Trajectories, ego: int) -> NDArray[np.int64]:
 def _near(traffic: Trajectories, ego: int, distance: float) -> NDArray[np.bool_]:
     """Who else is so near to the ego, and on its level, at each step; shape (F, U)."""
     x, y = (traffic.pose[:, :, :2] - traffic.pose[:, ego : ego + 1, :2]).transpose(2, 0, 1)
-    near = np.hypot(x, y) <= distance  # False where NaN
+    near: NDArray[np.bool_] = np.hypot(x, y) <= distance  # False where NaN
     near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
     near[:, ego] = False
     return near

@@ -106,7 +106,8 @@ def write_demand(
         user = RoadUser(f"{kind.name}{number:05d}", kind, length, width, height)
         users.append(user)
         sides = {"length": f"{length:.3f}", "width": f"{width:.3f}", "height": f"{height:.3f}"}
-        ElementTree.SubElement(root, "vType", id=user.id, vClass=kind.sumo_class, **sides)
+        size = {"id": user.id, "vClass": kind.sumo_class, **sides}
+        ElementTree.SubElement(root, "vType", size)
         graph = foot if kind is PEDESTRIAN else drives[kind.sumo_class]
         if not graph.edges:
             if kind is PEDESTRIAN:
