@@ -187,13 +187,11 @@ def test_a_queue_keeps_its_distance(traffic):
     np.testing.assert_allclose(gaps, 2.5, atol=0.05)  # SUMO's minimum gap
 
 
-def synthetic(*pose: tuple[float, float, float], kinds=None, speed=None) -> Trajectories:
-    """One recorded step; road users 4 x 2 x 1.5 m."""
-    kinds = kinds or [CAR] * len(pose)
-    users = [RoadUser(f"{kind.name}{u}", kind, 4.0, 2.0, 1.5) for u, kind in enumerate(kinds)]
-    speeds = np.array([speed or [1.0] * len(pose)])
-    poses = np.array([pose], np.float64)
-    return Trajectories(users, np.zeros(1), poses, np.zeros(poses.shape[:2]), speeds)
+def synthetic(*pose: tuple[float, float, float]) -> Trajectories:
+    """One recorded step; cars 4 x 2 x 1.5 m."""
+    users = [RoadUser(f"car{u}", CAR, 4.0, 2.0, 1.5) for u in range(len(pose))]
+    poses, level = np.array([pose], np.float64), np.zeros((1, len(pose)))
+    return Trajectories(users, np.zeros(1), poses, level, level + 1)
 
 
 RUN = SumoScene().town_runs()[0]
@@ -273,21 +271,14 @@ def test_the_pose_places_a_box_where_its_object_is():
     assert spread.to_numpy().max() < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("a", "b", "meet"),
-    [
-        ((0, 0, 0), (4.1, 0, 0), False),
-        ((0, 0, 0), (3.9, 0, 0), True),
-        ((0, 0, 0), (3.1, 0, math.pi / 2), False),
-        ((0, 0, 0), (0, 2.9, math.pi / 2), True),
-        ((0, 0, 0), (3.1, 2.1, math.pi / 4), True),
-        ((0, 0, 0), (3.1, 2.1, -math.pi / 4), False),
-    ],
-)
-def test_rectangles_meet(a, b, meet):
-    first, second = np.array([[*a, 2.0, 1.0]]), np.array([[*b, 2.0, 1.0]])
-    assert rectangles_meet(first, second).tolist() == [meet]
-    assert rectangles_meet(second, first).tolist() == [meet]
+def test_rectangles_meet():
+    across, aslant = (0, math.pi / 2), (2.1, math.pi / 4)
+    others = [(4.1, 0, 0), (3.9, 0, 0), (3.1, *across), (0, 2.9, across[1]), (3.1, *aslant)]
+    others.append((3.1, 2.1, -math.pi / 4))
+    first = np.tile([0, 0, 0, 2.0, 1.0], (6, 1))
+    second = np.array([(*place, 2.0, 1.0) for place in others])
+    for pair in ((first, second), (second, first)):
+        assert rectangles_meet(*pair).tolist() == [False, True, False, True, True, False]
 
 
 def test_more_routes_than_cars_and_more_vehicles_than_fit():
