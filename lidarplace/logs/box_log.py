@@ -187,10 +187,8 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: str) -> None:
     """Raise ValueError for the first box, of `source`, in no frame of the table `name`."""
     if (row := first(~boxes["frame"].isin(frames["frame"]))) is not None:
-        raise ValueError(
-            f"{source}: row {row}: frame {boxes['frame'].iloc[row]} is not in {name}, which lists "
-            "every frame"
-        )
+        problem = f"frame {boxes['frame'].iloc[row]} is not in {name}, which lists every frame"
+        raise ValueError(f"{source}: row {row}: {problem}")
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:
@@ -210,14 +208,10 @@ def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: P
     """Raise InputError if a LiDAR has counts but is none of its scene's rig."""
     for name, column in points_of(boxes).items():
         for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
-            if scene in rigs and name not in rigs[scene].names:
-                raise InputError(
-                    f"scene {scene}: rig of other LiDARs than the counts in boxes.parquet",
-                    place=str(path),
-                    expected=name,
-                    found=", ".join(rigs[scene].names),
-                    fix="convert the log again with its own rig",
-                )
+            if scene in rigs and name not in (own := rigs[scene].names):
+                problem = f"scene {scene}: rig of other LiDARs than the counts in boxes.parquet"
+                found, fix = ", ".join(own), "convert the log again with its own rig"
+                raise InputError(problem, place=str(path), expected=name, found=found, fix=fix)
 
 
 def read_frames(folder: Path) -> pd.DataFrame:
