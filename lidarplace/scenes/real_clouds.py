@@ -218,13 +218,10 @@ def _check_rings(
     for number, (name, model) in enumerate(zip(rig.names, rig.placement.lidars, strict=True)):
         most = np.nanmax(ring[lidar == number], initial=-1)
         if most >= model.beams:
-            raise InputError(
-                f"rings of {name} beyond the beams of its model",
-                place=str(path),
-                expected=f"0 to {model.beams - 1}",
-                found=f"{most:g}",
-                fix="--lidar names another model",
-            )
+            problem = f"rings of {name} beyond the beams of its model"
+            expected, found = f"0 to {model.beams - 1}", f"{most:g}"
+            fix = "--lidar names another model"
+            raise InputError(problem, place=str(path), expected=expected, found=found, fix=fix)
 
 
 def _near_points(
@@ -256,12 +253,11 @@ def _check_frame(
     judged = near if few else judged
     outside = float(np.median(1 - inside[judged] / np.maximum(around[judged], 1)))
     if outside > MOST_OUTSIDE:
+        problem = f"{outside:.0%} of the points around a box are outside of it, in the median of "
+        problem += f"{judged.sum():,} boxes within {NEAR_M:g} m"
+        fix = "are the clouds in another frame, or of other frames?"
         raise InputError(
-            f"{outside:.0%} of the points around a box are outside of it, in the median of "
-            f"{judged.sum():,} boxes within {NEAR_M:g} m",
-            place=str(folder),
-            expected=f"at most {MOST_OUTSIDE:.0%}",
-            fix="are the clouds in another frame, or of other frames?",
+            problem, place=str(folder), expected=f"at most {MOST_OUTSIDE:.0%}", fix=fix
         )
 
 

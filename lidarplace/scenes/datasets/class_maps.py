@@ -118,11 +118,11 @@ def classify(
     codes, names = pd.factorize(values)
     for code, name in enumerate(names):
         if name not in class_map:
-            raise InputError(
-                f"unknown category {reprlib.repr(name)}",
-                place=row(int(np.argmax(codes == code))),
-                fix=f"name its class in a class map, or {IGNORE}",
+            place, fix = (
+                row(codes.tolist().index(code)),
+                f"name its class in a class map, or {IGNORE}",
             )
+            raise InputError(f"unknown category {reprlib.repr(name)}", place=place, fix=fix)
     classes = np.array([class_map[name] for name in names], dtype=object)[codes]
     if ignored is not None:
         ignored.update(values[classes == IGNORE].tolist())

@@ -117,10 +117,8 @@ def _tables(folder: Path, version: str | None) -> Path:
     found = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
     if len(found) != 1:
         versions = ", ".join(path.name for path in found) or "none"
-        fix = "; name a version" if found else ""
-        raise ValueError(
-            f"{folder}: must hold scene.json or one folder v1.0-*, found {versions}{fix}"
-        )
+        text = f"found {versions}{'; name a version' if found else ''}"
+        raise ValueError(f"{folder}: must hold scene.json or one folder v1.0-*, {text}")
     return found[0]
 
 
@@ -162,9 +160,8 @@ def _test(
             raise ValueError(f"{scene.path}: test scene {unknown[0]!r} is not there")
         return np.array([name in test_scenes for name in names], bool)
     if not 0 <= test_scenes <= 1:
-        raise ValueError(
-            f"the share of test recordings must be within 0 and 1, found {test_scenes}"
-        )
+        problem = "the share of test recordings must be within 0 and 1"
+        raise ValueError(f"{problem}, found {test_scenes}")
     recordings = list(dict.fromkeys(logs[i] for i in order))
     steps = [math.floor(i * test_scenes + 1e-9) for i in range(len(recordings) + 1)]
     test = {log for i, log in enumerate(recordings) if steps[i + 1] > steps[i]}
@@ -185,10 +182,8 @@ def _sweeps(folder: Path, sample: Table) -> Table:
     in_sample = sweep.rows_in(sample, "sample_token")
     number = np.bincount(in_sample, minlength=len(sample))
     if (row := first(number != 1)) is not None:
-        raise ValueError(
-            f"{sample.row(row)}: must have one key frame of {LIDAR} in {sweep.path.name}, "
-            f"found {number[row]}"
-        )
+        problem = f"must have one key frame of {LIDAR} in {sweep.path.name}, found {number[row]}"
+        raise ValueError(f"{sample.row(row)}: {problem}")
     return sweep.take(np.argsort(in_sample))
 
 

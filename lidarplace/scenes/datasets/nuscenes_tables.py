@@ -72,9 +72,8 @@ class Table:
             raise ValueError(f"{other.row(twice)}: is there twice")
         rows = index.get_indexer(pd.Index(self.columns[name], dtype=object))
         if (row := first(rows < 0)) is not None:
-            raise ValueError(
-                f"{self.row(row)}: {name} {self.columns[name][row]!r} is not in {other.path.name}"
-            )
+            token = self.columns[name][row]
+            raise ValueError(f"{self.row(row)}: {name} {token!r} is not in {other.path.name}")
         return np.asarray(rows, np.int64)
 
     def take(self, rows: NDArray[np.int64]) -> "Table":

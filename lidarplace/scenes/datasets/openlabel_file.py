@@ -31,9 +31,8 @@ class Transform(BaseModel):
     def _is_one(self) -> Self:
         turned = self.quaternion is not None or self.euler_angles is not None
         if self.matrix4x4 is None and (self.translation is None or not turned):
-            raise ValueError(
-                "a transform is matrix4x4, or translation with quaternion or euler_angles"
-            )
+            parts = "matrix4x4, or translation with quaternion or euler_angles"
+            raise ValueError(f"a transform is {parts}")
         self.matrix()  # raises ValueError for what is no rotation
         return self
 

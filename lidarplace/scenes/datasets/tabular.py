@@ -80,9 +80,8 @@ def read_tabular(
             frames = _found(folder, "frames")
     boxes = _boxes(source)
     if frames is None:
-        raise ValueError(
-            f"{source}: frames without a box are unknown; add a table of all frames or their number"
-        )
+        fix = "add a table of all frames or their number"
+        raise ValueError(f"{source}: frames without a box are unknown; {fix}")
     if isinstance(frames, int):
         table = _counted(boxes, frames, source)
     else:
