@@ -18,13 +18,17 @@ from lidarplace.scenes.sumo.town import sumo_home
 
 STREET = Path(__file__).parents[1] / "data/maps/street.xodr"
 
-SMALL = SumoScene(
-    density=16, pedestrians=4, routes=4, test_routes=0, frames_per_route=30, warmup_s=20
-)
+SHORT = {"routes": 4, "test_routes": 0, "frames_per_route": 30, "warmup_s": 20}
+SMALL = SumoScene(density=16, pedestrians=4, **SHORT)
 
 
 def log_of(path: Path, **changes) -> BoxLog:
     return record(SMALL.model_copy(update={"towns": (str(path),), **changes}))
+
+
+@pytest.fixture(scope="module")
+def street() -> BoxLog:
+    return log_of(STREET)
 
 
 def oncoming(log: BoxLog) -> np.ndarray:
@@ -39,7 +43,7 @@ def left_hand(path: Path, source: str) -> Path:
     return path
 
 
-def test_an_opendrive_street_is_driven_on_the_left(tmp_path):
+def test_an_opendrive_street_is_driven_on_the_left(tmp_path, street):
     """Its right lane is made broader: sides must not be exchanged either."""
     source = STREET.read_text()
     left, right = source.split("<center>")
@@ -57,8 +61,8 @@ def test_an_opendrive_street_is_driven_on_the_left(tmp_path):
     assert frames.loc[~along, "ego_y"].min() < 5 - 3.5, "the lane is 5.5 m broad"
     assert log.frames["ego_y"].max() > 30
     assert log.buildings["y"].max() > 30
-    assert len(oncoming(log_of(STREET))) > 20
-    assert (oncoming(log_of(STREET)) > 0).all()
+    assert len(oncoming(street)) > 20
+    assert (oncoming(street) > 0).all()
 
 
 @pytest.fixture(scope="module")
@@ -95,18 +99,14 @@ def test_a_town_is_driven_on_the_left(grid, kind):
     assert (east["ego_y"] % 90).between(0.5, 2.7).all()
 
 
-def test_the_mirror_image_of_a_map_has_the_mirror_image_of_its_traffic(tmp_path):
+def test_the_mirror_image_of_a_map_has_the_mirror_image_of_its_traffic(tmp_path, street):
     root = fromstring(STREET.read_text())
     mirror_map(root)
     mirrored = left_hand(tmp_path / "street.xodr", tostring(root, "unicode"))
-    one, other = log_of(STREET), log_of(mirrored)
-    assert len(one.boxes) > 100
-    for table, y, yaw in (
-        ("boxes", "y", "yaw"),
-        ("frames", "ego_y", "ego_yaw"),
-        ("buildings", "y", "yaw"),
-    ):
-        a, b = getattr(one, table), getattr(other, table)
+    other = log_of(mirrored)
+    assert len(street.boxes) > 100
+    for table, ego in (("boxes", ""), ("frames", "ego_"), ("buildings", "")):
+        a, b, y, yaw = getattr(street, table), getattr(other, table), f"{ego}y", f"{ego}yaw"
         np.testing.assert_allclose(b[y], -a[y], atol=1e-9)
         np.testing.assert_allclose(np.exp(1j * b[yaw]), np.exp(-1j * a[yaw]), atol=1e-9)
         kept = [name for name in a.columns if name not in (y, yaw)]
@@ -137,20 +137,15 @@ def line_of(geometry: Element) -> np.ndarray:
         ends = [number(shape, name) for name in names[shape.tag]] or [0.0, 0.0]
         curvature = ends[0] + (ends[1] - ends[0]) * s / s[-1]
         heading = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * s[1])])
-        u, v = (
-            np.concatenate([[0], np.cumsum(turn(heading)[:-1] * s[1])]) for turn in (np.cos, np.sin)
-        )
+        steps = (turn(heading)[:-1] * s[1] for turn in (np.cos, np.sin))
+        u, v = (np.concatenate([[0], np.cumsum(step)]) for step in steps)
     elif shape.tag == "poly3":
         u, v = s, np.polyval([number(shape, name) for name in "dcba"], s)
     else:
         u, v = (np.polyval([number(shape, f"{k}{axis}") for k in "dcba"], s) for axis in "UV")
-    h = number(geometry, "hdg")
-    return np.stack(
-        [
-            number(geometry, "x") + math.cos(h) * u - math.sin(h) * v,
-            number(geometry, "y") + math.sin(h) * u + math.cos(h) * v,
-        ]
-    )
+    x, y, turned = (number(geometry, name) for name in ("x", "y", "hdg"))
+    cos, sin = math.cos(turned), math.sin(turned)
+    return np.stack([x + cos * u - sin * v, y + sin * u + cos * v])
 
 
 def test_every_kind_of_line_is_mirrored():
@@ -173,11 +168,12 @@ LANES = """<OpenDRIVE><road><lanes><laneOffset a="1" b="-2" c="0.5" d="0"/><lane
 def test_lanes_change_sides():
     root = fromstring(LANES)
     mirror_map(root)
-    section = root.find(".//laneSection")
-    assert [
-        (side.tag, [(int(lane.attrib["id"]), lane.get("type")) for lane in side])
-        for side in section
-    ] == [("left", [(1, "c")]), ("center", [(0, "none")]), ("right", [(-1, "b"), (-2, "a")])]
+    sides = {
+        side.tag: [(int(lane.attrib["id"]), lane.get("type")) for lane in side]
+        for side in root.find(".//laneSection")
+    }
+    assert sides == {"left": [(1, "c")], "center": [(0, "none")], "right": [(-1, "b"), (-2, "a")]}
+    assert list(sides) == ["left", "center", "right"]
     assert [link.get("id") for link in root.iterfind(".//lane/link/*")] == ["2", "1"]
     assert root.find(".//laneLink").attrib == {"from": "-1", "to": "1"}
     offset = {name: float(value) for name, value in root.find(".//laneOffset").attrib.items()}
