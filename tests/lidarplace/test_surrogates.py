@@ -1,12 +1,20 @@
+"""Surrogates: a golden log, many placements, classes and q at once, and what the table says."""
+
+import inspect
+import json
 import math
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from mypy import api
 
 from lidarplace import (
     PAPER_PLACEMENTS,
     Lidar,
     Mount,
+    OccupancyGrid,
     Placement,
     Roi,
     evaluate,
@@ -15,14 +23,19 @@ from lidarplace import (
     expected_ig_by_q,
     sum_over_classes,
 )
+from lidarplace.base import plotting
 from lidarplace.coverage import count_covered
 from lidarplace.coverage.rays import ray_counts
+from lidarplace.pog.surrogates import result as result_module
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.pog.surrogates.table import POG_SURROGATES, SURROGATES
 from tests.lidarplace.random_grids import random_grids
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
 NAMES = ("expected_points", "expected_ig")
+DATA = Path(__file__).parents[1] / "data/smig"
+GOLDEN = json.loads((DATA / "golden.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +74,7 @@ def test_the_sum_over_classes(grids):
     placement = PAPER_PLACEMENTS["line_roll"].with_lidar(LIDAR)
     results = evaluate_classes(grids, placement, surrogates=NAMES)
     total = sum_over_classes(results)
-    for name in ("s_mig", "ig", "h_pog", "residual_entropy", *NAMES):
+    for name in ("s_mig", "ig", "h_pog", "covered_entropy", "residual_entropy", *NAMES):
         expected = math.fsum(getattr(r, name) for r in results.values())
         assert getattr(total, name) == pytest.approx(expected, rel=1e-14)
     assert total.covered_voxels == results["Car"].covered_voxels
@@ -122,9 +135,76 @@ def test_a_stride_approximates_all_rays(grids):
             assert 0 < abs(error) < 0.02
 
 
-def test_a_sensor_that_looks_down_sees_its_column_only(grids):
-    down = Placement("down", [Mount(0.7, 0.1, 1.9)], lidar=Lidar((-math.pi / 2,), 4))
-    grid = grids["Car"]
-    result = evaluate(grid, down)
-    assert result.covered_voxels == 10
-    assert result.covered_entropy == pytest.approx(math.fsum(grid.entropy[3, 15]), rel=1e-14)
+@pytest.fixture(scope="module")
+def golden_grids():
+    boxes = pd.read_csv(DATA / "boxes.csv")
+    roi = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=GOLDEN["resolution"])
+    return OccupancyGrid.by_class(boxes, roi, list(GOLDEN["classes"]), GOLDEN["frames"])
+
+
+def test_pog_agrees_with_reference(golden_grids):
+    for name, expected in GOLDEN["classes"].items():
+        grid = golden_grids[name]
+        assert grid.h_pog == pytest.approx(expected["h_pog"], rel=1e-12)
+        assert np.count_nonzero(grid.counts) == expected["nonzero"]
+        assert int(grid.counts.sum()) == expected["count_sum"]
+
+
+@pytest.mark.parametrize("placement", GOLDEN["placements"])
+def test_s_mig_agrees_with_reference(golden_grids, placement):
+    mounts = [Mount(*row) for row in GOLDEN["placements"][placement]]
+    results = evaluate_classes(golden_grids, Placement(placement, mounts, lidar=Lidar.paper()))
+    for name, result in results.items():
+        expected = GOLDEN["classes"][name]["placements"][placement]
+        assert result.s_mig == pytest.approx(expected["s_mig"], rel=1e-12)
+        assert result.covered_nonzero == expected["covered_nonzero"]
+        assert result.ig == pytest.approx(result.h_pog + result.s_mig, rel=1e-15)
+        assert result.residual_entropy == pytest.approx(result.h_pog - result.covered_entropy)
+        assert result.m_sog == pytest.approx(result.s_mig / result.covered_voxels)
+
+
+def test_azimuth_steps_override_the_lidars_own(grids):
+    rig = PAPER_PLACEMENTS["line_roll"].with_lidar(LIDAR)
+    few, many = (evaluate(grids["Car"], rig, "dda", azimuth_steps=n) for n in (8, 800))
+    assert few.covered_voxels < many.covered_voxels
+    by_cones = [evaluate(grids["Car"], rig, azimuth_steps=n).s_mig for n in (8, None)]
+    assert by_cones[0] == by_cones[1]
+
+
+def test_a_placement_that_sees_nothing(grids):
+    up = Placement("up", [Mount(z=3.0)], lidar=Lidar((0.5,), 90))
+    result = evaluate(grids["Car"], up, surrogates=NAMES)
+    assert result.s_mig == result.expected_points == result.expected_ig == 0.0
+    assert math.isnan(result.m_sog)
+
+
+@pytest.mark.parametrize("occlusion", [False, True])
+@pytest.mark.parametrize("name", POG_SURROGATES)
+def test_more_lidars_do_what_its_sense_says(grids, name, occlusion):
+    own = SURROGATES[name]
+    mounts = [Mount(y=y, z=2.2, roll=roll) for y, roll in ((-0.6, 0.2), (0.6, -0.2), (0.0, 0.0))]
+    rigs = [Placement("rig", mounts[:n], LIDAR) for n in (1, 2, 3)]
+    asked = [name] if own.needs_rays else []
+    results = [evaluate(grids["Car"], rig, surrogates=asked, occlusion=occlusion) for rig in rigs]
+    values = np.array([getattr(result, name) for result in results])
+    assert not own.fixed or len(set(values)) == 1
+    assert np.all(np.diff(values) * own.sense > 0) or own.sense == 0
+    assert (getattr(evaluate(grids["Car"], rigs[0]), name) is None) == own.needs_rays
+
+
+def test_no_other_name_is_an_attribute(grids):
+    result = evaluate(grids["Car"], PAPER_PLACEMENTS["line"].with_lidar(LIDAR))
+    assert {*POG_SURROGATES} < {*dir(result)}
+    with pytest.raises(AttributeError, match="no attribute 's_nig'"):
+        result.s_nig  # noqa: B018
+
+
+def test_a_misspelt_surrogate_is_a_mistake_to_mypy(tmp_path):
+    code = "from lidarplace.pog.surrogates.result import Surrogates as S\n\n\n"
+    code += "def add(one: S) -> float:\n    return one.s_mig + one.covered_voxels + one.s_migg\n"
+    (tmp_path / "reads.py").write_text(code)
+    files = [inspect.getfile(plotting), inspect.getfile(result_module), str(tmp_path / "reads.py")]
+    quick = ["--config-file=", "--follow-imports=skip", "--cache-dir", str(tmp_path)]
+    found, _, _ = api.run([*quick, *files])
+    assert [line for line in found.splitlines() if " error: " in line and "s_migg" in line], found
+    assert found.count(" error: ") == 1, found
