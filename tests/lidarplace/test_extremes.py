@@ -290,19 +290,6 @@ def test_a_field_of_view_of_a_microradian_and_of_nearly_a_turn():
     )
 
 
-# Rays.
-
-
-def test_rays_from_a_corner_fill_the_octants_by_their_signs():
-    """All rays leave through the eight voxels around a corner; planes belong to the upper one."""
-    lidar = Lidar(tuple(np.radians(np.linspace(-25, 15, 128))), azimuth_steps=500)
-    placement = Placement("corner", [Mount(0.5, 0.0, 0.25)], lidar=lidar)
-    rays, grows = ray_counts(placement, ROI, "dda"), lidar.directions() >= 0
-    for octant in np.ndindex(2, 2, 2):
-        expected = np.count_nonzero((grows == octant).all(axis=1))
-        assert rays[1 + octant[0], 2 + octant[1], octant[2]] == expected
-
-
 # Sums.
 
 
@@ -436,12 +423,8 @@ def test_an_roi_of_one_voxel():
     grid = OccupancyGrid.from_boxes(boxes_of(box), ONE_VOXEL, "Car", frames=4)
     p = Fraction(1, 4)
     for method in ("cone", "dda", "bresenham"):
-        result = evaluate(
-            grid,
-            one_sensor(Mount(0.5, 0.5, 0.5), [0.1], steps=3),
-            method=method,
-            surrogates=["expected_points"],
-        )
+        placement = one_sensor(Mount(0.5, 0.5, 0.5), [0.1], steps=3)
+        result = evaluate(grid, placement, method, surrogates=["expected_points"])
         assert result.s_mig == pytest.approx(-float(exact_entropy(1, 4)), rel=1e-15)
         assert (result.ig, result.covered_voxels) == (0.0, 1)
         assert result.expected_points == float(3 * p)

@@ -232,30 +232,10 @@ def test_nothing_is_met_beyond_the_range():
     assert cast(Mount(z=2.0), one_ray(slope, reach=29.999), NO_BOXES).target[0] == NOTHING
 
 
-def test_reflected_is_the_cosine_to_the_normal_times_reflectivity():
-    """Of the ground the cosine alone."""
-    turned = np.array([[10.0, 0.0, 2.0, 0.0, 40.0, 20.0, math.pi / 3]])
-    assert cast(Mount(z=2.0), one_ray(0.0), turned).reflected[0] == pytest.approx(0.5)
-    dull = bricks(turned, 0, reflectivity=0.2)
-    assert cast_parts(Mount(z=2.0), one_ray(0.0), dull).reflected[0] == pytest.approx(0.1)
-    ground = cast(Mount(x=5, z=2.0), one_ray(-0.5), NO_BOXES).reflected[0]
-    assert ground == pytest.approx(math.sin(0.5))
-
-
 @pytest.mark.parametrize("z", [-1.0, 0.0])
 def test_a_sensor_at_or_below_the_ground_meets_none(z):
     hits = cast(Mount(x=50.0, z=z), SMALL, NO_BOXES)
     assert set(hits.target) <= {BODY, NOTHING}
-
-
-def test_visible_share_of_half_a_wall():
-    """From the origin a screen hides the half of the wall to the left."""
-    wall = [20.0, 0.0, 0.0, 0.0, 10.0, 10.0, 0.0]
-    screen = [10.0, 20.0, 0.0, 0.0, 40.0, 40.0, 0.0]
-    parts = bricks(np.array([wall, screen]), np.arange(2))
-    share = visible_share((0.0, 0.0, 0.0), parts, 2, (64, 64))
-    assert share[0] == pytest.approx(0.5, abs=1e-9)
-    assert share[1] == 1.0
 
 
 def test_visible_share_agrees_with_rays_cast_at_all():

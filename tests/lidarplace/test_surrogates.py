@@ -120,21 +120,6 @@ def test_linear_share_is_that_of_rays_that_count_by_themselves(grids):
             assert low <= shares[name] <= high
 
 
-def test_a_stride_approximates_all_rays(grids):
-    dense = PAPER_PLACEMENTS["line_roll"].with_lidar(Lidar(LIDAR.elevations, 3600))
-    for occlusion in (False, True):
-        exact, thinned = (
-            evaluate(
-                grids["Car"], dense, surrogates=NAMES, occlusion=occlusion, azimuth_stride=stride
-            )
-            for stride in (1, 4)
-        )
-        assert thinned.s_mig == exact.s_mig
-        for name in NAMES:
-            error = getattr(thinned, name) / getattr(exact, name) - 1
-            assert 0 < abs(error) < 0.02
-
-
 @pytest.fixture(scope="module")
 def golden_grids():
     boxes = pd.read_csv(DATA / "boxes.csv")

@@ -88,13 +88,6 @@ def test_a_budget_that_excludes_everything(limits):
     assert (found.chosen, found.value, found.evaluations) == ((), 0.0, 3)
 
 
-def test_no_candidates_and_no_gain():
-    assert greedy(exposure_of(np.zeros((0, 3)), "cover"), Limits.at_most(2, 0)).chosen == ()
-    assert greedy(exposure_of(np.zeros((4, 3)), "cover"), Limits.at_most(2, 4)).chosen == ()
-    worthless = exposure_of(np.ones((4, 3)), "cover", worth=np.zeros(3))
-    assert greedy(worthless, Limits.at_most(2, 4)).chosen == ()
-
-
 def test_laziness_saves_evaluations():
     amounts = np.zeros((50, 50))
     np.fill_diagonal(amounts, 1)
