@@ -23,12 +23,12 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.clouds.facades import facades
 from lidarplace.clouds.ground import Ground, square
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import EVERYWHERE, GROUND, NOTHING, cast
 from lidarplace.clouds.returns import sample_points
 from lidarplace.clouds.shapes import BUILDING, Parts, shapes_of
+from lidarplace.clouds.surroundings import facades
 from lidarplace.rigs.placement import Placement
 
 ROAD_USERS = 34

@@ -21,7 +21,7 @@ from lidarplace.clouds.shade import ends_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.mesh import Mesh
-from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 
 HEAD = ("triangles", "tree", "rays", "body_share", "inside", "near field")
@@ -45,7 +45,7 @@ def times(vehicle: Vehicle, mesh: Mesh) -> list[float]:
         second(lambda: ends_of(mount, lidar, NO_HOUSINGS, vehicle)),
         second(lambda: body_share(mount, lidar, vehicle)),
         second(lambda: depth_in_body(vehicle, places)),
-        second(lambda: near_field_coverage(rig, vehicle, NEAR)),
+        second(lambda: seen_in_columns(rig, vehicle, NEAR)),
     ]
 
 

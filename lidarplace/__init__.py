@@ -7,8 +7,8 @@ from typing import Any
 from lidarplace.base.plotting import draw_with
 from lidarplace.base.roi import Roi
 from lidarplace.pog.occupancy.grid import OccupancyGrid
-from lidarplace.pog.surrogates.compare import compare
 from lidarplace.pog.surrogates.evaluate import (
+    compare,
     evaluate,
     evaluate_classes,
     evaluate_many,

@@ -29,7 +29,7 @@ lidarplace.base.ranges lidarplace.clouds.cloud_files lidarplace.clouds.clouds
 lidarplace.clouds.collect lidarplace.clouds.recorded lidarplace.configuration.correction
 lidarplace.configuration.further_sensors lidarplace.configuration.yaml lidarplace.detections.read
 lidarplace.logs.box_log lidarplace.mounting.errors lidarplace.mounting.mesh
-lidarplace.mounting.near_field lidarplace.mounting.polygon lidarplace.mounting.vehicle
+lidarplace.mounting.polygon lidarplace.mounting.vehicle
 lidarplace.mounting.zone lidarplace.pog.occupancy.entropy
 lidarplace.pog.surrogates.error_against_time lidarplace.pog.surrogates.evaluate
 lidarplace.pog.surrogates.formulas lidarplace.pog.surrogates.sampling_error

@@ -46,6 +46,10 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     return compiled
 
 
+inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""For functions that compiled code alone calls: they take a third less time to compile."""
+
+
 def _folder(parent: Path, function: Callable[..., Any]) -> Path:
     """Where the machine code of a function is; the oldest versions of its file go for a new one."""
     stem = Path(function.__code__.co_filename).stem

@@ -5,8 +5,8 @@ import numpy as np
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.own_body import sedan
-from lidarplace.clouds.raycast import Beams, along, rays_of, turned
-from lidarplace.mounting.housing import housings_in
+from lidarplace.clouds.raycast import Beams, along, rays_of
+from lidarplace.mounting.housing import housings_in, turned
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle, poses_of
 from lidarplace.rigs.placement import Placement
@@ -19,15 +19,11 @@ SPACE_M = 0.5
 
 def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]:
     """Numbers, from 0, of the LiDARs that see neither ground nor the space of objects in the ROI,
-    in some pose of the vehicle.
+    in some pose of the vehicle; None: a sedan.
 
     A ray sees if it reaches the ground of the ROI, or SPACE_M of it are in the ROI below OBJECTS_M,
     between the least range and the range, before the vehicle or another LiDAR stops it. All rays of
-    a LiDAR are fired, of a pattern those of all frames, until one sees.
-
-    Args:
-        vehicle: carries the rig; None: a sedan.
-    """
+    a LiDAR are fired, of a pattern those of all frames, until one sees."""
     floor = max(roi.z[0], 0.0)
     low = np.array([roi.x[0], roi.y[0], floor])
     high = np.array([roi.x[1], roi.y[1], min(roi.z[1], floor + OBJECTS_M)])
@@ -59,9 +55,7 @@ def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sees(
-    origin, rotation, beams: Beams, reach, low, high, obstacles: Obstacles, own
-):  # pragma: no cover - compiled
+def _sees(origin, rotation, beams: Beams, reach, low, high, obstacles: Obstacles, own):
     for beam in range(len(beams.elevations)):
         _, ce, se = beams.elevations[beam]
         cosines, sines = along(beams, beam)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import BinaryIO
 
 import numpy as np
@@ -17,22 +16,17 @@ from lidarplace.files.regular import regular
 COLUMNS = ("x", "y", "z", "intensity", "ring", "lidar", "time")
 """Of a cloud: metres, intensity in [0, 1], number of the laser from 0, LiDAR by number or name, and
 seconds from the first point. The first three are in every cloud."""
-
-NAMES: Mapping[str, str] = MappingProxyType(
-    {
-        **{name: name for name in COLUMNS},
-        **dict.fromkeys(("i", "reflectivity", "reflectance", "remission"), "intensity"),
-        **dict.fromkeys(("channel", "laser", "laser_id", "beam", "row"), "ring"),
-        **dict.fromkeys(("lidar_id", "sensor", "sensor_id", "lidar_name"), "lidar"),
-        **dict.fromkeys(("t", "timestamp", "time_s", "offset_time", "offset_ns"), "time"),
-    }
-)
+NAMES: Mapping[str, str] = {
+    **{name: name for name in COLUMNS},
+    **dict.fromkeys(("i", "reflectivity", "reflectance", "remission"), "intensity"),
+    **dict.fromkeys(("channel", "laser", "laser_id", "beam", "row"), "ring"),
+    **dict.fromkeys(("lidar_id", "sensor", "sensor_id", "lidar_name"), "lidar"),
+    **dict.fromkeys(("t", "timestamp", "time_s", "offset_time", "offset_ns"), "time"),
+}
 """What the columns are called in files, in lower case; others are left out. Times that are whole
 numbers are nanoseconds; intensities that are whole, or beyond 1, are of 255."""
-
 ARGOVERSE_BEAMS = 32
 """Of each of Argoverse's two LiDARs, whose `laser_number` counts through both."""
-
 _NUMPY = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
@@ -43,15 +37,9 @@ def read_cloud(path: Path) -> pd.DataFrame:
 
     `.bin` is KITTI's (x, y, z, intensity; float32), `.pcd.bin` nuScenes' (and ring), `.pcd` that of
     the Point Cloud Library (ascii or binary); `.feather`, `.parquet` and structured `.npy` have
-    named columns, see `NAMES`; an `.npy` without names has those of `COLUMNS` in their order.
-
-    Returns:
-        x, y, z (float32 or float64) and, where the file has them, the others of `COLUMNS`. What a
-        LiDAR did not see may be NaN.
-
-    Raises:
-        ValueError: the file cannot be read, is none of these, or a value is wrong; names it.
-    """
+    named columns, see `NAMES`; an `.npy` without names has those of `COLUMNS` in their order. x, y,
+    z are float32 or float64; what a LiDAR did not see may be NaN. Raises ValueError, which names
+    the file, for what cannot be read, is none of these, or has a wrong value."""
     with reading(path):
         for suffix, read in _READERS.items():
             if path.name.lower().endswith(suffix):
@@ -182,16 +170,7 @@ def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame
     return table
 
 
-_READERS: Mapping[str, Callable[[Path], pd.DataFrame]] = MappingProxyType(
-    {
-        ".pcd.bin": _floats(5),
-        ".bin": _floats(4),
-        ".pcd": _pcd,
-        ".feather": _arrow,
-        ".parquet": _arrow,
-        ".npy": _npy,
-    }
-)
-"""By the end of a file's name; the first that fits."""
-
+# By the end of a file's name; the first that fits.
+_READERS = {".pcd.bin": _floats(5), ".bin": _floats(4), ".pcd": _pcd}
+_READERS |= {".feather": _arrow, ".parquet": _arrow, ".npy": _npy}
 CLOUD_SUFFIXES = tuple(_READERS)

@@ -2,9 +2,8 @@
 
 Points come in the order of the rays, so neighbours differ little. A frame is stored as differences
 between successive points, on a grid of a millimetre, their bytes sorted by significance and
-compressed with zstd. Arrays of plain numbers hold all of it: they travel between processes without
-a copy, and are mapped from disk.
-"""
+compressed with zstd. Plain arrays hold all of it: they are mapped from disk, and no process
+copies."""
 
 from __future__ import annotations
 
@@ -26,10 +25,8 @@ from lidarplace.files.atomic import replacing
 
 Crop = tuple[float, float, float, float, float, float]
 """A region: x0, y0, z0, x1, y1, z1, metres."""
-
 STEP_M = 0.001
 """Grid on which points lie; coarser where the region is wider than 65.535 m."""
-
 _LEVEL = 1  # of zstd: higher ones cost ten times as long for 4 % fewer bytes
 _BYTES = 7  # of a point before compression: three coordinates and an intensity
 
@@ -109,14 +106,9 @@ class PointClouds:
             counts.append(count)
         if len(counts) != len(numbers):
             raise ValueError(f"{len(numbers)} frame numbers for {len(counts)} clouds")
-        return cls(
-            data=np.frombuffer(packed, np.uint8),
-            offsets=np.array(ends, np.int64),
-            counts=np.stack(counts) if counts else np.empty((0, 0), np.int32),
-            frames=numbers,
-            crop=np.array(crop, np.float64),
-            step=np.array(step),
-        )
+        data, offsets = np.frombuffer(packed, np.uint8), np.array(ends, np.int64)
+        table = np.stack(counts) if counts else np.empty((0, 0), np.int32)
+        return cls(data, offsets, table, numbers, np.array(crop, np.float64), np.array(step))
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -127,10 +119,8 @@ class PointClouds:
             raise IndexError(f"frame index {index} outside 0..{len(self) - 1}")
         count = int(self.counts[index].sum())
         codec = pa.Codec("zstd", compression_level=_LEVEL)
-        planes = codec.decompress(
-            self.data[self.offsets[index] : self.offsets[index + 1]],
-            decompressed_size=_BYTES * count,
-        )
+        packed = self.data[self.offsets[index] : self.offsets[index + 1]]
+        planes = codec.decompress(packed, decompressed_size=_BYTES * count)
         points = np.empty((count, 4), np.float32)
         _unpack(np.frombuffer(planes, np.uint8), self.crop[:3], float(self.step), points)
         return points
@@ -220,17 +210,25 @@ def write_clouds(folder: Path, clouds: PointClouds) -> None:
 def read_clouds(folder: Path) -> PointClouds:
     """Read what `write_clouds` wrote; the packed frames stay on disk until they are asked for.
 
-    Raises:
-        OSError: a file is missing.
-        ValueError: a file is no array, or the arrays do not fit together.
-    """
-    clouds = PointClouds(
-        **{
-            name: read_npy(folder / f"{name}.npy", dtype, ndim, mapped=name == "data")
-            for name, (dtype, ndim) in _ARRAYS.items()
-        }
-    )
-    _check_arrays(folder, clouds)
+    Raises OSError for a missing file, ValueError if the arrays do not fit together."""
+    kinds = _ARRAYS.items()
+    arrays = {n: read_npy(folder / f"{n}.npy", *kind, mapped=n == "data") for n, kind in kinds}
+    clouds = PointClouds(**arrays)
+    frames, offsets = len(clouds.frames), clouds.offsets
+    rising = len(offsets) > 0 and offsets[0] == 0 and bool((np.diff(offsets) >= 0).all())
+    fits = {
+        "offsets": len(offsets) == frames + 1 and rising,
+        "data": len(offsets) > 0 and len(clouds.data) == offsets[-1],
+        "counts": len(clouds.counts) == frames and bool((clouds.counts >= 0).all()),
+        "crop": len(clouds.crop) == 6 and bool(np.isfinite(clouds.crop).all()),
+        "step": 0 < clouds.step < np.inf,
+    }
+    for name, good in fits.items():
+        if not good:
+            raise ValueError(
+                f"{folder / name}.npy: shape {getattr(clouds, name).shape} does not fit the other "
+                f"arrays of {frames} frames, or has wrong values"
+            )
     return clouds
 
 
@@ -245,34 +243,13 @@ _ARRAYS: dict[str, tuple[type[np.generic], int]] = {
 """Type and number of axes of every attribute of `PointClouds`."""
 
 
-def _check_arrays(folder: Path, clouds: PointClouds) -> None:
-    """Raise ValueError that names the file which does not fit the others."""
-    frames, offsets = len(clouds.frames), clouds.offsets
-    fits = {
-        "offsets": len(offsets) == frames + 1
-        and offsets[0] == 0
-        and bool((np.diff(offsets) >= 0).all()),
-        "data": len(offsets) > 0 and len(clouds.data) == offsets[-1],
-        "counts": len(clouds.counts) == frames and bool((clouds.counts >= 0).all()),
-        "crop": len(clouds.crop) == 6 and bool(np.isfinite(clouds.crop).all()),
-        "step": 0 < clouds.step < np.inf,
-    }
-    for name, good in fits.items():
-        if not good:
-            raise ValueError(
-                f"{folder / name}.npy: shape {getattr(clouds, name).shape} does not fit the other "
-                f"arrays of {frames} frames, or has wrong values"
-            )
-
-
 @njit(cache=True)
 def _pack(points, origin, step, planes):
     """Fill the planes of bytes; return the first point that does not fit, or -1.
 
     For each coordinate the low bytes of all points, then the high bytes; last the intensities. A
     difference d of 16 bits, seen as signed, is folded to 2 d or -2 d - 1, so small ones of either
-    sign have a high byte of 0.
-    """
+    sign have a high byte of 0."""
     count = len(points)
     for axis in range(3):
         before = np.uint16(0)

@@ -29,11 +29,9 @@ GROUND_MARGIN_M = 0.5
 def crop_for(
     x: Interval, y: Interval, z: Interval, placement: Placement, misaligned_heights: bool = False
 ) -> Crop:
-    """The region of a cloud that holds the ROI x, y, z and the ground under it.
-
-    Deeper where clouds are merged without regard to heights, as the ground of a LiDAR that is
-    higher than the first one sinks.
-    """
+    """The region of a cloud that holds the ROI x, y, z and the ground under it; deeper where clouds
+    are merged without regard to heights, as the ground of a LiDAR higher than the first one
+    sinks."""
     heights = [mount.z for mount in placement.mounts]
     sinks = max(heights) - heights[0] if misaligned_heights else 0.0
     return x[0], y[0], z[0] - GROUND_MARGIN_M - sinks, x[1], y[1], z[1]
@@ -58,7 +56,7 @@ def collect(
     Args:
         log: a box log; its other frames are ignored.
         frames: frame numbers, shape (F,); a frame without a box shows ground, buildings and world.
-        placement: mounts and LiDAR.
+        placement: mounts and LiDAR, at most 256.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
         seed: of shapes and materials, drop-off and range noise.
         misaligned_heights: merge the clouds as if every LiDAR were as high as the first: those of
@@ -67,25 +65,18 @@ def collect(
         vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
-        ValueError: a box is bad, a frame is not in the log, the crop is empty, or there are more
-            than 256 LiDARs.
+        ValueError: a box is bad, a frame is not in the log, or the crop is empty.
     """
-    simulated = SimulatedClouds(
-        log, frames, placement, crop, seed, misaligned_heights, errors, vehicle
-    )
-    return simulated.kept()
+    how = seed, misaligned_heights, errors, vehicle
+    return SimulatedClouds(log, frames, placement, crop, *how).kept()
 
 
 class SimulatedClouds:
     """The clouds of `collect`, each simulated when it is asked for and not kept.
 
-    For who looks at a frame once: `clouds[i]` has the points of `collect(…)[i]`, to the last bit,
-    without packing them. Arguments and errors as of `collect`; a bad frame is named when it is
-    asked for.
-
-    Attributes:
-        frames: frame numbers, shape (F,), int64.
-    """
+    `clouds[i]` has the points of `collect(…)[i]`, to the last bit, without packing them. Arguments
+    and errors as of `collect`; a bad frame is named when it is asked for. `frames`: frame numbers,
+    shape (F,), int64."""
 
     def __init__(
         self,
@@ -137,10 +128,8 @@ class SimulatedClouds:
         return PointClouds.from_frames(self.frames, clouds, self._crop)
 
     def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Points of a frame before rounding, and how many come from each LiDAR.
-
-        The points' memory is used again by the next call.
-        """
+        """Points of a frame before rounding, in memory that the next call uses again, and how many
+        come from each LiDAR."""
         frame = int(self.frames[index])
         parts = self._body.and_(self._surroundings.parts(frame, self._reach))
         ground, world = self._surroundings.ground(frame), self._surroundings.world(frame)
@@ -150,7 +139,7 @@ class SimulatedClouds:
         if self._patterns:
             rig = _in_frame(rig, self._seed, frame)
         ends = ends_in_rig(rig, self._vehicle) if self._ends is None else self._ends
-        corrected = any(lidar.correction is not None for lidar in rig.lidars)
+        corrected = any(lidar.correction for lidar in rig.lidars)
         classes = self._surroundings.classes(frame) if corrected else []
         counts = np.zeros(len(rig.mounts), np.int32)
         views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
@@ -161,26 +150,13 @@ class SimulatedClouds:
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)
-            counts[m] = sample_points(
-                mount,
-                lidar,
-                hits,
-                ground,
-                self._crop,
-                key,
-                free,
-                lift,
-                classes,
-                level=world is None,
-            )
+            what = mount, lidar, hits, ground, self._crop, key, free, lift, classes
+            counts[m] = sample_points(*what, level=world is None)
         return self._points[: counts.sum()], counts
 
 
 def _in_frame(placement: Placement, seed: int, frame: int) -> Placement:
     """The rig with the part of its patterns that each LiDAR fires in a frame."""
-    drawn = [
-        int(np.random.default_rng(key_of(seed, frame, number)).integers(2**32))
-        for number in range(len(placement.mounts))
-    ]
-    lidars = zip(placement.lidars, drawn, strict=True)
-    return placement.with_lidar([lidar.in_frame(number) for lidar, number in lidars])
+    draws = (np.random.default_rng(key_of(seed, frame, n)) for n in range(len(placement.mounts)))
+    lidars = zip(placement.lidars, draws, strict=True)
+    return placement.with_lidar([own.in_frame(int(draw.integers(2**32))) for own, draw in lidars])

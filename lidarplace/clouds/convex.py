@@ -1,21 +1,16 @@
 """A convex part as a sensor sees it: the window of angles that it fills, and its planes.
 
-`lidarplace.clouds.raycast` explains how a ray meets them; compiled functions for it and for others
-that count rays.
-"""
+`lidarplace.clouds.raycast` explains how a ray meets them."""
 
 import math
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import njit
-
-inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""For functions that compiled code alone calls: they take a third less time to compile."""
+from lidarplace.base.kernel_cache import inner
 
 
 @inner
-def fill_corners(part, corners):  # pragma: no cover - compiled
+def fill_corners(part, corners):
     """Fill `corners`, shape (8, 3): bit 0 of the row is front, bit 1 left, bit 2 top."""
     c, s = math.cos(part[6]), math.sin(part[6])
     for n in range(8):
@@ -28,15 +23,14 @@ def fill_corners(part, corners):  # pragma: no cover - compiled
 
 
 @inner
-def fill_planes(part, origin, rotation, planes):  # pragma: no cover - compiled
+def fill_planes(part, origin, rotation, planes):
     """Fill the planes of a part, those that face the sensor first; return how many do.
 
     Row k of `planes`, shape (6, 5): a ray along the unit vector d, sensor's frame, meets the plane
     at the inverse distance `planes[k, :3] . d + planes[k, 3]`; times `planes[k, 4]` it is the
     cosine of incidence. A sensor in a plane itself, so near that the inverse would overflow, meets
     it at once, if it dives, or never; then a ray along it stays open to the other planes, and
-    misses if there are none.
-    """
+    misses if there are none."""
     c, s = math.cos(part[6]), math.sin(part[6])
     ex, ey, oz = origin[0] - part[0], origin[1] - part[1], origin[2] - part[2]
     ox, oy = c * ex + s * ey, c * ey - s * ex
@@ -82,7 +76,7 @@ def fill_planes(part, origin, rotation, planes):  # pragma: no cover - compiled
 
 
 @inner
-def shorter_turn(start, end):  # pragma: no cover - compiled
+def shorter_turn(start, end):
     """The shorter way from one azimuth in [-pi, pi] to another."""
     turn = end - start
     if turn > math.pi:
@@ -91,14 +85,13 @@ def shorter_turn(start, end):  # pragma: no cover - compiled
 
 
 @inner
-def window(corners, origin, rotation):  # pragma: no cover - compiled
+def window(corners, origin, rotation):
     """Azimuths and elevations under which a part can appear in the sensor's frame.
 
     Returns (centre azimuth, half width below, half width above, lowest, highest elevation, nearest
     and farthest distance); the half widths are pi if the sensor's axis meets the part or passes
     close by. The azimuths are those of the corners, exact; elevations and distances are bounds,
-    from the corners' heights and the ring around the axis that holds the part.
-    """
+    from the corners' heights and the ring around the axis that holds the part."""
     seen = np.empty((8, 3))
     mx = my = 0.0
     for n in range(8):
@@ -139,12 +132,10 @@ def window(corners, origin, rotation):  # pragma: no cover - compiled
 
 
 @inner
-def enter_along(cosines, sines, planes, facing, ce, se, enter):  # pragma: no cover - compiled
-    """Inverse distances at which rays of a beam enter a part; negative where they miss it.
-
-    Cosines and sines are of the azimuths, `ce` and `se` of the elevation; the result goes to the
-    first elements of `enter`.
-    """
+def enter_along(cosines, sines, planes, facing, ce, se, enter):
+    """Write to the first elements of `enter` the inverse distances at which rays of a beam enter a
+    part; negative where they miss it. Cosines and sines are of the azimuths, `ce` and `se` of the
+    elevation."""
     number = len(cosines)
     for k in range(6):
         a, b, c = ce * planes[k, 0], ce * planes[k, 1], se * planes[k, 2] + planes[k, 3]

@@ -1,14 +1,12 @@
 """Drops of fog and rain near a LiDAR return light themselves: points where nothing is.
 
-The model: along a ray the first drop whose light may come back is met as by Poisson's process, at
-the rate of the extinction. It makes a point in place of what is behind it if it is near enough for
-the light of drops to be noticed. Beyond, fog only dims.
-"""
+Along a ray the first drop whose light may come back is met as by Poisson's process, at the rate of
+the extinction. It makes a point in place of what is behind it if it is near enough for the light of
+drops to be noticed. Beyond, fog only dims."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.hashed import key_of, stream_of, uniform
@@ -19,28 +17,21 @@ from lidarplace.rigs.weather import shortened
 LIDAR_RATIO = 18.8
 """Extinction over backscatter of drops of water at 905 nm, sr (O'Connor, Illingworth and Hogan
 2004, J. Atmos. Ocean. Technol. 21, 777)."""
-
 PULSE_M = 0.75
 """What of the air answers at once, metres: half the length of a pulse of 5 ns, our assumption."""
-
 DROPS = 2**31 - 1
 """Target of a ray that drops send back: beyond the rows of all objects."""
 
 
 def drop_reflectivity(extinction: float) -> float:
-    """A wall that sends back as much as the drops within a pulse: pi backscatter length, at most 1.
-
-    Args:
-        extinction: 1/m.
-    """
+    """That of a wall that sends back as much as the drops within a pulse, by the extinction, 1/m:
+    pi backscatter length, at most 1."""
     return min(1.0, math.pi * extinction / LIDAR_RATIO * PULSE_M)
 
 
 def sight_of_drops(lidar: Lidar) -> float:
-    """How far a LiDAR notices drops, metres.
-
-    Where `range_10` is not known, as if a white surface was seen up to `range`.
-    """
+    """How far a LiDAR notices drops, metres; if `range_10` is not known, as if it saw white up to
+    `range`."""
     reflected = drop_reflectivity(lidar.extinction)
     if lidar.range_10 is not None:
         return float(lidar.sight(reflected))
@@ -50,11 +41,7 @@ def sight_of_drops(lidar: Lidar) -> float:
 def scatter_back(lidar: Lidar, hits: Hits, key: tuple[int, int, int]) -> None:
     """Let rays end at drops, in place; nearer than `lidar.min_range` none is noticed.
 
-    Args:
-        lidar: as cast.
-        hits: from `lidarplace.clouds.raycast.cast`.
-        key: as of `lidarplace.clouds.returns.sample_points`, whose random numbers are others.
-    """
+    `key` as of `lidarplace.clouds.returns.sample_points`, whose random numbers are others."""
     if lidar.extinction > 0.0:
         interval = np.array([lidar.min_range, sight_of_drops(lidar)])
         reflected = drop_reflectivity(lidar.extinction)
@@ -62,13 +49,7 @@ def scatter_back(lidar: Lidar, hits: Hits, key: tuple[int, int, int]) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _scatter(
-    hits: Hits,
-    interval: NDArray[np.float64],
-    extinction: float,
-    light: float,
-    key: NDArray[np.uint64],
-) -> None:  # pragma: no cover - compiled
+def _scatter(hits, interval, extinction, light, key) -> None:
     ranges, targets, reflected = hits
     stream = stream_of(key)
     for ray in range(len(ranges)):

@@ -1,9 +1,8 @@
 """What the ground is made of: asphalt, paving and grass in patches, with road markings.
 
-A box log does not say where roads are. So the ground is one square of patches, repeated all over
-the world: what lies at a place lies there in every frame and under every placement, and intensities
-vary as on a street, but the marks follow no lane.
-"""
+A box log does not say where roads are. So one square of patches is repeated all over the world:
+what lies at a place lies there in every frame and under every placement, and intensities vary as on
+a street, but the marks follow no lane."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +15,6 @@ from lidarplace.clouds.reflectivity import Material, reflectivity
 CELL_M = 0.25
 CELLS = 256
 """Cells of `CELL_M` along an edge of the square; a power of two."""
-
 _STREAM = 905  # next to the seed, so that nothing else draws the same numbers
 _PATCH = 16  # cells along an edge of a patch
 _SURFACES = ((Material.ASPHALT, 0.6), (Material.PAVING, 0.25), (Material.GRASS, 0.15))

@@ -3,9 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
-
-_inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+from lidarplace.base.kernel_cache import inner
 
 
 def key_of(*parts: int) -> NDArray[np.uint64]:
@@ -13,16 +11,16 @@ def key_of(*parts: int) -> NDArray[np.uint64]:
     return np.array([value % 2**64 for value in parts], np.uint64)
 
 
-@_inner
-def _mix(state):  # pragma: no cover - compiled
+@inner
+def _mix(state):
     """Output function of splitmix64 (Steele, Lea, Flood 2014): a bijection that scatters bits."""
     z = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return z ^ (z >> np.uint64(31))
 
 
-@_inner
-def stream_of(key):  # pragma: no cover - compiled
+@inner
+def stream_of(key):
     """A stream of numbers for each key."""
     stream = np.uint64(0)
     for part in key:
@@ -30,8 +28,8 @@ def stream_of(key):  # pragma: no cover - compiled
     return stream
 
 
-@_inner
-def uniform(stream, counter):  # pragma: no cover - compiled
+@inner
+def uniform(stream, counter):
     """The `counter`-th number of a splitmix64 stream, an odd multiple of 2**-53 in (0, 1)."""
     bits = _mix(stream + (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15))
     return (np.float64(np.int64(bits >> np.uint64(12))) + 0.5) * 2.0**-52

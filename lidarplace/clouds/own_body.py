@@ -1,8 +1,6 @@
 """The body of the vehicle that carries the LiDARs, as its clouds have it.
 
-A vehicle that nobody describes is a sedan of convex parts, a shape of its own next to
-`Vehicle.car()`, whose two boxes are somewhat larger.
-"""
+A vehicle that nobody describes is a sedan of convex parts; `Vehicle.car()` is somewhat larger."""
 
 from functools import cache
 from inspect import unwrap
@@ -13,19 +11,11 @@ from lidarplace.base.number_text import point
 from lidarplace.clouds.convex import fill_corners
 from lidarplace.clouds.shapes import BODY, Parts, bricks, own_body
 from lidarplace.mounting.mesh import Mesh
-from lidarplace.mounting.trailer import BendingVehicle
+from lidarplace.mounting.trailer import FACES, BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 from lidarplace.rigs.placement import Placement
 
 _SEDAN = own_body()
-
-# Triangles of a part, corners as `fill_corners` numbers them, counterclockwise from outside.
-_OUTWARDS = np.array(
-    [
-        [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
-        [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5],
-    ]
-)  # fmt: skip
 
 
 def body_parts(vehicle: Vehicle | None) -> Parts:
@@ -43,7 +33,7 @@ def sedan() -> Vehicle:
     corners = np.empty((len(_SEDAN), 8, 3))
     for part, own in zip(_SEDAN.geometry, corners, strict=True):
         unwrap(fill_corners)(part, own)
-    faces = (8 * np.arange(len(corners))[:, None, None] + _OUTWARDS).reshape(-1, 3)
+    faces = (8 * np.arange(len(corners))[:, None, None] + FACES).reshape(-1, 3)
     return Vehicle("sedan", np.empty((0, 2, 3)), Mesh(corners.reshape(-1, 3), faces))
 
 

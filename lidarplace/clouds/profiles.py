@@ -9,8 +9,8 @@ of each on AP:
   is taken off, so clouds of LiDARs at different heights are merged at different heights.
 """
 
-import math
 from dataclasses import dataclass, replace
+from math import radians
 
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
@@ -18,14 +18,9 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class Profile:
-    """A way to collect.
-
-    Attributes:
-        lidar: the sensor of every mount.
-        tilt_in_degrees: take the numbers of roll and pitch for degrees.
-        misaligned_heights: merge clouds as if all LiDARs were as high as the first; an argument of
-            `lidarplace.clouds.collect.collect`.
-    """
+    """A way to collect: the sensor of every mount, whether numbers of roll and pitch are taken for
+    degrees, and whether clouds are merged as if all LiDARs were as high as the first, see
+    `lidarplace.clouds.collect.collect`."""
 
     lidar: Lidar
     tilt_in_degrees: bool = False
@@ -38,13 +33,8 @@ class Profile:
 
 def with_tilt_in_degrees(placement: Placement) -> Placement:
     """The same placement, the numbers of roll and pitch taken for degrees."""
-    return replace(
-        placement,
-        mounts=[
-            replace(mount, roll=math.radians(mount.roll), pitch=math.radians(mount.pitch))
-            for mount in placement.mounts
-        ],
-    )
+    mounts = [replace(m, roll=radians(m.roll), pitch=radians(m.pitch)) for m in placement.mounts]
+    return replace(placement, mounts=mounts)
 
 
 PROFILES: dict[str, Profile] = {

@@ -1,16 +1,13 @@
 """Cast the rays of a LiDAR at convex parts, the ground and the vehicle's own body.
 
-Every ray goes to the nearest surface that it *enters*: a part around the sensor is transparent,
-because its inside is no surface to return from.
+Every ray goes to the nearest surface that it *enters*: a part around the sensor is transparent.
 
 A part is the common inside of six planes. For a sensor at a signed distance D outside of a plane
 with unit normal n, a ray along d meets it at the distance D / -(n d), so the inverse distance is
 linear in d, and along one beam linear in the cosine and sine of the azimuth. A ray enters the part
 if the least inverse distance to the planes that face the sensor is at least the largest one to the
 others. So the loops over azimuths have neither divisions nor branches and become vector code. A
-part costs only the beams and azimuths that can meet it; the result is that of testing every ray
-against every part.
-"""
+part costs only the beams and azimuths that can meet it."""
 
 import math
 from collections.abc import Sequence
@@ -20,15 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
-from lidarplace.clouds.convex import (
-    enter_along,
-    fill_corners,
-    fill_planes,
-    inner,
-    shorter_turn,
-    window,
-)
+from lidarplace.base.kernel_cache import inner, njit
+from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
 from lidarplace.clouds.shapes import BODY, Parts
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
@@ -36,13 +26,10 @@ from lidarplace.rigs.placement import Mount, blocks
 
 GROUND, NOTHING = -1, -6
 """What a ray hit when it was no part; parts have owners above and between."""
-
 NO_ENDS = np.empty(0)
 """No ray ends at the rig of its LiDAR."""
-
 HAIR = 1e-9
 """Rounding of an angle, radians."""
-
 EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
 
@@ -79,8 +66,7 @@ def cast(
     return light are not applied.
 
     Args:
-        mount: pose in the ego frame.
-        lidar: beams, azimuth steps, field of view and range.
+        mount, lidar: pose in the ego frame; beams, azimuth steps, field of view and range.
         parts: what stands around, and the vehicle's own body.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres. Hits within it are right, for rays
             that meet nothing there the answer is open: parts that cannot matter are skipped.
@@ -106,8 +92,7 @@ class Beams(NamedTuple):
         aimed: azimuth of each beam of a pattern, ascending in [-pi, pi), shape (beams,); else
             empty.
         first_step, turn: the first azimuth fired, and the steps of a full turn.
-        reach: metres.
-        nearest: return, metres.
+        reach, nearest: of a ray, and of a return at least, metres.
         sight_10, falloff, fading: of `Lidar.sight`, the first through its window; infinite where
             light does not limit.
         mask: share of each ray that returns by its direction, shape (rays,); empty: all do.
@@ -146,22 +131,12 @@ def beams_of(lidar: Lidar) -> Beams:
         mask = correction.mask.at(*np.broadcast_arrays(azimuth, elevation[:, None])).reshape(-1)
     for table in (elevations, azimuths, aimed, mask):
         table.flags.writeable = False  # shared by all callers
-    return Beams(
-        elevations,
-        azimuths,
-        aimed,
-        lidar.first_step,
-        lidar.azimuth_steps,
-        lidar.reach if lidar.range_10 is None else lidar.range,
-        lidar.min_range,
-        math.inf
-        if lidar.range_10 is None
-        else lidar.range_10 * lidar.window ** (2.0 * lidar.falloff),
-        lidar.falloff,
-        lidar.fading,
-        mask,
-        correction.loss,
-    )
+    reach, sight_10 = lidar.reach, math.inf
+    if lidar.range_10 is not None:
+        reach, sight_10 = lidar.range, lidar.range_10 * lidar.window ** (2.0 * lidar.falloff)
+    fired = elevations, azimuths, aimed, lidar.first_step, lidar.azimuth_steps
+    limits = reach, lidar.min_range, sight_10, lidar.falloff, lidar.fading
+    return Beams(*fired, *limits, mask, correction.loss)
 
 
 def rays_of(mount: Mount, lidar: Lidar) -> list[tuple[Rays, slice]]:
@@ -173,24 +148,14 @@ def rays_of(mount: Mount, lidar: Lidar) -> list[tuple[Rays, slice]]:
 
 
 @inner
-def along(beams, beam):  # pragma: no cover - compiled
+def along(beams, beam):
     """Cosines and sines of the azimuths at which a beam fires."""
     own = beams.azimuths[beam if len(beams.aimed) else 0]
     return own[0], own[1]
 
 
 @inner
-def turned(rotation, x, y, z):  # pragma: no cover - compiled
-    """The vector (x, y, z), turned."""
-    return (
-        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-    )
-
-
-@inner
-def beams_in(beams, middle, below, above):  # pragma: no cover - compiled
+def beams_in(beams, middle, below, above):
     """First and last of the beams that may fire within a window of azimuths."""
     low, high = middle - below - HAIR, middle + above + HAIR
     if len(beams.aimed) == 0 or low < -math.pi or high > math.pi:
@@ -199,11 +164,9 @@ def beams_in(beams, middle, below, above):  # pragma: no cover - compiled
 
 
 @inner
-def runs(beams, beam, middle, below, above):  # pragma: no cover - compiled
-    """First and last azimuth step of a beam in the two runs that a window of azimuths spans.
-
-    It may go on at the start of the turn.
-    """
+def runs(beams, beam, middle, below, above):
+    """First and last azimuth step of a beam in the two runs that a window of azimuths spans, as it
+    may go on at the start of the turn."""
     if len(beams.aimed):
         turn = shorter_turn(middle, beams.aimed[beam])
         return (0, int(-below - HAIR <= turn <= above + HAIR)), (0, 0)
@@ -216,7 +179,7 @@ def runs(beams, beam, middle, below, above):  # pragma: no cover - compiled
 
 
 @inner
-def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
+def returns_light(distance, reflected, beams):
     """Whether a surface is neither too near nor too dark to be seen, see `Lidar.sight`."""
     if distance < beams.nearest:
         return False
@@ -230,12 +193,8 @@ def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
 def expected_share(
     lidar: Lidar, object_class: str, rays: NDArray[np.int64], ranges: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Probability that rays return from an object of a class, past drop-off and correction.
-
-    Args:
-        rays: their numbers in the order of `Lidar.directions()`, any shape.
-        ranges: of their hits, metres, the same shape.
-    """
+    """Probability that `rays`, by their numbers, return from an object of a class at `ranges`,
+    metres, of the same shape, past drop-off and correction."""
     beams, correction = beams_of(lidar), lidar.correction or Correction()
     share = correction.factors_of([object_class])[0] * np.exp(-beams.loss * ranges)
     if len(beams.mask):
@@ -244,12 +203,10 @@ def expected_share(
 
 
 @inner
-def lost_share(ray, distance, factor, drop_off, beams):  # pragma: no cover - compiled
-    """Probability that the return of a ray is lost, by drop-off and by `Correction`.
-
-    `drop_off` to the last bit where the correction loses nothing. `factor` is of the object's
-    class; of what is no object factor and distance are 1 and 0.
-    """
+def lost_share(ray, distance, factor, drop_off, beams):
+    """Probability that the return of a ray is lost, by drop-off and by `Correction`; `drop_off` to
+    the last bit where the correction loses nothing. What is no object has factor 1 and distance
+    0."""
     share = factor * math.exp(-beams.loss * distance)
     if len(beams.mask):
         share *= beams.mask[ray]
@@ -259,15 +216,11 @@ def lost_share(ray, distance, factor, drop_off, beams):  # pragma: no cover - co
 @njit(cache=True, nogil=True, error_model="numpy")
 def cast_compiled(
     origin, rotation, fired, parts, owners, reflectivities, crop, ends, hits, level=True
-):  # pragma: no cover - compiled
-    """Fill the `hits` of the `Beams` that are fired; exact for what lies within `crop`.
-
-    `ends` are inverse distances at which rays end at the rig itself; or it is empty. Without
-    `level` there is no ground.
+):
+    """Fill the `hits` of the `Beams` that are fired; arguments as of `cast`.
 
     Parts apart from the hull of crop and sensor are skipped: the hull is convex, so it holds every
-    ray up to a point in `crop`, and they cannot stand before one.
-    """
+    ray up to a point in `crop`, and they cannot stand before one."""
     elevations, reach = fired.elevations, fired.reach
     ranges, targets, reflected = hits
     beams, steps = len(elevations), fired.azimuths.shape[2]

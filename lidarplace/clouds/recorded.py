@@ -21,25 +21,16 @@ from lidarplace.rigs.recorded import RecordedRig
 
 def rig_record(placement: Placement) -> dict[str, object]:
     """What `placement.json` next to recorded clouds says of their placement."""
-    return {
-        "mounts": [asdict(mount) for mount in placement.mounts],
-        "lidars": [_record(lidar) for lidar in placement.lidars],
-    }
-
-
-def _record(lidar: Lidar) -> dict[str, object]:
-    """A LiDAR as folders have it, those from before there were corrections, too."""
-    known = asdict(lidar)
-    if lidar.correction is None:
-        del known["correction"]
-    return known
+    lidars = [asdict(lidar) for lidar in placement.lidars]
+    for own in lidars:
+        if own["correction"] is None:  # as in folders from before there were corrections
+            del own["correction"]
+    return {"mounts": [asdict(mount) for mount in placement.mounts], "lidars": lidars}
 
 
 def check_rig(folder: Path, placement: Placement) -> None:
-    """Raise ValueError if `placement.json` in `folder` has no rig or another than `placement`.
-
-    A folder without that file is taken at its word.
-    """
+    """Raise ValueError if `placement.json` in `folder` has no rig or another than `placement`; a
+    folder without that file is taken at its word."""
     path = folder / "placement.json"
     if not is_there(path):
         return
@@ -89,12 +80,8 @@ class _Rig(BaseModel):
 def check_lidars(
     folder: Path, rig: RecordedRig, names: Sequence[str], frames: NDArray[np.int64]
 ) -> None:
-    """Check that the clouds in `folder` are of `rig` and have these LiDARs and `frames`, (F,).
-
-    Raises:
-        ValueError: they are of another number of LiDARs, one of `names` has no point in any, or a
-            frame has no cloud.
-    """
+    """Raise ValueError unless the clouds in `folder` are of `rig`, have points of each LiDAR of
+    `names`, and one cloud for each of `frames`, (F,)."""
     points = np.zeros(len(rig.names), np.int64)
     missing = set(frames.tolist())
     for path in _parts(folder):
@@ -117,12 +104,10 @@ def check_lidars(
 def recorded_clouds(
     folder: Path, frames: NDArray[np.int64], crop: Crop, lidars: Sequence[int] | None = None
 ) -> PointClouds:
-    """The clouds of `frames` within `crop`, its faces included.
+    """The clouds of `frames` (F,) within `crop`, its faces included.
 
     Args:
         folder: of one placement; each folder in it is of `lidarplace.clouds.clouds.write_clouds`.
-        frames: frame numbers, shape (F,).
-        crop: what is kept.
         lidars: whose points are kept, by their place in the counts, ascending; None: all.
 
     Raises:
@@ -132,7 +117,7 @@ def recorded_clouds(
     place: dict[int, tuple[PointClouds, int]] = {}
     for path in _parts(folder):
         part = read_clouds(path)
-        if not _holds(part.crop, crop):
+        if not ((part.crop[:3] <= crop[:3]).all() and (part.crop[3:] >= crop[3:]).all()):
             raise ValueError(
                 f"{path}: clouds of {part.crop.tolist()} were recorded; {list(crop)} is asked for"
             )
@@ -169,22 +154,13 @@ def _no_cloud(folder: Path, missing: Sequence[int]) -> str:
 def clouds_digest(folder: Path) -> str:
     """Hash of all clouds in `folder`; 0.6 s per GB where the processor has SHA instructions.
 
-    Raises:
-        OSError: a file is missing.
-        ValueError: there is no such folder.
-    """
+    Raises OSError for a missing file, ValueError if there is no such folder."""
     digest = hashlib.sha256()
     for path in _parts(folder):
         digest.update(path.name.encode())
         for array in read_clouds(path).arrays().values():
             digest.update(array.reshape(-1).data)
     return digest.hexdigest()
-
-
-def _holds(recorded: NDArray[np.float64], crop: Crop) -> bool:
-    """Whether one region holds another one."""
-    low, high = recorded[:3] <= crop[:3], recorded[3:] >= crop[3:]
-    return bool(low.all() and high.all())
 
 
 def _parts(folder: Path) -> list[Path]:

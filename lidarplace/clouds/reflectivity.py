@@ -93,9 +93,7 @@ def reflectivity(
 ) -> NDArray[np.float64]:
     """Reflectivities of surfaces: quantiles of their materials at `shares`, in [0, 1]; same shape.
 
-    Raises:
-        ValueError: a number is no `Material`.
-    """
+    Raises ValueError for a number that is no `Material`."""
     found = np.full(np.shape(materials), np.nan)
     for material, knots in REFLECTIVITY.items():
         own = materials == material
@@ -106,9 +104,7 @@ def reflectivity(
 
 
 def uniforms(key: str, number: int, purpose: bytes = b"") -> NDArray[np.float64]:
-    """Uniform numbers in [0, 1) that depend on key and purpose alone; at most 8, shape (number,).
-
-    Python's own hash differs from run to run.
-    """
+    """Uniform numbers in [0, 1) that depend on key and purpose alone; at most 8, shape
+    (number,)."""
     digest = hashlib.blake2b(key.encode(), digest_size=8 * number, person=purpose).digest()
     return np.frombuffer(digest, "<u8") * 2.0**-64

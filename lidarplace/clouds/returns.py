@@ -1,17 +1,15 @@
 """From hits to points: drop-off, range noise, intensity and the cut to a region.
 
 Random numbers are hashes of seed, frame, LiDAR and ray. So a point does not depend on which frames
-are collected with it, in which order or by how many workers.
-"""
+are collected with it, in which order or by how many workers."""
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.ground import CELL_M, Ground
 from lidarplace.clouds.hashed import key_of, stream_of, uniform
 from lidarplace.clouds.raycast import (
@@ -29,7 +27,6 @@ from lidarplace.rigs.placement import Mount
 
 ATTENUATION_PER_M = 0.004
 """Fall of the intensity with range, CARLA's default `atmosphere_attenuation_rate`."""
-
 LARGEST_ERROR = 8.3
 """No range errs by more standard deviations: the normal quantile of 2**-53 is -8.21."""
 
@@ -51,10 +48,10 @@ def sample_points(
     A return is lost with probability `lidar.drop_off`, or more by `lidar.correction`: one number of
     each ray decides, so what a correction leaves is part of what returns without. Its range errs by
     a normal of standard deviation `lidar.range_noise`, along the ray. Intensity is the light
-    reflected, in terms of a white diffuser that faces the ray, times
-    `exp(-ATTENUATION_PER_M * range)` and what air and window leave of it; at 1, where
-    retroreflectors are, it saturates. Own body returns nothing, nor does what is nearer than
-    `lidar.min_range` or, by the light reflected, beyond `lidar.sight`.
+    reflected, in terms of a white diffuser that faces the ray, times `exp(-ATTENUATION_PER_M *
+    range)` and what air and window leave of it; at 1, where retroreflectors are, it saturates. Own
+    body returns nothing, nor does what is nearer than `lidar.min_range` or, by the light reflected,
+    beyond `lidar.sight`.
 
     Args:
         mount, lidar: as cast.
@@ -69,66 +66,20 @@ def sample_points(
             another number is no object to it.
         level: whether the ground is flat, at z = 0.
     """
-    correction, count = lidar.correction, 0
+    count, region = 0, np.array(crop, np.float64)
+    codes = WORLD, GROUND, GROUND if level else NOTHING
+    dimmed = ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2
+    x, y, yaw = ground.pose
+    # Origin of the ego frame in cells of the ground, and its x axis in cells a metre.
+    axis = x / CELL_M, y / CELL_M, math.cos(yaw) / CELL_M, math.sin(yaw) / CELL_M
+    corrected, factors = lidar.correction is not None, np.empty(0)
+    if lidar.correction is not None:
+        factors = lidar.correction.factors_of(classes)
     for rays, numbers in rays_of(mount, lidar):
-        count += _sample(
-            *rays,
-            np.array(crop, np.float64),
-            lift,
-            hits.of(numbers),
-            (WORLD, GROUND, GROUND if level else NOTHING),
-            _Cells(ground.reflectivity, *_to_cells(ground.pose)),
-            _Chance(
-                lidar.range_noise,
-                lidar.drop_off,
-                key_of(*key),
-                numbers.start,
-                correction is not None,
-                np.empty(0) if correction is None else correction.factors_of(classes),
-            ),
-            (ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2),
-            points[count:],
-        )
+        chance = lidar.range_noise, lidar.drop_off, key_of(*key), numbers.start, corrected, factors
+        where = region, lift, hits.of(numbers), codes, (ground.reflectivity, *axis)
+        count += _sample(*rays, *where, chance, dimmed, points[count:])
     return count
-
-
-class _Cells(NamedTuple):
-    """Reflectivity of the cells of the ground, and the ego frame among them, see `_to_cells`."""
-
-    reflectivity: NDArray[np.float32]
-    x: float
-    y: float
-    cosine: float
-    sine: float
-
-
-class _Chance(NamedTuple):
-    """What is random of a LiDAR in a frame.
-
-    Attributes:
-        range_noise: standard deviation of the range.
-        drop_off: probability of a loss.
-        key: of `sample_points`.
-        first: number of the first ray, for the random numbers of rays.
-        corrected: whether there is a correction.
-        factors: its factor for each object, shape (objects,).
-    """
-
-    range_noise: float
-    drop_off: float
-    key: NDArray[np.uint64]
-    first: int
-    corrected: bool
-    factors: NDArray[np.float64]
-
-
-def _to_cells(pose: tuple[float, float, float]) -> tuple[float, float, float, float]:
-    """Origin of the ego frame in cells of the ground, and its x axis in cells a metre."""
-    x, y, yaw = pose
-    return x / CELL_M, y / CELL_M, math.cos(yaw) / CELL_M, math.sin(yaw) / CELL_M
-
-
-_inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 # Coefficients of the normal quantile, from the constant term on (Wichura 1988, AS 241, PPND7).
@@ -140,20 +91,19 @@ _TAIL = (6.6579051150, 3.0812263860, 0.42868294337, 0.017337203997)
 _TAIL_BELOW = (1.0, 0.24197894225, 0.012258202635, 0.0)
 
 
-@_inner
-def _ratio(above, below, r):  # pragma: no cover - compiled
+@inner
+def _ratio(above, below, r):
     """Quotient of two cubic polynomials."""
     top = ((above[3] * r + above[2]) * r + above[1]) * r + above[0]
     return top / (((below[3] * r + below[2]) * r + below[1]) * r + below[0])
 
 
-@_inner
-def _fill_normals(uniforms, count, flank):  # pragma: no cover - compiled
+@inner
+def _fill_normals(uniforms, count, flank):
     """Turn the first `count` of uniform numbers into standard normals, right to seven digits.
 
-    Inverting the distribution takes no calls but in the flanks, where a sixth of the numbers lies;
-    Box and Muller's way takes three for every number. `flank` is memory for their indices.
-    """
+    Inverting the distribution takes no calls but in the flanks, where a sixth of the numbers lies.
+    `flank` is memory for their indices."""
     flanks = 0
     for n in range(count):
         flank[flanks] = n
@@ -178,11 +128,9 @@ def _fill_normals(uniforms, count, flank):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
     origin, rotation, beams, crop, lift, hits, codes, ground_cells, chance, dimmed, points
-) -> int:  # pragma: no cover - compiled
-    """Write the returns within `crop` to `points` and return their number.
-
-    Beam by beam, in short loops over arrays without branches.
-    """
+) -> int:
+    """Write the returns within `crop` to `points` and return their number: beam by beam, in short
+    loops over arrays without branches."""
     faintest, ground, flat = codes  # what is flat is at z = 0
     elevations = beams.elevations
     ranges, targets, reflected = hits
@@ -218,15 +166,9 @@ def _sample(
             pz = bottom + distance[n] * (az * cosines[n] + bz * sines[n] + cz)
             # Rounding must not push the ground out of a crop that starts at z = 0.
             pz = lift if target[n] == flat else pz
-            inside[n] = (
-                (target[n] >= faintest)
-                & (px >= left - slack)
-                & (px <= right + slack)
-                & (py >= near - slack)
-                & (py <= far + slack)
-                & (pz >= floor - slack)
-                & (pz <= roof + slack)
-            )
+            within = (px >= left - slack) & (px <= right + slack) & (py >= near - slack)
+            within &= (py <= far + slack) & (pz >= floor - slack) & (pz <= roof + slack)
+            inside[n] = within & (target[n] >= faintest)
         kept = 0
         for n in range(steps):
             steps_kept[kept] = n
@@ -265,15 +207,9 @@ def _sample(
                 bright *= cells[row & last_row, column & last_column]
             points[count, 3] = bright
             errors[count - start] = length
-            count += (
-                returns_light(distance[n], bright, beams)
-                & (px >= left)
-                & (px <= right)
-                & (py >= near)
-                & (py <= far)
-                & (pz >= floor)
-                & (pz <= roof)
-            )
+            within = (px >= left) & (px <= right) & (py >= near) & (py <= far)
+            within &= (pz >= floor) & (pz <= roof)
+            count += within & returns_light(distance[n], bright, beams)
         for i in range(count - start):
             bright = window * points[start + i, 3] * math.exp(-attenuation * errors[i])
             points[start + i, 3] = min(bright, 1.0)

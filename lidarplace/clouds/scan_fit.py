@@ -62,15 +62,10 @@ class ScanFit:
 def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
     """Fit the pattern of one LiDAR.
 
-    Args:
-        clouds: of one sweep each, by their files, x, y, z in the sensor's frame, metres, and
-            ring; without it, rings must follow each other in the order of the points. Points that
-            are NaN are left out. `time`, seconds, is optional.
-
-    Raises:
-        InputError: there is neither a ring nor an order, the clouds are too small, or they are not
-            in the sensor's frame.
-    """
+    `clouds` are of one sweep each, by their files: x, y, z in the sensor's frame, metres, and ring;
+    without it, rings must follow each other in the order of the points. NaN points are left out.
+    `time`, seconds, is optional. Raises InputError without ring or order, for clouds that are too
+    small, or not in the sensor's frame."""
     rays = pd.concat([_rays(cloud, name).assign(sweep=name) for name, cloud in clouds.items()])
     place = next(iter(clouds)) + (f" and {len(clouds) - 1} more" if len(clouds) > 1 else "")
     numbered = all("ring" in cloud for cloud in clouds.values())
@@ -109,18 +104,19 @@ def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
     steps = rings.azimuth_steps()
     if steps is None:
         raise InputError("points of a ring are all at one azimuth", place=place)
-    turns = len(numbers) * steps * len(clouds)
+    x, y, z = start.tolist()
     return ScanFit(
-        tuple(numbers[order].tolist()),
-        tuple(elevations[order].tolist()),
-        None if offsets is None else tuple(offsets[order].round(3).tolist()),
-        steps,
-        rings.noise(2 * np.pi / steps),
-        min(len(rays) / turns, 1.0),  # sweeps may be a little more than a turn
-        float(rays["range"].max()),
-        _rate([*clouds.values()]),
-        (float(start[0]), float(start[1]), float(start[2])),
-        tuple(left_out.tolist()),
+        rings=tuple(numbers[order].tolist()),
+        elevations=tuple(elevations[order].tolist()),
+        offsets=None if offsets is None else tuple(offsets[order].round(3).tolist()),
+        azimuth_steps=steps,
+        range_noise=rings.noise(2 * np.pi / steps),
+        # Sweeps may be a little more than a turn.
+        share=min(len(rays) / (len(numbers) * steps * len(clouds)), 1.0),
+        range=float(rays["range"].max()),
+        rate=_rate([*clouds.values()]),
+        origin=(x, y, z),
+        left_out=tuple(left_out.tolist()),
     )
 
 
@@ -177,9 +173,8 @@ class _Rings:
     def directions(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, float]:
         """Elevations of the lasers, their offsets or None, and the spread about them, radians.
 
-        Offsets are those of blocks of lasers next to each other. They are given where they explain
-        at least half of the spread.
-        """
+        Offsets, of blocks of lasers next to each other, are given if they explain half of the
+        spread."""
         none = np.zeros(len(self._all))
         elevations, spread = self._elevations(none)
         order, offsets = np.argsort(elevations), none.copy()
@@ -195,8 +190,7 @@ class _Rings:
     ) -> NDArray[np.float64]:
         """Where the rays start, x, y, z in metres, by how rings bend over azimuth.
 
-        From (x, y) a point is nearer to the axis by x cos(azimuth) + y sin(azimuth).
-        """
+        From (x, y) a point is nearer to the axis by x cos(azimuth) + y sin(azimuth)."""
         heights = np.zeros(len(elevations)) if offsets is None else offsets
         ring = pd.concat(
             own.assign(slope=np.tan(elevation), z=own["z"] - height)
@@ -214,10 +208,8 @@ class _Rings:
 
     def _elevations(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Medians over each ring, and the median distance from them, radians."""
-        each = [
-            np.arctan2(ring["z"] - offset, ring["level"])
-            for ring, offset in zip(self._far, offsets, strict=True)
-        ]
+        rings = zip(self._far, offsets, strict=True)
+        each = [np.arctan2(ring["z"] - offset, ring["level"]) for ring, offset in rings]
         middle = np.array([own.median() for own in each])
         apart = [(own - own.median()).abs().median() for own in each]
         return middle, float(np.median(apart))
@@ -254,8 +246,7 @@ class _Rings:
 def _line(ring: pd.DataFrame) -> tuple[float, float]:
     """Height at which the line of a ring meets the z axis, metres, and how well it is known, 1/m.
 
-    Points that are far from the line, as those of mixed returns, are left out step by step.
-    """
+    Points that are far from the line, as those of mixed returns, are left out step by step."""
     level, z = ring["level"].to_numpy(), ring["z"].to_numpy()
     kept = np.ones(len(z), np.bool_)
     slope, height, width = 0.0, 0.0, 1.0
@@ -274,9 +265,7 @@ def _line(ring: pd.DataFrame) -> tuple[float, float]:
 def _in_blocks(lines: NDArray[np.float64]) -> NDArray[np.float64]:
     """The offset of the block that each laser is in; a block is split where that halves the misfit.
 
-    Args:
-        lines: offset and weight of each laser, by elevation, shape (lasers, 2).
-    """
+    `lines`: offset and weight of each laser, by elevation, shape (lasers, 2)."""
 
     def misfit(part: NDArray[np.float64]) -> float:
         return float((np.abs(part[:, 0] - _middle(part)) * part[:, 1]).sum())

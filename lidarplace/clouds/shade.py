@@ -1,8 +1,4 @@
-"""Where rays of a LiDAR end at other parts of its own rig, the same in every frame.
-
-What hides a LiDAR from the world moves with it, so it is looked for once for a rig and not once for
-each frame.
-"""
+"""Where rays of a LiDAR end at other parts of its own rig, the same in every frame."""
 
 import math
 
@@ -10,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.clouds.raycast import HAIR, NO_ENDS, Beams, along, beams_in, rays_of, runs, turned
-from lidarplace.mounting.housing import enter_housing, housings_in, without
+from lidarplace.clouds.raycast import HAIR, NO_ENDS, Beams, along, beams_in, rays_of, runs
+from lidarplace.mounting.housing import enter_housing, housings_in, turned, without
 from lidarplace.mounting.mesh import first_hit
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
@@ -19,11 +15,8 @@ from lidarplace.rigs.placement import Mount, Placement
 
 
 def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of the housings that rays of a LiDAR may meet, and perhaps others nearby.
-
-    Args:
-        housings: rows of `lidarplace.mounting.housing`, without the LiDAR's own.
-    """
+    """Those of `housings`, without the LiDAR's own, that its rays may meet, and perhaps others
+    nearby."""
     if not len(housings):
         return housings
     seen = [_windows(*rays, housings)[:, 0] > 0 for rays, _ in rays_of(mount, lidar)]
@@ -33,18 +26,12 @@ def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArra
 def ends_of(
     mount: Mount, lidar: Lidar, housings: NDArray[np.float64], vehicle: Vehicle | None = None
 ) -> NDArray[np.float64]:
-    """The inverse distance at which each ray of a LiDAR ends at a housing or the vehicle's mesh.
+    """The inverse distance, 1/m, at which each ray of a LiDAR ends at a housing or the vehicle's
+    mesh.
 
-    0 where it meets none, infinite for a ray that starts inside of a housing. Of the housings only
-    those rays are tested that point close to one.
-
-    Args:
-        housings: rows of `lidarplace.mounting.housing`, without the LiDAR's own.
-        vehicle: carries it; its boxes are no matter here.
-
-    Returns:
-        1/m, in the order of `Lidar.directions()`, shape (rays,); or NO_ENDS.
-    """
+    0 where it meets none, infinite for a ray that starts inside of a housing; in the order of
+    `Lidar.directions()`, shape (rays,); or NO_ENDS. `housings` are without the LiDAR's own; boxes
+    of the vehicle are no matter here."""
     near = in_view(mount, lidar, housings)
     mesh = None if vehicle is None else vehicle.mesh
     if mesh is None and not len(near):
@@ -64,7 +51,7 @@ def ends_in_rig(placement: Placement, vehicle: Vehicle | None = None) -> list[ND
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _end_at_mesh(origin, rotation, beams, tree, ends):  # pragma: no cover - compiled
+def _end_at_mesh(origin, rotation, beams, tree, ends):
     steps = beams.azimuths.shape[2]
     for beam in range(len(beams.elevations)):
         _, ce, se = beams.elevations[beam]
@@ -78,7 +65,7 @@ def _end_at_mesh(origin, rotation, beams, tree, ends):  # pragma: no cover - com
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _windows(origin, rotation, beams: Beams, housings) -> NDArray[np.float64]:  # pragma: no cover
+def _windows(origin, rotation, beams: Beams, housings) -> NDArray[np.float64]:
     """Whether the sphere around each housing meets a beam, its azimuth and half width, its least
     and greatest elevation, radians, in the sensor's frame; shape (n, 5)."""
     found = np.zeros((len(housings), 5))
@@ -110,7 +97,7 @@ def _windows(origin, rotation, beams: Beams, housings) -> NDArray[np.float64]:  
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _end_at_housings(origin, rotation, beams, housings, ends):  # pragma: no cover - compiled
+def _end_at_housings(origin, rotation, beams, housings, ends):
     windows = _windows(origin, rotation, beams, housings)
     steps = beams.azimuths.shape[2]
     for n in range(len(housings)):

@@ -3,10 +3,9 @@
 A part is an upright box whose top may be shorter and narrower than its bottom, so that a cabin has
 a sloped windscreen. The parts of an object never leave its box, which is a label: the surfaces of
 vehicles are `MARGIN_M` inside of it. Proportions and materials are drawn from a hash of seed and
-object id: an object looks the same in every frame and under every placement.
-"""
+object id: an object looks the same in every frame and under every placement."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,40 +19,29 @@ from lidarplace.logs.boxes import GEOMETRY
 BUILDING, SIGN, WORLD, BODY = -2, -3, -4, -5
 """Owners of parts that belong to no object: a building, a sign, what stands still in a recorded
 log, and the vehicle's own body."""
-
 PANE = -10
 """Owner of the windows of object 0, less by one for each further one. They hide and return nothing:
 light goes through them and gets lost behind."""
-
 PART_COLUMNS = (*GEOMETRY, "front", "rear", "side")
 """A part: box of its bottom and height, and how far its top stays behind it: at the front, at the
 rear, and on each of the two sides; metres."""
-
 TRUCK_LENGTH = 4.0
 """The class Cyclist holds box trucks too: what is longer than this, in metres, is one."""
-
 MOTORCYCLE_LENGTH = 1.95
 """A two-wheeler at least so long, in metres, is a motorcycle, a shorter one a bicycle."""
-
 RIDER_HEIGHT = 1.25
 """A two-wheeler lower than this, in metres, carries nobody: it is parked, or its rider has a label
 of his own. Argoverse 2 has both: 80 % of its bicycles are 1.12 to 1.24 m high."""
-
 MARGIN_M = (0.07, 0.13, 0.06)
 """How far the surfaces of cars and trucks are inside of a label: on either end, on either side, at
 the top; metres. With the slant of nose and doors the returns end 0.13 m inside of ends and sides;
 real ones 0.11 and 0.13 m, the top 0.06 m (medians over 43 cars in 3 sweeps of Argoverse 2, 98 %
 quantiles of points in a box). The own body, whose size is known, has no margin."""
-
 _LARGEST_MARGIN = 0.2  # as a share of a side: of boxes that are smaller than any vehicle
-
 _DRAWS = 5  # uniform numbers of an object: the first chooses a variant
 _MOST_PARTS = 8
-
 _PROUD = 0.002
 """How far plates and lamps stand out of the body, as a share of the length: a centimetre."""
-
-
 _EAVES = 0.82
 """Height of a car's roof over its windows, as a share of its own."""
 
@@ -106,9 +94,8 @@ class Shapes:
     """How the objects of a table of boxes look.
 
     Attributes:
-        unit: parts of every different shape, as shares of the box, shape (S, _MOST_PARTS, 10):
-            the fields of `Part`, with its reflectivity in the place of the material. NaN where a
-            shape has fewer parts.
+        unit: parts of every different shape, as shares of the box, shape (S, _MOST_PARTS, 10): the
+            fields of `Part`, with its reflectivity in the place of the material; else NaN.
         of_row: shape of every row of the table, shape (rows,), int64.
         margin: of every shape, see `MARGIN_M`, shape (S, 3), float64, metres.
     """
@@ -118,10 +105,8 @@ class Shapes:
     margin: NDArray[np.float64]
 
     def parts(self, rows: NDArray[np.int64], geometry: NDArray[np.float64]) -> Parts:
-        """Parts of the objects in `rows` of the table, whose boxes are `geometry`, shape (B, 7).
-
-        Owners are numbered from 0 in the order of `rows`.
-        """
+        """Parts of the objects in `rows` of the table, whose boxes are `geometry`, shape (B, 7);
+        owners are numbered from 0 in the order of `rows`."""
         unit = self.unit[self.of_row[rows]]
         x0, x1, width, z0, z1, front, rear, side, reflects, left = np.moveaxis(unit, 2, 0)
         margin = np.minimum(self.margin[self.of_row[rows]], _LARGEST_MARGIN * geometry[:, 3:6])
@@ -148,11 +133,7 @@ class Shapes:
 
 
 def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
-    """Draw the shapes of all objects of a box log; needs `object_id`, `class` and sizes.
-
-    Raises:
-        ValueError: there is no column `object_id`.
-    """
+    """Draw the shapes of all objects of a box log; needs `object_id`, `class` and sizes."""
     if "object_id" not in boxes.columns:
         raise ValueError(f"box log: no column object_id; found {list(boxes.columns)}")
     codes, unique = pd.factorize(boxes["object_id"], use_na_sentinel=False)
@@ -170,7 +151,7 @@ def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
     there = ~np.isnan(material) & ~glass
     material[glass] = 0.0
     material[there] = reflectivity(material[there].astype(int), shares[there])
-    vehicle = np.isin(different % len(_KINDS), [_KINDS.index(kind) for kind in _VEHICLES])
+    vehicle = different % len(_KINDS) < len(_VEHICLES)
     return Shapes(unit, of_row.reshape(len(boxes)), vehicle[:, None] * np.array(MARGIN_M))
 
 
@@ -188,19 +169,18 @@ def _kinds(boxes: pd.DataFrame, draw: NDArray[np.float64]) -> NDArray[np.int64]:
     length, height = (boxes[side].to_numpy(np.float64) for side in ("length", "height"))
     car, cyclist = name == "Car", name == "Cyclist"
     kind = [
-        (car & (draw < 0.40), _sedan),
-        (car & (draw < 0.65), _hatchback),
-        (car & (draw < 0.93), _suv),
-        (car, _pickup),
+        (car & (draw < 0.40), _SEDAN),
+        (car & (draw < 0.65), _HATCHBACK),
+        (car & (draw < 0.93), _SUV),
+        (car, _PICKUP),
         (cyclist & (length > TRUCK_LENGTH), _box_truck),
         (cyclist & (height < RIDER_HEIGHT), _parked),
         (cyclist & (length >= MOTORCYCLE_LENGTH), _motorcycle),
         (cyclist, _bicycle),
         (name == "Pedestrian", _pedestrian),
     ]
-    return np.select(
-        [which for which, _ in kind], [_KINDS.index(k) for _, k in kind], _KINDS.index(_brick)
-    )
+    which, of_kind = zip(*kind, strict=True)
+    return np.select(which, [*map(_KINDS.index, of_kind)], _KINDS.index(_brick))
 
 
 class Part(NamedTuple):
@@ -219,36 +199,44 @@ class Part(NamedTuple):
     """Of the middle of the part from the middle of the box."""
 
 
-def _sedan(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    windscreen, boot = 0.70 + 0.04 * a, 0.08 + 0.05 * b
-    return _car(0.62 + 0.04 * c, boot, windscreen, slope=0.15 + 0.03 * d, rear_slope=0.11)
+Draw = Callable[[float, float, float, float], Sequence[Part]]
 
 
-def _hatchback(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    windscreen, tail = 0.74 + 0.04 * a, 0.01 + 0.02 * b
-    return _car(0.61 + 0.04 * c, tail, windscreen, slope=0.16 + 0.03 * d, rear_slope=0.07)
+def _drawn_car(
+    belt: float,
+    tail: tuple[float, float],
+    windscreen: tuple[float, float],
+    slope: float,
+    rear_slope: float,
+) -> Draw:
+    """Cars from the least of each measure on; tail and windscreen with their range."""
+
+    def draw(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+        foot, end = windscreen[0] + windscreen[1] * a, tail[0] + tail[1] * b
+        return _car(belt + 0.04 * c, end, foot, slope + 0.03 * d, rear_slope)
+
+    return draw
 
 
-def _suv(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    windscreen, tail = 0.73 + 0.05 * a, 0.005 + 0.01 * b
-    return _car(0.63 + 0.04 * c, tail, windscreen, slope=0.11 + 0.03 * d, rear_slope=0.03)
-
-
-def _pickup(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    windscreen, bed = 0.72 + 0.03 * a, 0.34 + 0.06 * b
-    return _car(0.62 + 0.04 * c, bed, windscreen, slope=0.10 + 0.03 * d, rear_slope=0.02)
+_SEDAN = _drawn_car(0.62, (0.08, 0.05), (0.70, 0.04), slope=0.15, rear_slope=0.11)
+_HATCHBACK = _drawn_car(0.61, (0.01, 0.02), (0.74, 0.04), slope=0.16, rear_slope=0.07)
+_SUV = _drawn_car(0.63, (0.005, 0.01), (0.73, 0.05), slope=0.11, rear_slope=0.03)
+_PICKUP = _drawn_car(0.62, (0.34, 0.06), (0.72, 0.03), slope=0.10, rear_slope=0.02)
 
 
 def _car(
     belt: float, tail: float, windscreen: float, slope: float, rear_slope: float
 ) -> Sequence[Part]:
-    """Body on two axles, a cabin from `tail` to the foot of the windscreen above the belt, lights.
+    """Body on two axles, a cabin from `tail` to the foot of the windscreen above the belt, lights,
+    and windows, which return nothing.
 
-    The windows come last: they return nothing.
-    Plates and lamps are bars through the whole body, of which only the ends stand out.
-    """
+    Plates and lamps are bars through the whole body, of which only the ends stand out."""
     bottom, nose, back = 0.14, 0.04, 0.03
     up = (_EAVES - belt) / (1.0 - belt)
+    window = up * slope, up * rear_slope, up * 0.10
+    roof = slope - up * slope, rear_slope - up * rear_slope, 0.10 - up * 0.10
+    back_of_roof, front_of_roof = tail + up * rear_slope, windscreen - up * slope
+    paint, width_of_roof = Material.PAINT, 0.94 - 2.0 * up * 0.10
 
     def bar(width: float, low: float, high: float, material: Material, left: float = 0.0) -> Part:
         """Its ends are parallel to those of the body."""
@@ -257,34 +245,14 @@ def _car(
         return Part(rear, front, width, low, high, nose * steep, back * steep, 0.0, material, left)
 
     return [
-        Part(0.0, 1.0, 1.0, bottom, belt, nose, back, 0.03, Material.PAINT),
-        Part(
-            tail + up * rear_slope,
-            windscreen - up * slope,
-            0.94 - 2.0 * up * 0.10,
-            _EAVES,
-            1.0,
-            slope - up * slope,
-            rear_slope - up * rear_slope,
-            0.10 - up * 0.10,
-            Material.PAINT,
-        ),
+        Part(0.0, 1.0, 1.0, bottom, belt, nose, back, 0.03, paint),
+        Part(back_of_roof, front_of_roof, width_of_roof, _EAVES, 1.0, *roof, paint),
         Part(0.12, 0.26, 0.94, 0.0, 0.30, 0.03, 0.03, 0.0, Material.TYRE),
         Part(0.76, 0.90, 0.94, 0.0, 0.30, 0.03, 0.03, 0.0, Material.TYRE),
         bar(0.28, 0.26, 0.34, Material.RETROREFLECTOR),
         bar(0.16, 0.38, 0.47, Material.LAMP, left=0.36),
         bar(0.16, 0.38, 0.47, Material.LAMP, left=-0.36),
-        Part(
-            tail,
-            windscreen,
-            0.94,
-            belt,
-            _EAVES,
-            up * slope,
-            up * rear_slope,
-            up * 0.10,
-            Material.GLASS,
-        ),
+        Part(tail, windscreen, 0.94, belt, _EAVES, *window, Material.GLASS),
     ]
 
 
@@ -360,20 +328,8 @@ def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
     return [Part(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, Material.PAINT)]
 
 
-_KINDS = (
-    _sedan,
-    _hatchback,
-    _suv,
-    _pickup,
-    _box_truck,
-    _motorcycle,
-    _bicycle,
-    _parked,
-    _pedestrian,
-    _brick,
-)
-_VEHICLES = (_sedan, _hatchback, _suv, _pickup, _box_truck)
-
+_VEHICLES: tuple[Draw, ...] = (_SEDAN, _HATCHBACK, _SUV, _PICKUP, _box_truck)
+_KINDS = (*_VEHICLES, _motorcycle, _bicycle, _parked, _pedestrian, _brick)
 OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
 """The box of the vehicle's own body in the ego frame: a row of `GEOMETRY`."""
 

@@ -2,12 +2,10 @@
 
 Cells are tested block by block, from near to far: a block costs only the beams and azimuths that
 can meet it, and of those only the rays that nothing nearer has stopped. The result is that of
-testing every ray against every cell, and against every patch of ground, which is bilinear. A
-single ray goes from patch to patch.
+testing every ray against every cell, and against every patch of ground, which is bilinear.
 
 A cell that stops a share of the rays stops a ray by chance: a hash of cell and ray, so that it is
-the same whenever the ray is cast.
-"""
+the same whenever the ray is cast."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
-from lidarplace.clouds.convex import inner
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.hashed import uniform
 from lidarplace.clouds.raycast import (
     EVERYWHERE,
@@ -30,7 +27,6 @@ from lidarplace.clouds.raycast import (
     cast,
     rays_of,
     runs,
-    turned,
 )
 from lidarplace.clouds.shapes import WORLD, Parts
 from lidarplace.logs.world import (
@@ -45,6 +41,7 @@ from lidarplace.logs.world import (
     StaticWorld,
     cells_of_keys,
 )
+from lidarplace.mounting.housing import turned
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 
@@ -88,13 +85,8 @@ class Worlds(NamedTuple):
 
 
 class WorldAround(NamedTuple):
-    """The world in one frame.
-
-    Attributes:
-        worlds: of all scenes.
-        scene: which of them.
-        turn, shift: from the ego frame to metres from the origin of the scene, (3, 3) and (3,).
-    """
+    """The world in one frame: those of all scenes, which of them, and turn (3, 3) and shift (3,)
+    from the ego frame to metres from the origin of the scene."""
 
     worlds: Worlds
     scene: int
@@ -196,7 +188,7 @@ def _bounds(
 
 
 @njit(cache=True, nogil=True)
-def _blocks(place, cells, edges):  # pragma: no cover - compiled
+def _blocks(place, cells, edges):
     """Masks, first cells and boxes of blocks, whose cells are from one of `edges` to the next."""
     number = len(edges) - 1
     masks, first_cell = np.zeros((number, BLOCK), np.uint64), np.zeros((number, BLOCK), np.int64)
@@ -220,7 +212,7 @@ def _blocks(place, cells, edges):  # pragma: no cover - compiled
 
 
 @inner
-def _ones(word):  # pragma: no cover - compiled
+def _ones(word):
     """Number of bits of a word that are set."""
     word -= (word >> np.uint64(1)) & np.uint64(0x5555555555555555)
     word = (word & np.uint64(0x3333333333333333)) + (
@@ -231,7 +223,7 @@ def _ones(word):  # pragma: no cover - compiled
 
 
 @inner
-def stops(share, key, ray):  # pragma: no cover - compiled
+def stops(share, key, ray):
     """Whether a cell that stops a share of rays, in 1/255, stops this one."""
     if share == 255:
         return True
@@ -239,7 +231,7 @@ def stops(share, key, ray):  # pragma: no cover - compiled
 
 
 @inner
-def _span(origin, way, low, high):  # pragma: no cover - compiled
+def _span(origin, way, low, high):
     """From where to where a ray is between two planes across an axis."""
     if way == 0.0:
         return (-np.inf, np.inf) if low <= origin <= high else (np.inf, -np.inf)
@@ -248,23 +240,14 @@ def _span(origin, way, low, high):  # pragma: no cover - compiled
 
 
 @inner
-def _enter(ox, oy, oz, dx, dy, dz, box, at):  # pragma: no cover - compiled
-    """From where to where a ray is in `box[at:at + 6]`; it is not if the first is larger."""
-    x0, x1 = _span(ox, dx, box[at], box[at + 3])
-    y0, y1 = _span(oy, dy, box[at + 1], box[at + 4])
-    z0, z1 = _span(oz, dz, box[at + 2], box[at + 5])
-    return max(x0, y0, z0), min(x1, y1, z1)
-
-
-@inner
-def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):  # pragma: no cover - compiled
+def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):
     """Distance at which a ray meets a cell of a block, at most `most`, and the cell; or inf, -1.
-
-    Cells follow each other along the ray, so the first that is met is the nearest.
-    """
+    Cells follow each other along the ray, so the first that is met is the nearest."""
     box = worlds.block_boxes[b]
-    start, end = _enter(ox, oy, oz, dx, dy, dz, box, 3)
-    start, end = max(start, 0.0), min(end, most)
+    x0, x1 = _span(ox, dx, box[3], box[6])
+    y0, y1 = _span(oy, dy, box[4], box[7])
+    z0, z1 = _span(oz, dz, box[5], box[8])
+    start, end = max(x0, y0, z0, 0.0), min(x1, y1, z1, most)
     if start > end:
         return np.inf, -1
     # In cells from the corner of the block.
@@ -306,11 +289,10 @@ def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):  # pragma: no cov
 
 
 @inner
-def _meet_patch(ox, oy, oz, dx, dy, dz, patch, most):  # pragma: no cover - compiled
+def _meet_patch(ox, oy, oz, dx, dy, dz, patch, most):
     """Distance at which a ray comes down to a patch of ground, at most `most`, or inf.
 
-    `patch`: x and y of its corner, heights there, further along y, along x, and along both.
-    """
+    `patch`: x and y of its corner, heights there, further along y, along x, and along both."""
     x0, x1 = _span(ox, dx, patch[0], patch[0] + PATCH_M)
     y0, y1 = _span(oy, dy, patch[1], patch[1] + PATCH_M)
     start, end = max(x0, y0, 0.0), min(x1, y1, most)
@@ -336,7 +318,7 @@ def _meet_patch(ox, oy, oz, dx, dy, dz, patch, most):  # pragma: no cover - comp
 
 
 @inner
-def _slope(x, y, dx, dy, dz, patch):  # pragma: no cover - compiled
+def _slope(x, y, dx, dy, dz, patch):
     """Cosine of incidence on a patch at (x, y)."""
     u, v = (x - patch[0]) / PATCH_M, (y - patch[1]) / PATCH_M
     both = patch[5] - patch[4] - patch[3] + patch[2]
@@ -346,12 +328,9 @@ def _slope(x, y, dx, dy, dz, patch):  # pragma: no cover - compiled
 
 
 @inner
-def _seen_under(centre, half, origin, rotation):  # pragma: no cover - compiled
-    """Azimuth and half width, least and greatest elevation, and least distance of a box.
-
-    Of the upright ring around the sensor's axis that holds the box; all azimuths if that meets
-    the axis.
-    """
+def _seen_under(centre, half, origin, rotation):
+    """Azimuth and half width, least and greatest elevation, and least distance of a box: of the
+    upright ring around the sensor's axis that holds it; all azimuths if that meets the axis."""
     ex, ey, ez = centre[0] - origin[0], centre[1] - origin[1], centre[2] - origin[2]
     x, y, z = turned(rotation.T, ex, ey, ez)
     hx = hy = hz = 0.0
@@ -373,10 +352,9 @@ def _seen_under(centre, half, origin, rotation):  # pragma: no cover - compiled
 
 
 @inner
-def _render(  # pragma: no cover - compiled
-    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
-):
+def _render(centre, half, patch, block, view):
     """Stop the rays at a patch of ground, or, if `block` is none of -1, at the cells of a block."""
+    origin, rotation, fired, worlds, only_objects, hits = view
     azimuth, width, lowest, highest, near = _seen_under(centre, half, origin, rotation)
     if near > fired.reach:
         return
@@ -421,7 +399,7 @@ def _render(  # pragma: no cover - compiled
 
 
 @inner
-def _tile_at(worlds, scene, i, j):  # pragma: no cover - compiled
+def _tile_at(worlds, scene, i, j):
     """Row of the tile that holds the patch (i, j), -1 if there is none."""
     grids = worlds.grids
     ti, tj = i // PATCHES - grids[scene, 0], j // PATCHES - grids[scene, 1]
@@ -431,7 +409,7 @@ def _tile_at(worlds, scene, i, j):  # pragma: no cover - compiled
 
 
 @inner
-def _fill_patch(worlds, tile, i, j, patch):  # pragma: no cover - compiled
+def _fill_patch(worlds, tile, i, j, patch):
     """Fill `patch` with the patch (i, j), see `_meet_patch`; return whether its ground is known."""
     heights, p, q = worlds.heights, i % PATCHES, j % PATCHES
     patch[0], patch[1] = i * PATCH_M, j * PATCH_M
@@ -441,12 +419,9 @@ def _fill_patch(worlds, tile, i, j, patch):  # pragma: no cover - compiled
 
 
 @inner
-def stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):  # pragma: no cover - compiled
-    """Whether the world stops a ray nearer than `most`: from patch to patch.
-
-    Start and direction are in the axes of the world, metres from its origin; `patch` is memory,
-    shape (6,).
-    """
+def stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):
+    """Whether the world stops a ray nearer than `most`: from patch to patch. Start and direction
+    are in the axes of the world, metres from its origin; `patch` is memory, shape (6,)."""
     i, j = math.floor(ox / PATCH_M), math.floor(oy / PATCH_M)
     si, sj = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
     ti = ((i + (si > 0)) * PATCH_M - ox) / dx if dx != 0.0 else np.inf
@@ -478,21 +453,21 @@ def stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):  # pragma:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def stop_at_world(  # pragma: no cover - compiled
+def stop_at_world(
     place, turn_in_ego, fired, worlds, scene, turn, shift, crop, only_objects, level, hits
 ):
     """Let rays end at the world, in place, where that is nearer than what they hit.
 
     Args:
         place, turn_in_ego: position and rotation of the sensor in the ego frame.
-        fired: `Beams`.
         worlds, scene, turn, shift: as of `WorldAround`.
         crop: hits within it are right, as of `cast`.
         only_objects: rays that hit no object are left as they are.
         level: where no ground is known it is flat, as seen from the vehicle.
-        hits: without ground.
+        hits: of the `Beams` that are fired, without ground.
     """
     origin, rotation = turn @ place + shift, turn @ turn_in_ego
+    view = origin, rotation, fired, worlds, only_objects, hits
     ranges, targets, reflected = hits
     steps, patch = fired.azimuths.shape[2], np.empty(6)
     for beam in range(len(fired.elevations) if level and place[2] > 0.0 else 0):
@@ -537,17 +512,14 @@ def stop_at_world(  # pragma: no cover - compiled
                     continue
                 tile = worlds.tile_of[start + (i - i0) * nj + j - j0]
                 if tile >= 0:
-                    _render_tile(
-                        tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
-                    )
+                    _render_tile(tile, i, j, low, high, view)
 
 
 @inner
-def _render_tile(  # pragma: no cover - compiled
-    tile, i, j, origin, rotation, fired, worlds, low, high, only_objects, hits
-):
+def _render_tile(tile, i, j, low, high, view):
     """Ground and cells of a tile, its near side first."""
     centre, half, patch = np.empty(3), np.empty(3), np.empty(6)
+    origin, _, _, worlds, _, _ = view
     x, y = i * TILE_M, j * TILE_M
     back_x, back_y = origin[0] > x + 0.5 * TILE_M, origin[1] > y + 0.5 * TILE_M
     for a in range(PATCHES):
@@ -566,7 +538,7 @@ def _render_tile(  # pragma: no cover - compiled
             centre[0], centre[1] = patch[0] + 0.5 * PATCH_M, patch[1] + 0.5 * PATCH_M
             centre[2], half[2] = 0.5 * (top + bottom), 0.5 * (top - bottom)
             half[0] = half[1] = 0.5 * PATCH_M
-            _render(centre, half, patch, -1, origin, rotation, fired, worlds, only_objects, hits)
+            _render(centre, half, patch, -1, view)
     for a in range(TILE):
         p = TILE - 1 - a if back_x else a
         if x + p * _EDGE > high[0] or x + (p + 1) * _EDGE < low[0]:
@@ -582,6 +554,4 @@ def _render_tile(  # pragma: no cover - compiled
                 for axis in range(3):
                     centre[axis] = 0.5 * (box[axis + 3] + box[axis + 6])
                     half[axis] = 0.5 * (box[axis + 6] - box[axis + 3])
-                _render(
-                    centre, half, patch, block, origin, rotation, fired, worlds, only_objects, hits
-                )
+                _render(centre, half, patch, block, view)

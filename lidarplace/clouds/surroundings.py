@@ -4,27 +4,26 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.clouds.facades import facades
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
-from lidarplace.clouds.reflectivity import uniforms
-from lidarplace.clouds.shapes import Parts, shapes_of
-from lidarplace.clouds.static_world import WorldAround, Worlds, worlds_of
+from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
+from lidarplace.clouds.shapes import BUILDING, SIGN, Parts, bricks, shapes_of
+from lidarplace.clouds.static_world import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes, full_poses
+
+SIGN_M = 0.6
+"""Edge of a sign, one in front of a building and one behind it."""
+SIGN_HEIGHT_M = (1.0, 3.0)
+"""Bottom of a sign above that of the building."""
+_PROUD_M = 0.05  # how far a sign stands out of the wall
 
 
 class Surroundings:
     """The parts and the ground in every frame of a log.
 
-    Args:
-        log: objects, frames and buildings.
-        seed: decides what objects look like together with their ids, and buildings and ground
-            together with their place.
-
-    Raises:
-        ValueError: a box is bad, a frame is listed twice, or a scene has buildings or a world and a
-            frame of it no pose.
-    """
+    `seed` decides what objects look like together with their ids, and buildings and ground together
+    with their place. Raises ValueError for a bad box, a frame that is listed twice, or a frame
+    without a pose in a scene with buildings or a world."""
 
     def __init__(self, log: BoxLog, seed: int = 0) -> None:
         check_boxes(log.boxes)
@@ -39,11 +38,9 @@ class Surroundings:
         if len(np.unique(numbers)) < len(numbers):
             raise ValueError("box log: a frame is listed twice in its frames")
         self._listed = set(numbers.tolist())
-        self._buildings = {
-            scene: facades(table[list(GEOMETRY)].to_numpy(np.float64), seed)
-            for scene, table in log.buildings.groupby("scene", sort=False)
-        }
-        self._worlds, self._scenes = worlds_of(log.world), {s: n for n, s in enumerate(log.world)}
+        scenes = log.buildings.groupby("scene", sort=False)[list(GEOMETRY)]
+        self._buildings = {s: facades(own.to_numpy(np.float64), seed) for s, own in scenes}
+        self.worlds, self._scenes = worlds_of(log.world), {s: n for n, s in enumerate(log.world)}
         self._poses = self._poses_of(log)
         self._places = full_poses(log.frames) if log.world else {}
 
@@ -82,13 +79,8 @@ class Surroundings:
         return [str(name) for name in self._classes.iloc[self.rows(frame)]]
 
     def parts(self, frame: int, reach: float) -> Parts:
-        """Objects of the frame, owners numbered as in `rows`, and buildings, in the ego frame.
-
-        Buildings farther than `reach` metres from the vehicle are left out.
-
-        Raises:
-            ValueError: the log does not list this frame.
-        """
+        """Objects of the frame, owners numbered as in `rows`, and buildings, in the ego frame;
+        those farther than `reach` metres from the vehicle are left out."""
         if frame not in self._listed:
             raise ValueError(f"frame {frame} is not in the box log")
         rows = self.rows(frame)
@@ -112,12 +104,7 @@ class Surroundings:
         if scene is None:
             return None
         turn, place = self._places[frame]
-        return WorldAround(self._worlds, scene, turn, place - self._worlds.origins[scene])
-
-    @property
-    def worlds(self) -> Worlds:
-        """The worlds of all scenes."""
-        return self._worlds
+        return WorldAround(self.worlds, scene, turn, place - self.worlds.origins[scene])
 
     def ground(self, frame: int) -> Ground:
         """The ground of a frame; without a pose of the vehicle a place is drawn for it."""
@@ -127,3 +114,23 @@ class Surroundings:
             return Ground(cells, (x, y, yaw))
         u, v, turn = uniforms(f"{self._seed}/{frame}", 3, b"ground").tolist()
         return Ground(cells, (u * CELLS * CELL_M, v * CELLS * CELL_M, turn * 2 * np.pi))
+
+
+def facades(buildings: NDArray[np.float64], seed: int) -> Parts:
+    """Walls of buildings, rows of `GEOMETRY` in the world, shape (B, 7), and a sign on two of each.
+
+    Both are drawn from a hash of seed and place, so a building looks the same in every run through
+    its town. Signs front and back are one bar, of which only the ends stand out."""
+    number = len(buildings)
+    drawn = [uniforms(f"{seed}/{x:.2f}/{y:.2f}", 4, b"facade") for x, y in buildings[:, :2]]
+    wall, sign, along, up = np.array(drawn).reshape(number, 4).T
+    low, high = SIGN_HEIGHT_M
+    x, y, z, length, width, height, yaw = buildings.T
+    edge, tall = np.minimum(SIGN_M, length), np.minimum(SIGN_M, height)
+    aside = (along - 0.5) * (length - edge)
+    bottom = np.minimum(low + (high - low) * up, height - tall)
+    x, y, z = x + np.cos(yaw) * aside, y + np.sin(yaw) * aside, z - height / 2 + bottom + tall / 2
+    signs = np.stack([x, y, z, edge, width + 2 * _PROUD_M, tall, yaw], axis=1)
+    light = reflectivity(np.full(number, Material.RETROREFLECTOR), sign)
+    walls = bricks(buildings, BUILDING, reflectivity(np.full(number, Material.WALL), wall))
+    return walls.and_(bricks(signs, SIGN, light))

@@ -13,17 +13,13 @@ def truncation(boxes: NDArray[np.float64], x: Interval, y: Interval) -> NDArray[
     """Share of the footprint of each box outside the rectangle x, y; shape (B,), in [0, 1].
 
     Exact: the footprint is clipped as a polygon (Sutherland and Hodgman 1974). One without an area
-    counts as its centre.
-
-    Args:
-        boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
-        x, y: the rectangle, in the frame of the boxes; its edges belong to it.
-    """
+    counts as its centre. Boxes are rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7), in the
+    frame of the rectangle, whose edges belong to it."""
     return _truncation(np.ascontiguousarray(boxes, np.float64), (*x, *y))
 
 
 @njit(cache=True, error_model="numpy")
-def _truncation(boxes, bounds) -> NDArray[np.float64]:  # pragma: no cover - compiled
+def _truncation(boxes, bounds) -> NDArray[np.float64]:
     share = np.empty(len(boxes))
     polygon, clipped = np.empty((8, 2)), np.empty((8, 2))
     for b in range(len(boxes)):

@@ -11,21 +11,19 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Interval
 from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
-from lidarplace.clouds.raycast import turned
 from lidarplace.clouds.shapes import PANE, Parts
 from lidarplace.clouds.static_world import WorldAround, stopped, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POINTS, count_columns
+from lidarplace.mounting.housing import turned
 
 VIEWPOINT = (0.0, 0.0, 2.4)
 """Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
-
 GRID = (32, 24)
 """Rays over the azimuths and elevations of an object, of which about half meet it: shares come in
 steps below half a percent."""
-
 OCCLUDED = (0.8, 0.4)
 """Visible shares from which an object is fully visible (KITTI's `occluded` 0) or partly occluded
 (1). Less is largely occluded (2), nothing is unknown (3). KITTI's annotators judged by eye; the
@@ -35,20 +33,12 @@ numbers are bounds of nuScenes's levels of visibility."""
 def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
     """Share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
 
-    Of the rays that meet the object when it is alone, the share that still meets it first among
-    all objects and buildings of its frame and the static world of the log. Neither flat ground nor
-    own body hides anything, so the share does not depend on a placement. 0 means hidden.
+    Of the rays that meet the object when it is alone, the share that still meets it first among all
+    objects and buildings of its frame and the static world of the log. Neither flat ground nor own
+    body hides anything, so the share does not depend on a placement. 0 means hidden.
 
-    Args:
-        log: objects, frames and buildings.
-        seed: of the shapes; the one the clouds are collected with.
-
-    Returns:
-        One share a row of `log.boxes`, shape (rows,), float64.
-
-    Raises:
-        ValueError: a column is missing, or a box or pose is bad.
-    """
+    One share a row of `log.boxes`, shape (rows,), float64. `seed`: of the shapes, as of the clouds.
+    Raises ValueError if a column is missing, or a box or pose is bad."""
     surroundings = Surroundings(log, seed)
     geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
     farthest = np.hypot(geometry[:, 0], geometry[:, 1]) + np.hypot(geometry[:, 3], geometry[:, 4])
@@ -68,30 +58,21 @@ def visible_share(
     grid: tuple[int, int],
     world: WorldAround | None = None,
 ) -> NDArray[np.float64]:
-    """Share of each object that an ideal sensor at `viewpoint` sees past the others.
+    """Share of each object that an ideal sensor at `viewpoint` sees past the others, float64,
+    (objects,).
 
     A grid of (azimuths, elevations) rays spans the angles of each object. Of the rays that enter
     one of its parts when it is alone, the share that meets no other object, no building and nothing
-    of the static world before.
-    0 if no ray enters it: it is thinner than the grid, or all of it holds the viewpoint.
-
-    Args:
-        viewpoint: x, y, z in the ego frame, metres. Ground and own body hide nothing.
-        parts: of one frame.
-        objects: number of objects; the owners of parts are below it.
-        grid: rays along azimuth and along elevation.
-        world: around the vehicle.
-
-    Returns:
-        Shares, shape (objects,), float64.
-    """
+    of the static world before. 0 if no ray enters it: it is thinner than the grid, or all of it
+    holds the viewpoint. That is x, y, z in the ego frame, metres; `parts` are of one frame, owners
+    of objects below `objects`."""
     around = world or WorldAround(worlds_of({}), -1, np.eye(3), np.zeros(3))
     geometry = parts.geometry, parts.owner
     return _visible_share(np.array(viewpoint), *geometry, objects, *grid, *around)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _visible_share(  # pragma: no cover - compiled
+def _visible_share(
     viewpoint, parts, owners, objects, width, height, worlds, scene, into, shift
 ) -> NDArray[np.float64]:
     number = len(parts)
@@ -139,9 +120,8 @@ def _visible_share(  # pragma: no cover - compiled
             if facing[p] == 0:
                 continue
             for j in range(height):
-                enter_along(
-                    cosines, sines, planes[p], facing[p], elevations[j, 0], elevations[j, 1], other
-                )
+                ce, se = elevations[j]
+                enter_along(cosines, sines, planes[p], facing[p], ce, se, other)
                 for i in range(width):
                     own[j, i] = max(own[j, i], other[i])
         alone = (own > 0.0).sum()
@@ -161,9 +141,8 @@ def _visible_share(  # pragma: no cover - compiled
             ):
                 continue
             for j in range(height):
-                enter_along(
-                    cosines, sines, planes[p], facing[p], elevations[j, 0], elevations[j, 1], other
-                )
+                ce, se = elevations[j]
+                enter_along(cosines, sines, planes[p], facing[p], ce, se, other)
                 for i in range(width):
                     own[j, i] = own[j, i] if own[j, i] >= other[i] else -1.0
         for ray in range(height * width if scene >= 0 else 0):
@@ -193,8 +172,7 @@ def ground_truth(
     share seen; `occluded`, KITTI's level of it; `truncated`, the share of the footprint outside the
     ROI, where KITTI's is that outside the image. Hidden objects and those outside still hide
     others. The same for every placement. `by_points`: those with a real point of the recorded rig
-    count, in place of the visible ones.
-    """
+    count, in place of the visible ones."""
     inside = np.ones(len(log.boxes), bool)
     for axis, (low, high) in zip("xyz", (x, y, z), strict=True):
         inside &= log.boxes[axis].between(low, high).to_numpy()

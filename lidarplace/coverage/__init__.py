@@ -32,10 +32,8 @@ def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray
 
     Args:
         method: `cone`, exact and without azimuth sampling; `dda`, exact traversal of the rays of
-            all azimuth steps; `bresenham`, the paper's integer lines along the same rays.
-
-    Raises:
-        ValueError: an unknown method.
+            all azimuth steps; `bresenham`, the paper's integer lines along the same rays. Raises
+            ValueError for another one.
     """
     return unpack(covered_bits(placement, roi, method, Tiles.whole(roi.shape)), roi.shape[2])
 

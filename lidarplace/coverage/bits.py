@@ -1,8 +1,6 @@
 """Sets of voxels as bits: bit k % 64 of word k // 64 is voxel k of a column.
 
-A set is an array of shape (words, nx, ny), uint64. Sixty-four voxels are joined, met or counted
-(`np.bitwise_count`) at once.
-"""
+A set is an array of shape (words, nx, ny), uint64."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +31,8 @@ def unpack(bits: Bits, nz: int) -> NDArray[np.bool_]:
 
 
 def turned(bits: Bits, length: int) -> Bits:
-    """The set with its last two axes exchanged: from voxels (a, b, c) to (a, c, b).
-
-    length: extent of c.
-    """
+    """The set with its last two axes exchanged: from voxels (a, b, c) to (a, c, b), c below
+    `length`."""
     _, a, b = bits.shape
     result = np.zeros((-(-b // 64), a, length), np.uint64)
     _turn(bits, result)

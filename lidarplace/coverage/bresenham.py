@@ -11,9 +11,7 @@ from lidarplace.base.kernel_cache import njit
 def walk_bresenham(origin, direction, far, grid, voxels, size):
     """Append the voxels of one line to the first `size` of `voxels`; returns the new size.
 
-    It goes from the sensor's voxel, which may lie outside of the grid, to that of the ray at `far`;
-    only voxels inside are written.
-    """
+    It goes from the sensor's voxel, inside the grid or not, to that of the ray at `far`."""
     shape, strides = grid.shape, grid.strides
     # The axis along which the line is longest comes first.
     main, longest = 0, -1
@@ -25,11 +23,7 @@ def walk_bresenham(origin, direction, far, grid, voxels, size):
     i, end_i = _ends(main, origin, direction, far, grid)
     j, end_j = _ends(a, origin, direction, far, grid)
     k, end_k = _ends(b, origin, direction, far, grid)
-    step_i, step_j, step_k = (
-        (1 if end_i > i else -1),
-        (1 if end_j > j else -1),
-        (1 if end_k > k else -1),
-    )
+    up_i, up_j, up_k = (1 if end_i > i else -1), (1 if end_j > j else -1), (1 if end_k > k else -1)
     length_j, length_k = abs(end_j - j), abs(end_k - k)
     error_j, error_k = 2 * length_j - longest, 2 * length_k - longest
     ni, nj, nk = shape[main], shape[a], shape[b]
@@ -38,14 +32,14 @@ def walk_bresenham(origin, direction, far, grid, voxels, size):
             voxels[size] = i * strides[main] + j * strides[a] + k * strides[b]
             size += np.uint64(1)
         if error_j > 0:
-            j += step_j
+            j += up_j
             error_j -= 2 * longest
         if error_k > 0:
-            k += step_k
+            k += up_k
             error_k -= 2 * longest
         error_j += 2 * length_j
         error_k += 2 * length_k
-        i += step_i
+        i += up_i
     return size
 
 

@@ -1,24 +1,17 @@
 """Exact coverage: the cones that the beams of a turning LiDAR sweep, without azimuth sampling.
 
 As a beam of elevation e turns about the sensor's axis n it sweeps the cone `n.d = sin(e) |d|`
-(paper, section 3.1). A voxel is covered when its closed cube meets the cone of some beam, within
-the sensor's range and field of view.
-
-Two algorithms agree to the last voxel:
+(paper, section 3.1). A voxel is covered when its closed cube, grown by 1e-9 of its edge, meets the
+cone of some beam, within the sensor's range and field of view. Two algorithms agree to the last
+voxel:
 
 - by column: over the square of a column of voxels the cone is the graph of a convex (e > 0) or
   concave (e < 0) function of (x, y), so a beam covers one run of z. Columns run along the axis of
   the grid that is closest to n. Beams whose cone is no graph are tested voxel by voxel;
 - by voxel: the range of `n.d/|d|` over a cube holds the sine of some beam. Always holds.
 
-Where range or field of view end within a tile, its voxels are tested against the part of the
-cone that is seen.
-
-A pattern that does not repeat sweeps no cones; its rays are walked one by one.
-
-"Closed" is meant up to rounding: cubes are grown by 1e-9 of their edge. So a cube that a cone
-touches in exact arithmetic is covered, though its corner is not representable in binary.
-"""
+Where range or field of view end within a tile, its voxels are tested against the part of the cone
+that is seen. A pattern that does not repeat sweeps no cones; its rays are walked one by one."""
 
 import threading
 from typing import Any
@@ -37,7 +30,6 @@ from lidarplace.rigs.placement import Mount, Placement, blocks
 
 CACHE_BYTES = 2**28
 """Coverage of single sensors that is kept for the next placement; a search moves one at a time."""
-
 _AXES = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}  # axes of the grid whose columns run along one
 
 
@@ -62,10 +54,7 @@ def _key(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> tuple[Any, ...]:
     condition=threading.Condition(),  # threads wait for a sensor that one of them is covering
 )
 def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
-    """Voxels that one LiDAR covers, right for those that matter by `tiles`; read-only.
-
-    Kept for the next call with the same beams, mount, ROI and tiles.
-    """
+    """Voxels that one LiDAR covers, right for those that matter by `tiles`; read-only."""
     if lidar.pattern is not None:
         bits = pack(covered_by_rays(Placement("one", [mount], lidar), roi, "dda"))
         bits.flags.writeable = False

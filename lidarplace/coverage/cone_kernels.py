@@ -1,8 +1,7 @@
-"""Compiled parts of the exact coverage by cones; `cone.py` explains their purpose.
+"""Compiled parts of the exact coverage by cones, see `cone.py`.
 
-All lengths are metres in the frame of the grid, relative to the sensor. `n = (n0, n1, n2)` is the
-sensor's axis with n2 >= 0, `s` the sine of a beam's elevation.
-"""
+Lengths are metres in the frame of the grid, relative to the sensor. `n = (n0, n1, n2)` is the
+sensor's axis with n2 >= 0, `s` the sine of a beam's elevation."""
 
 import math
 from typing import NamedTuple
@@ -10,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 
 TILE_X, TILE_Y = 16, 32
 """Columns of a tile. Loops over TILE_Y have a fixed length, so that they become vector code."""
-
 _LINES_Y = TILE_Y + 8  # grid lines of a tile, and more to make whole vectors
 _HAIR = 1e-9  # cubes are grown by this share of their edge
 _ULPS = 4e-16  # rounding of a sine: no beam may slip between two voxels
@@ -24,14 +22,8 @@ _LEAST_K = 1e-2  # a cone with a smaller n2^2 - s^2 is too steep to be computed 
 
 
 class Sensor(NamedTuple):
-    """A turning LiDAR, as compiled code takes it.
-
-    Attributes:
-        origin: position, shape (3,).
-        frame: axes x, y, z as rows, shape (3, 3).
-        sines: of the elevations, sorted.
-        azimuth, reach: field of view, shape (2,), and range.
-    """
+    """A turning LiDAR: position (3,), axes x, y, z as rows (3, 3), sines of the elevations, sorted,
+    field of view (2,), and range."""
 
     origin: NDArray[np.float64]
     frame: NDArray[np.float64]
@@ -45,8 +37,8 @@ class Columns(NamedTuple):
 
     Attributes:
         minimum, resolution, nz: lower corner, edge of a voxel, voxels of a column.
-        lowest, highest: voxels of each tile that matter, shape (tiles in x, tiles in y); none
-            where highest < lowest. Others may be set or not.
+        lowest, highest: voxels of each tile that matter, shape (tiles in x, tiles in y); none where
+            highest < lowest. Others may be set or not.
     """
 
     minimum: NDArray[np.float64]
@@ -56,23 +48,7 @@ class Columns(NamedTuple):
     highest: NDArray[np.int32]
 
 
-class _Tile(NamedTuple):
-    """`rows` × `columns` columns between the grid lines `xs` and `ys`, from the height `bottom`."""
-
-    xs: NDArray[np.float64]
-    ys: NDArray[np.float64]
-    rows: int
-    columns: int
-    bottom: float
-    resolution: float
-    nz: int
-
-
-_inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""For functions that compiled code alone calls: they take a third less time to compile."""
-
-
-@_inner
+@inner
 def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):
     """Widen (low, high) by f = n.d/|d| at the start and the stationary point of d = a + t e."""
     na = n0 * ax + n1 * ay + n2 * az
@@ -98,7 +74,7 @@ def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):
     return low, high
 
 
-@_inner
+@inner
 def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):
     """Whether the segment from the sensor along the unit vector d meets the box."""
     near, far = 0.0, length
@@ -112,7 +88,7 @@ def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):
     return near <= far
 
 
-@_inner
+@inner
 def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):
     """Range of n.d/|d| over a box, relative to the sensor."""
     if x0 <= 0 <= x1 and y0 <= 0 <= y1 and z0 <= 0 <= z1:
@@ -138,7 +114,7 @@ def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):
     return low - _ULPS, high + _ULPS
 
 
-@_inner
+@inner
 def _between(sines, low, high):
     """First and past the last of the sorted sines within [low, high]."""
     first = 0
@@ -153,30 +129,28 @@ def _between(sines, low, high):
 # The part of a cone that a sensor sees: azimuths of its field of view, up to its range.
 
 
-@_inner
+@inner
 def _planes(frame, azimuth):
-    """Normals of the planes that bound the field of view, towards the inside, shape (2, 3)."""
-    planes = np.empty((2, 3))
-    for axis in range(3):
-        u, v = frame[0, axis], frame[1, axis]
-        planes[0, axis] = v * math.cos(azimuth[0]) - u * math.sin(azimuth[0])
-        planes[1, axis] = u * math.sin(azimuth[1]) - v * math.cos(azimuth[1])
-    return planes
+    """Normals of the two planes that bound the field of view, towards the inside."""
+    u, v = frame[0], frame[1]
+    c, s = math.cos(azimuth[0]), math.sin(azimuth[0])
+    first = (v[0] * c - u[0] * s, v[1] * c - u[1] * s, v[2] * c - u[2] * s)
+    c, s = math.cos(azimuth[1]), math.sin(azimuth[1])
+    return first, (u[0] * s - v[0] * c, u[1] * s - v[1] * c, u[2] * s - v[2] * c)
 
 
-@_inner
+@inner
 def _seen(x, y, z, planes, width, reach):
     """Whether a point is within the range and a field of view of that width."""
     if x * x + y * y + z * z > reach * reach:
         return False
     if width >= 2 * math.pi:
         return True
-    first = planes[0, 0] * x + planes[0, 1] * y + planes[0, 2] * z >= 0
-    last = planes[1, 0] * x + planes[1, 1] * y + planes[1, 2] * z >= 0
+    first, last = _dot(planes[0], x, y, z) >= 0, _dot(planes[1], x, y, z) >= 0
     return (first and last) if width <= math.pi else (first or last)
 
 
-@_inner
+@inner
 def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):
     """1: all of the box is in range and field of view; -1: nothing of it; 0: not decided."""
     x, y, z = max(x0, -x1, 0.0), max(y0, -y1, 0.0), max(z0, -z1, 0.0)
@@ -197,12 +171,12 @@ def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):
     return 1 if inside and (all_first or all_last) else 0
 
 
-@_inner
+@inner
 def _side_of_box(low, high, planes, width, reach):
     return _side_of_view(low[0], high[0], low[1], high[1], low[2], high[2], planes, width, reach)
 
 
-@_inner
+@inner
 def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):
     """Whether some and whether all of a box is on the inner side of a plane through the sensor."""
     a, b, c = normal
@@ -211,13 +185,12 @@ def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):
     return middle + half >= 0, middle - half >= 0
 
 
-@_inner
+@inner
 def _arc_meets(low, high, s, frame, azimuth, reach):
     """Whether the arc on which a beam ends at its range meets the box.
 
-    A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one
-    coordinate is on a face; an arc that does neither is wholly inside or outside.
-    """
+    A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one is on
+    a face; an arc that does neither is wholly inside or outside."""
     middle, extent = -s * reach, _HAIR * reach  # the circle is on the plane n.d = s reach
     for axis in range(3):
         middle += 0.5 * frame[2, axis] * (low[axis] + high[axis])
@@ -253,7 +226,7 @@ def _arc_meets(low, high, s, frame, azimuth, reach):
     return False
 
 
-@_inner
+@inner
 def _edge_crosses(low, high, s, n, planes, width, reach):
     """Whether an edge of the box crosses the part of the cone that is seen."""
     for axis in range(3):
@@ -284,15 +257,14 @@ def _edge_crosses(low, high, s, n, planes, width, reach):
     return False
 
 
-@_inner
+@inner
 def _patch_meets(low, high, s, frame, azimuth, planes, reach):
     """Whether the seen part of the cone of one beam meets a closed box.
 
-    The part is bounded by the rays at the ends of the field of view and by the arc at the range.
-    If no boundary meets the box, a piece of the cone in the box is seen as a whole or not at all.
-    A piece reaches the faces along its rulings. On a face it ends at an edge of the box, or it is
-    a closed curve about the axis, which the first ray meets.
-    """
+    The part is bounded by the rays at the ends of the field of view and by the arc at the range. If
+    none of these meets the box, a piece of the cone in it is seen as a whole or not at all. It
+    reaches the faces along its rulings; there it ends at an edge of the box, or is a closed curve
+    about the axis, which the first ray meets."""
     if _edge_crosses(low, high, s, frame[2], planes, azimuth[1] - azimuth[0], reach):
         return True
     cosine = math.sqrt(1 - s * s)
@@ -309,30 +281,9 @@ def _patch_meets(low, high, s, frame, azimuth, planes, reach):
     return _arc_meets(low, high, s, frame, azimuth, reach)
 
 
-@_inner
-def _cube_is_covered(low, high, sines, frame, azimuth, planes, reach):
-    """Whether the seen part of some beam's cone meets a closed box."""
-    side = _side_of_box(low, high, planes, azimuth[1] - azimuth[0], reach)
-    if side < 0:
-        return False
-    least, most = _sine_range(
-        low[0], high[0], low[1], high[1], low[2], high[2], frame[2, 0], frame[2, 1], frame[2, 2]
-    )
-    first, last = _between(sines, least, most)
-    for b in range(first, last):
-        if side > 0 or _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
-            return True
-    return False
-
-
 class _View(NamedTuple):
-    """What of a cone is seen, in numbers alone: arrays cost more to hand on than to use.
-
-    Attributes:
-        n: axis of the sensor.
-        first, last: normals of the planes that bound the field of view, towards the inside.
-        width, reach: of the field of view, and the range.
-    """
+    """What of a cone is seen, in numbers alone, as arrays cost more to hand on than to use: axis of
+    the sensor, `_planes`, width of the field of view, range."""
 
     n: tuple[float, float, float]
     first: tuple[float, float, float]
@@ -341,23 +292,12 @@ class _View(NamedTuple):
     reach: float
 
 
-@_inner
-def _view(frame, azimuth, planes, reach):
-    return _View(
-        (frame[2, 0], frame[2, 1], frame[2, 2]),
-        (planes[0, 0], planes[0, 1], planes[0, 2]),
-        (planes[1, 0], planes[1, 1], planes[1, 2]),
-        azimuth[1] - azimuth[0],
-        reach,
-    )
-
-
-@_inner
+@inner
 def _dot(a, x, y, z):
     return a[0] * x + a[1] * y + a[2] * z
 
 
-@_inner
+@inner
 def _side_of_cube(x, y, z, half, view):
     """`_side_of_view` of a cube by its middle; not decided near the range."""
     radius = math.sqrt(3.0) * half
@@ -379,7 +319,7 @@ def _side_of_cube(x, y, z, half, view):
     return 1 if inside and (first >= by_first or last >= by_last) else 0
 
 
-@_inner
+@inner
 def _near_beams(x, y, z, half, sines, view):
     """First and past the last of the sines that a cube may hold."""
     away = math.sqrt(x * x + y * y + z * z)
@@ -390,13 +330,12 @@ def _near_beams(x, y, z, half, sines, view):
     return _between(sines, middle - spread, middle + spread)
 
 
-@_inner
+@inner
 def _corners_span(x, y, z, half, beams, sines, view):
     """Whether a cone of `sines[beams[0]:beams[1]]` passes between corners of a cube that are seen.
 
     What of the cube is in range and on the inner side of a plane is convex: a cone that has two
-    points of it on either side meets it.
-    """
+    points of it on either side meets it."""
     # The corner that is farthest inside the nearer plane comes first, then the one above or below.
     nearer = view.first if _dot(view.first, x, y, z) < _dot(view.last, x, y, z) else view.last
     dx, dy = math.copysign(half, nearer[0]), math.copysign(half, nearer[1])
@@ -427,7 +366,7 @@ def _corners_span(x, y, z, half, beams, sines, view):
 # (words, TILE_X * TILE_Y).
 
 
-@_inner
+@inner
 def _set_run(scratch, row, column, one_end, other_end, slack, nz):
     """Set the voxels between two heights, in voxels."""
     low, high = min(one_end, other_end) - slack, max(one_end, other_end) + slack
@@ -437,13 +376,12 @@ def _set_run(scratch, row, column, one_end, other_end, slack, nz):
         scratch[k >> 6, row * TILE_Y + column] |= np.uint64(1) << np.uint64(k & 63)
 
 
-@_inner
+@inner
 def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
     """Add the run of every column for a beam of a sensor that is not tilted.
 
-    The height is tan(elevation) times the distance from the axis; `near` and `far` are the least
-    and the largest distance over the square of a column, shape (TILE_X * TILE_Y,).
-    """
+    The height is tan(elevation) times the distance from the axis, `near` to `far` over the square
+    of a column, shape (TILE_X * TILE_Y,)."""
     one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)
     slope = s / math.sqrt(1 - s * s) / resolution
     slack = _HAIR * (1 + abs(slope) * resolution * math.sqrt(2.0))
@@ -463,15 +401,14 @@ def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
             target[c] |= run if hit else zero
 
 
-@_inner
+@inner
 def _add_tilted_beam(tile, axis, s, words, lines, scratch):
     """Add the run of every column for a beam of a tilted sensor.
 
     The height is homogeneous of degree one in (x, y), and convex or concave. Over a square its
     extremes are at the corners, at the apex, and at the one stationary point of the height along
-    each grid line. The few squares that hold such a point are widened one by one.
-    """
-    xs, ys, rows, columns, bottom, resolution, nz = tile
+    each grid line. The few squares that hold such a point are widened one by one."""
+    xs, ys, rows, columns, bottom, resolution, nz = tile  # lines of the grid, from `bottom` up
     n0, n1, n2 = axis
     one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)
     k = n2 * n2 - s * s
@@ -509,28 +446,22 @@ def _add_tilted_beam(tile, axis, s, words, lines, scratch):
     # With |n| = 1, dz/dy = 0 on x = const where
     # (n1^2 + k) y + n0 n1 x = sign(s n1) n2 |n1 x| sqrt((1 - s^2) / (s^2 - n1^2));
     # the same on y = const with n0 and n1, x and y exchanged.
-    if s * s > n1 * n1:
-        turn = math.copysign(1.0, s) * n1 * n2 * math.sqrt((1 - s * s) / (s * s - n1 * n1))
-        for line in range(rows + 1):
-            x = xs[line]
-            y = (turn * abs(x) - n0 * n1 * x) / (n1 * n1 + k)
-            if ys[0] < y < ys[columns]:
-                c = min(int((y - ys[0]) / resolution), columns - 1)
-                turning = _height(x, y, k, n0, n1, by_root, by_tilt) - offset
-                corner = _height(x, ys[c], k, n0, n1, by_root, by_tilt) - offset
-                for row in range(max(line - 1, 0), min(line + 1, rows)):
-                    _set_run(scratch, row, c, turning, corner, slack, nz)
-    if s * s > n0 * n0:
-        turn = math.copysign(1.0, s) * n0 * n2 * math.sqrt((1 - s * s) / (s * s - n0 * n0))
-        for line in range(columns + 1):
-            y = ys[line]
-            x = (turn * abs(y) - n0 * n1 * y) / (n0 * n0 + k)
-            if xs[0] < x < xs[rows]:
-                row = min(int((x - xs[0]) / resolution), rows - 1)
-                turning = _height(x, y, k, n0, n1, by_root, by_tilt) - offset
-                corner = _height(xs[row], y, k, n0, n1, by_root, by_tilt) - offset
-                for c in range(max(line - 1, 0), min(line + 1, columns)):
-                    _set_run(scratch, row, c, turning, corner, slack, nz)
+    for on_x in (True, False):
+        here, there, lines_here, most = (xs, ys, rows, columns) if on_x else (ys, xs, columns, rows)
+        m, n = (n0, n1) if on_x else (n1, n0)
+        if s * s <= n * n:
+            continue
+        turn = math.copysign(1.0, s) * n * n2 * math.sqrt((1 - s * s) / (s * s - n * n))
+        for line in range(lines_here + 1):
+            x = here[line]
+            y = (turn * abs(x) - n0 * n1 * x) / (n * n + k)
+            if there[0] < y < there[most]:
+                c = min(int((y - there[0]) / resolution), most - 1)
+                turning = _height(x, y, k, m, n, by_root, by_tilt) - offset
+                corner = _height(x, there[c], k, m, n, by_root, by_tilt) - offset
+                for row in range(max(line - 1, 0), min(line + 1, lines_here)):
+                    i, j = (row, c) if on_x else (c, row)
+                    _set_run(scratch, i, j, turning, corner, slack, nz)
     if xs[0] <= 0 <= xs[rows] and ys[0] <= 0 <= ys[columns]:
         row = min(int(-xs[0] / resolution), rows - 1)
         c = min(int(-ys[0] / resolution), columns - 1)
@@ -538,14 +469,14 @@ def _add_tilted_beam(tile, axis, s, words, lines, scratch):
         _set_run(scratch, row, c, -offset, corner, slack, nz)
 
 
-@_inner
+@inner
 def _height(x, y, k, n0, n1, by_root, by_tilt):
     """Height of the cone over (x, y), in voxels above the sensor."""
     a = n0 * x + n1 * y
     return by_root * math.sqrt(a * a + k * (x * x + y * y)) - by_tilt * a
 
 
-@_inner
+@inner
 def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):
     """Test the beams but `sines[graphs[0]:graphs[1]]`, whose cone is no graph, by voxel."""
     xs, ys, rows, columns, bottom, resolution, _ = tile
@@ -566,7 +497,7 @@ def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):
                     scratch[k >> 6, row * TILE_Y + c] |= np.uint64(1) << np.uint64(k & 63)
 
 
-@_inner
+@inner
 def _steep_between(sines, graphs, low, high):
     """Whether a sine outside `sines[graphs[0]:graphs[1]]` lies within [low, high]."""
     first, last = _between(sines, low, high)
@@ -575,15 +506,8 @@ def _steep_between(sines, graphs, low, high):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cover_tiles(sensor, grid, bits):
-    """Set the bits of the voxels that the beams of one sensor cover, by columns.
-
-    Where range or field of view end within a tile the whole cones are taken; see `keep_seen`.
-
-    Args:
-        sensor: a `Sensor` with `frame[2, 2] >= 0`.
-        grid: `Columns`.
-        bits: shape (words, nx, ny), uint64; bit k % 64 of word k // 64 is voxel k of a column.
-    """
+    """Set in `bits` (words, nx, ny) the voxels of `Columns` that the beams of a `Sensor` with
+    `frame[2, 2] >= 0` cover, by columns. Range and field of view only leave out whole tiles."""
     origin, frame, sines, azimuth, reach = sensor
     minimum, resolution, nz, lowest, highest = grid
     words, nx, ny = bits.shape
@@ -624,7 +548,7 @@ def cover_tiles(sensor, grid, bits):
                 for c in range(TILE_X * TILE_Y):
                     scratch[word, c] = 0
             needed = k0 >> 6, k1 >> 6
-            tile = _Tile(xs, ys, rows, columns, bottom, resolution, nz)
+            tile = xs, ys, rows, columns, bottom, resolution, nz
             if level:
                 _distances(xs, ys, near, far)
             for b in range(max(first, graphs[0]), min(last, graphs[1])):
@@ -640,7 +564,7 @@ def cover_tiles(sensor, grid, bits):
                         bits[word, i0 + row, j0 + c] = scratch[word, row * TILE_Y + c]
 
 
-@_inner
+@inner
 def _distances(xs, ys, near, far):
     """Least and largest distance from the axis over the square of every column of a tile."""
     for row in range(TILE_X):
@@ -664,25 +588,22 @@ def keep_seen(sensor, grid, bits):
     grow = _HAIR * resolution
     low, high = np.empty(3), np.empty(3)
     start = minimum - origin
-    view = _view(frame, azimuth, planes, reach)
+    view = _View((frame[2, 0], frame[2, 1], frame[2, 2]), planes[0], planes[1], width, reach)
     for tile_x in range(lowest.shape[0]):
         for tile_y in range(lowest.shape[1]):
-            k0, k1 = lowest[tile_x, tile_y], highest[tile_x, tile_y]
+            k0, k1 = np.int64(lowest[tile_x, tile_y]), np.int64(highest[tile_x, tile_y])
             if k1 < k0:
                 continue
             i0, j0 = tile_x * TILE_X, tile_y * TILE_Y
             i1, j1 = min(i0 + TILE_X, nx), min(j0 + TILE_Y, ny)
-            _span(low, high, 0, start, i0, i1, resolution, grow)
-            _span(low, high, 1, start, j0, j1, resolution, grow)
-            _span(low, high, 2, start, k0, k1 + 1, resolution, grow)
+            _fill_box(low, high, start, (i0, j0, k0), (i1, j1, k1 + 1), resolution, grow)
             if _side_of_box(low, high, planes, width, reach) != 0:
                 continue  # none of it is there to be cleared
             for block_i in range(i0, i1, _BLOCK):
                 for block_j in range(j0, j1, _BLOCK):
                     end_i, end_j = min(block_i + _BLOCK, i1), min(block_j + _BLOCK, j1)
-                    _span(low, high, 0, start, block_i, end_i, resolution, grow)
-                    _span(low, high, 1, start, block_j, end_j, resolution, grow)
-                    _span(low, high, 2, start, k0, k1 + 1, resolution, grow)
+                    first, end = (block_i, block_j, k0), (end_i, end_j, k1 + 1)
+                    _fill_box(low, high, start, first, end, resolution, grow)
                     side = _side_of_box(low, high, planes, width, reach)
                     if side < 0:
                         bits[:, block_i:end_i, block_j:end_j] = 0
@@ -692,7 +613,7 @@ def keep_seen(sensor, grid, bits):
                     _keep_seen_in(block, sensor, view, planes, start, resolution, bits)
 
 
-@_inner
+@inner
 def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):
     """`keep_seen` voxel by voxel: most are decided by their run, their middle or their corners."""
     _, frame, sines, azimuth, reach = sensor
@@ -724,9 +645,8 @@ def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):
                         beams = _near_beams(x, y, z, half, sines, view)
                         if _corners_span(x, y, z, half, beams, sines, view):
                             continue
-                        _span(low, high, 0, start, i, i + 1, resolution, grow)
-                        _span(low, high, 1, start, j, j + 1, resolution, grow)
-                        _span(low, high, 2, start, k, k + 1, resolution, grow)
+                        end = (i + 1, j + 1, k + 1)
+                        _fill_box(low, high, start, (i, j, k), end, resolution, grow)
                         for b in range(beams[0], beams[1]):
                             if _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
                                 side = 1
@@ -735,30 +655,31 @@ def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):
                         bits[run >> 6, i, j] ^= bit
 
 
-@_inner
-def _span(low, high, axis, start, first, last, resolution, grow):
-    """Let a box reach along an axis from one grid line to another."""
-    low[axis] = start[axis] + first * resolution - grow
-    high[axis] = start[axis] + last * resolution + grow
+@inner
+def _fill_box(low, high, start, first, end, resolution, grow):
+    """Let a box reach from grid lines to others, and a hair further."""
+    for axis in range(3):
+        low[axis] = start[axis] + first[axis] * resolution - grow
+        high[axis] = start[axis] + end[axis] * resolution + grow
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cover_voxels(sensor, minimum, resolution, covered):
-    """Set the voxels that the beams of one sensor cover, one by one.
-
-    covered: shape (nx, ny, nz), bool.
-    """
+    """Set the voxels that the beams of one sensor cover, one by one, in a mask (nx, ny, nz)."""
     origin, frame, sines, azimuth, reach = sensor
-    grow = _HAIR * resolution
+    grow, planes = _HAIR * resolution, _planes(frame, azimuth)
+    n0, n1, n2 = frame[2]
     low, high = np.empty(3), np.empty(3)
-    planes = _planes(frame, azimuth)
-    shape = covered.shape
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            for k in range(shape[2]):
-                if covered[i, j, k]:
-                    continue
-                for axis, index in enumerate((i, j, k)):
-                    low[axis] = minimum[axis] + index * resolution - origin[axis] - grow
-                    high[axis] = minimum[axis] + (index + 1) * resolution - origin[axis] + grow
-                covered[i, j, k] = _cube_is_covered(low, high, sines, frame, azimuth, planes, reach)
+    for i, j, k in np.ndindex(covered.shape):
+        for axis, index in enumerate((i, j, k)):
+            low[axis] = minimum[axis] + index * resolution - origin[axis] - grow
+            high[axis] = minimum[axis] + (index + 1) * resolution - origin[axis] + grow
+        side = _side_of_box(low, high, planes, azimuth[1] - azimuth[0], reach)
+        if covered[i, j, k] or side < 0:
+            continue
+        sine_range = _sine_range(low[0], high[0], low[1], high[1], low[2], high[2], n0, n1, n2)
+        first, last = _between(sines, *sine_range)
+        for b in range(first, last):
+            if side > 0 or _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
+                covered[i, j, k] = True
+                break

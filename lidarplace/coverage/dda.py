@@ -1,10 +1,8 @@
 """Exact traversal of single rays through the voxels (after Amanatides and Woo, 1987).
 
-A ray passes a voxel when the half-open cube holds a point `origin + t * direction` with
-0 < t < reach. So where it goes through an edge or a corner, neighbours that it only touches
-are passed over: of the steps due at one t those along growing coordinates come first, all at
-once, then those along falling coordinates.
-"""
+A ray passes a voxel when the half-open cube holds a point `origin + t * direction` with 0 < t <
+reach. So where it goes through an edge or a corner, neighbours that it only touches are passed
+over: of the steps due at one t those along growing coordinates come first, all at once."""
 
 import math
 
@@ -17,9 +15,8 @@ from lidarplace.base.kernel_cache import njit
 def _crossing(cell, origin, d, minimum, resolution):
     """Ray parameter at which a ray leaves `cell` along one axis.
 
-    From the grid line, not by adding up: errors do not grow along the ray, and equal parameters
-    of two axes compare equal where coordinates and directions have few bits.
-    """
+    From the grid line, not by adding up: errors do not grow along the ray, and equal parameters of
+    two axes compare equal where coordinates and directions have few bits."""
     if d == 0.0:
         return math.inf
     return (minimum + (cell + (d > 0)) * resolution - origin) / d
@@ -27,10 +24,8 @@ def _crossing(cell, origin, d, minimum, resolution):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_cell(start, origin, d, minimum, resolution, cells):
-    """Cell on one axis just before the ray enters the grid, or just after it starts inside.
-
-    -1 or `cells` on the side through which it enters.
-    """
+    """Cell on one axis just before the ray enters the grid, -1 or `cells`, or just after its
+    start."""
     position = math.floor((origin + start * d - minimum) / resolution)
     cell = int(min(max(position, -1), cells))
     if d > 0:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from functools import cache
 from itertools import chain, starmap
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,27 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.coverage.bresenham import walk_bresenham
-from lidarplace.coverage.clip import VoxelGrid, clip_rays
 from lidarplace.coverage.dda import walk_dda
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement, blocks
 
 RayMethod = Literal["dda", "bresenham"]
 _CHUNK = 2**16  # voxels listed before they are used: 256 kB, which stays in a core's own cache
+
+
+class VoxelGrid(NamedTuple):
+    """The voxels, as compiled code takes them.
+
+    Attributes:
+        minimum, resolution: lower corner, ego frame, shape (3,), and edge of a voxel, metres.
+        shape: voxels along the axes, int64, shape (3,).
+        strides: voxel (i, j, k) has the index `i * strides[0] + j * strides[1] + k * strides[2]`.
+    """
+
+    minimum: NDArray[np.float64]
+    resolution: float
+    shape: NDArray[np.int64]
+    strides: NDArray[np.int64]
 
 
 def covered_by_rays(placement: Placement, roi: Roi, method: RayMethod) -> NDArray[np.bool_]:
@@ -34,12 +48,9 @@ def ray_counts(
 ) -> NDArray[np.int32]:
     """m(v), the number of rays through every voxel, shape (nx, ny, nz), not in C order.
 
-    With `azimuth_stride` the rays of fewer azimuth steps are counted, see `thinned`; each stands
-    for `ray_weight` rays.
-    """
+    With `azimuth_stride` rays are `thinned`; each stands for `ray_weight` of them."""
     counts = _in_layers(roi, np.int32)
-    thin = thinned(placement, azimuth_stride)
-    for voxels, _ in _chunks(thin, roi, method):
+    for voxels, _ in _chunks(thinned(placement, azimuth_stride), roi, method):
         _count(voxels, counts.reshape(-1))
     return _by_voxel(counts)
 
@@ -55,9 +66,8 @@ def log_miss(
 ) -> NDArray[np.float64]:
     """`ln prod over rays of (1 - q w_r)`: the log-probability that no ray detects an object at v.
 
-    Ray r reaches voxel v with probability `w_r = prod (1 - p)` over the voxels before v
-    (`expected_ig` with occlusion). Shape (nx, ny, nz), <= 0; 0 where p = 0, where nothing can be
-    detected. With `azimuth_stride` fewer rays are traced, see `thinned`, and each counts
+    Ray r reaches voxel v with probability `w_r = prod (1 - p)` over the voxels before v. Shape (nx,
+    ny, nz), <= 0; 0 where p = 0. With `azimuth_stride` rays are `thinned`, and each counts
     `ray_weight` times.
 
     Args:
@@ -65,23 +75,19 @@ def log_miss(
             integers 1 - p is as exact as p.
         detection_probability: q, in (0, 1].
     """
-    thin = thinned(placement, azimuth_stride)
     layers = np.ascontiguousarray(counts.transpose(2, 0, 1)).reshape(-1)
     result = _in_layers(roi, np.float64)
-    for voxels, offsets in _chunks(thin, roi, method):
+    for voxels, offsets in _chunks(thinned(placement, azimuth_stride), roi, method):
         _add_log_miss(voxels, offsets, layers, frames, detection_probability, result.reshape(-1))
     result *= ray_weight(placement, azimuth_stride)
     return _by_voxel(result)
 
 
 def thinned(placement: Placement, azimuth_stride: int) -> Placement:
-    """Every LiDAR with `round(azimuth_steps / azimuth_stride)` azimuth steps, at least one.
+    """Every LiDAR with `round(azimuth_steps / azimuth_stride)` azimuth steps, at least one; of a
+    pattern, so many rays.
 
-    Of a pattern, so many rays.
-
-    Raises:
-        ValueError: the stride is below 1, or none of the remaining steps is in the field of view.
-    """
+    Raises ValueError if the stride is below 1, or none of the steps is in the field of view."""
     if azimuth_stride < 1:
         raise ValueError(f"azimuth_stride must be at least 1, found {azimuth_stride}")
     return placement.each_lidar(lambda lidar: lidar.thinned(1 / azimuth_stride))
@@ -90,22 +96,18 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
 def ray_weight(placement: Placement, azimuth_stride: int) -> float:
     """Rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for.
 
-    By the steps of whole turns, so the stride itself where it divides them, whatever the field of
-    view. The mean over the LiDARs, whose models may differ in what rounding makes of the stride.
-    """
+    By the steps of whole turns, so the stride itself where it divides them."""
     thin = thinned(placement, azimuth_stride)
-    in_turns = [
-        sum(lidar.beams * lidar.azimuth_steps for lidar in rig.lidars) for rig in (placement, thin)
-    ]
-    return in_turns[0] / in_turns[1]
+    rigs = (placement, thin)
+    every, traced = (sum(own.beams * own.azimuth_steps for own in rig.lidars) for rig in rigs)
+    return every / traced
 
 
 def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray[Any]:
     """Zeros by layers of z, shape (nz, nx, ny).
 
-    Rays run flat, so voxels that follow each other on a ray lie close together in memory. In C
-    order of (nx, ny, nz) nearly each would be on a page of its own: half the time would go there.
-    """
+    Rays run flat: in C order of (nx, ny, nz) nearly each of their voxels would be on another
+    page."""
     nx, ny, nz = roi.shape
     return np.zeros((nz, nx, ny), dtype)
 
@@ -118,53 +120,63 @@ def _by_voxel(layers: NDArray[Any]) -> NDArray[Any]:
 def _chunks(
     placement: Placement, roi: Roi, method: RayMethod
 ) -> Iterator[tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]]:
-    """Voxels of some rays after the other, as indices into `_in_layers`, and their offsets.
-
-    All chunks share one piece of memory: use a chunk before asking for the next.
-    """
+    """Voxels of some rays after the other, as indices into `_in_layers`, and their offsets; in
+    memory that the next chunk uses again."""
     nx, ny, nz = roi.shape
-    in_layers = np.array([ny, 1, nx * ny])
-    grid = VoxelGrid(roi.minimum, roi.resolution, np.array([nx, ny, nz]), strides=in_layers)
+    strides = np.array([ny, 1, nx * ny])
+    grid = VoxelGrid(roi.minimum, roi.resolution, np.array([nx, ny, nz]), strides)
     index: type[np.unsignedinteger] = np.uint32 if nx * ny * nz < 2**32 else np.uint64
     voxels = np.empty(max(_CHUNK, 2 * (nx + ny + nz)), index)
     offsets = np.empty(_CHUNK // 8, np.int64)
     directions_of = cache(Lidar.directions)
     lidars = zip(placement.mounts, placement.lidars, strict=True)
+    bresenham = method == "bresenham"
     for mount, lidar, _ in chain.from_iterable(starmap(blocks, lidars)):
-        reach, directions = lidar.reach, directions_of(lidar) @ mount.rotation.T
-        spans = clip_rays(mount.position, directions, reach, grid)
+        start, reach, ways = mount.position, lidar.reach, directions_of(lidar) @ mount.rotation.T
+        spans = clip_rays(start, ways, reach, grid)
         hit = spans[:, 0] < np.inf
-        directions, spans = directions[hit], spans[hit]
-        first = 0
-        while first < len(directions):
-            rays = walk_rays(
-                method == "bresenham",
-                mount.position,
-                directions[first:],
-                spans[first:],
-                reach,
-                grid,
-                voxels,
-                offsets,
-            )
+        ways, spans = ways[hit], spans[hit]
+        while len(ways):
+            rays = walk_rays(bresenham, start, ways, spans, reach, grid, voxels, offsets)
             yield voxels[: offsets[rays]], offsets[: rays + 1]
-            first += rays
+            ways, spans = ways[rays:], spans[rays:]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clip_rays(origin, directions, reach, grid):
+    """Entry (0 for an origin in the grid) and exit of rays, metres, float64, shape (rays, 2).
+
+    (inf, -inf) for those that miss the grid or end before it, by `reach`, metres. `origin` (3,) and
+    unit vectors `directions` (rays, 3) are in the ego frame."""
+    spans = np.empty((len(directions), 2))
+    for r in range(len(directions)):
+        near, far = 0.0, math.inf
+        for a in range(3):
+            low = grid.minimum[a] - origin[a]
+            high = grid.minimum[a] + grid.shape[a] * grid.resolution - origin[a]
+            d = directions[r, a]
+            if d == 0.0:
+                if low > 0 or high <= 0:  # voxels are half open
+                    far = -math.inf
+            else:
+                t0, t1 = low / d, high / d
+                near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
+        hit = near <= far and far > 0 and near < reach
+        spans[r, 0] = near if hit else math.inf
+        spans[r, 1] = far if hit else -math.inf
+    return spans
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def walk_rays(bresenham, origin, directions, spans, reach, grid, voxels, offsets):
-    """Write the voxels of the first rays, as many rays as there is room for.
+    """Write the voxels of the first rays, as many as there is room for; return how many, at most
+    `len(offsets) - 1`.
 
     Args:
-        bresenham: whether the paper's integer lines are followed, to where a ray leaves the grid or
-            ends.
-        origin, directions, reach, grid: as in `clip_rays`.
-        spans: from `clip_rays`.
+        bresenham: whether the paper's integer lines are followed.
+        origin, directions, reach, grid: as in `clip_rays`, which gives `spans`.
         voxels: indices go here, unsigned; room for `sum(grid.shape)` is enough for a ray.
         offsets: those of ray n are `voxels[offsets[n]:offsets[n + 1]]`.
-
-    Returns:
-        The number of rays written, at most `len(offsets) - 1`.
     """
     size, rays = np.uint64(0), 0
     room = len(voxels) - grid.shape.sum()

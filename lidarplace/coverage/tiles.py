@@ -12,12 +12,8 @@ from lidarplace.coverage.cone_kernels import TILE_X, TILE_Y
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """Layers that matter in every tile of TILE_X × TILE_Y columns of a grid.
-
-    Attributes:
-        lowest, highest: first and last layer, shape (tiles in x, tiles in y), int32; a tile in
-            which nothing matters has `highest < lowest`.
-    """
+    """Layers that matter in every tile of TILE_X × TILE_Y columns of a grid, first and last, shape
+    (tiles in x, tiles in y), int32; nothing matters in a tile where `highest < lowest`."""
 
     lowest: NDArray[np.int32]
     highest: NDArray[np.int32]
@@ -47,24 +43,17 @@ class Tiles:
         """Tiles of the grid whose columns run along `axis`; `shape` is that of the grid.
 
         The axes of that grid are (y, z, x) for axis 0 and (x, z, y) for axis 1. Each of its tiles
-        spans whole tiles of this one, so it may hold more than matters, never less.
-        """
+        spans whole tiles of this one, so it may hold more than matters, never less."""
         if axis == 2:
             return self
         run, side = (TILE_X, TILE_Y) if axis == 0 else (TILE_Y, TILE_X)
-        lowest, highest = self.lowest, self.highest
-        if axis == 0:
-            lowest, highest = lowest.T, highest.T
+        lowest, highest = (own.T if axis == 0 else own for own in (self.lowest, self.highest))
         # Now (tiles aside, tiles along the run). Layers become columns of the new grid.
-        layers = np.arange(-(-shape[2] // TILE_Y)) * TILE_Y
-        meets = (lowest[:, None] <= layers[:, None] + TILE_Y - 1) & (
-            highest[:, None] >= layers[:, None]
-        )
+        layers = (np.arange(-(-shape[2] // TILE_Y)) * TILE_Y)[:, None]
+        meets = (lowest[:, None] <= layers + TILE_Y - 1) & (highest[:, None] >= layers)
         some = meets.any(axis=2)
         first = np.where(some, meets.argmax(axis=2) * run, shape[axis])
         last = np.where(some, (meets.shape[2] - meets[..., ::-1].argmax(axis=2)) * run - 1, -1)
-        aside = shape[1] if axis == 0 else shape[0]
-        rows = np.arange(0, aside, TILE_X) // side
-        return Tiles(
-            first[rows].astype(np.int32), np.minimum(last, shape[axis] - 1)[rows].astype(np.int32)
-        )
+        last = np.minimum(last, shape[axis] - 1)
+        rows = np.arange(0, shape[1 - axis], TILE_X) // side
+        return Tiles(first[rows].astype(np.int32), last[rows].astype(np.int32))

@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.field_of_view import View, has_direction, in_view, view_of_sensor, views_of
-from lidarplace.mounting.housing import housings_in
+from lidarplace.mounting.housing import housings_in, turned
 from lidarplace.mounting.sight import Obstacles, obstacles_around, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.further_sensors import MountedSensor
@@ -24,7 +24,6 @@ its edges are found by bisection, and bands are halved until they tell no more."
 _HALVINGS = 12
 _TOLERANCE = 1e-3
 """Of a band: by how much its middle may differ from what its ends tell."""
-
 Pair = tuple[int, int]
 
 
@@ -62,25 +61,25 @@ def shares(
     pairs = [pair for pair in pairs if max(pair) < len(views)]
     solid = {}
     for n in {n for pair in pairs for n in pair}:
-        at = min(range_m, views[n].field.reach)
-        solid[n] = _looked_at(views[n], views[n], at, obstacles[n], obstacles[n], n, n)[0]
+        field = views[n].field
+        box = (field.sines[1] - field.sines[0]) * field.azimuth[1]
+        at = min(range_m, field.reach)
+        solid[n] = box * _seen((views[n], views[n], at, obstacles[n], obstacles[n], n, n))[0]
     for i, j in pairs:
         apart = math.dist(views[i].origin, views[j].origin)
         at = min(range_m, min(views[n].field.reach for n in (i, j)) - apart)
         if at <= 0:
             continue
         first, other = (i, j) if solid[i] <= solid[j] * (1 + 1e-9) else (j, i)
-        both, hides = (views[first], views[other]), (obstacles[first], obstacles[other])
-        _, own, common = _looked_at(*both, at, *hides, first, other)
+        hides = obstacles[first], obstacles[other]
+        own, common = _seen((views[first], views[other], at, *hides, first, other))
         found[i, j] = common / own if own > 0 else 0.0
     return found
 
 
 def weakest(found: dict[Pair, float], asked: CommonView) -> tuple[float, Pair | None]:
-    """The least share that matters, and the pair that has it; (1, None) without pairs.
-
-    Of a chain that of the links that connect all sensors best.
-    """
+    """The least share that matters, and the pair that has it; (1, None) without pairs. Of a chain
+    that of the links that connect all sensors best."""
     if asked.pairs == "chain":
         found = _links(found)
     if not found:
@@ -118,12 +117,8 @@ def check_pairs(asked: CommonView, sensors: int) -> None:
 def common_view(
     placement: Placement, vehicle: Vehicle, asked: CommonView, further: Sequence[MountedSensor] = ()
 ) -> dict[Pair, float]:
-    """`shares` of the pairs of a rig that are asked for.
-
-    Args:
-        vehicle: hides the world from its sensors, as housings of LiDARs do.
-        further: its cameras and radars, whose numbers follow those of the LiDARs.
-    """
+    """`shares` of the pairs of a rig that are asked for; numbers of `further` cameras and radars
+    follow those of the LiDARs. The vehicle hides the world from all, as housings of LiDARs do."""
     housings = housings_in(placement)
     views = [*views_of(placement), *(view_of_sensor(own, own.range_of(None)) for own in further)]
     obstacles = [obstacles_of(vehicle, housings)] * len(placement.mounts)
@@ -131,44 +126,28 @@ def common_view(
     return shares(views, pairs_asked(asked, len(views)), asked.range, obstacles)
 
 
-def _looked_at(
-    view: View,
-    other: View,
-    at: float,
-    hides: Obstacles,
-    hides_other: Obstacles,
-    own: int,
-    another: int,
-) -> tuple[float, float, float]:
-    """Solid angle of what a sensor sees, and as parts of its box of angles that and what the other
-    one sees of it."""
-    lowest, highest = view.field.sines
-    found = _integrate(view, other, at, hides, hides_other, own, another)
-    solid = (highest - lowest) * view.field.azimuth[1] * found[0]
-    return float(solid), float(found[0]), float(found[1])
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _integrate(view, other, at, hides, hides_other, own, another):
-    """Parts of the box of angles of a sensor: what it sees, and what both see."""
-    lowest, highest = view.field.sines
+def _seen(pair) -> tuple[float, float]:
+    """Parts of the box of angles of a sensor: what it sees, and what both of a pair see.
+
+    `pair`: view of the sensor and of the other one, the distance, obstacles and number of each."""
+    lowest, highest = pair[0].field.sines
     if highest <= lowest:
-        return _of_row(view, other, at, hides, hides_other, own, another, lowest)
+        return _of_row(pair, lowest)
     seen, common = 0.0, 0.0
     ends, rows = np.empty((_HALVINGS + 1, 2)), np.empty((_HALVINGS + 1, 4))
     for band in range(ROWS):
         ends[0] = band / ROWS, (band + 1) / ROWS
         for side in range(2):
             up = lowest + ends[0, side] * (highest - lowest)
-            row = _of_row(view, other, at, hides, hides_other, own, another, up)
-            rows[0, 2 * side], rows[0, 2 * side + 1] = row
+            rows[0, 2 * side], rows[0, 2 * side + 1] = _of_row(pair, up)
         depth = 0
         while depth >= 0:  # a stack of bands that are still open
             low, high = ends[depth]
             s0, c0, s1, c1 = rows[depth]
             middle = 0.5 * (low + high)
             up = lowest + middle * (highest - lowest)
-            sm, cm = _of_row(view, other, at, hides, hides_other, own, another, up)
+            sm, cm = _of_row(pair, up)
             bent = max(abs(s0 - 2.0 * sm + s1), abs(c0 - 2.0 * cm + c1))
             if bent <= 6.0 * _TOLERANCE or depth == _HALVINGS:
                 seen += (high - low) * (s0 + 4.0 * sm + s1) / 6.0
@@ -182,22 +161,21 @@ def _integrate(view, other, at, hides, hides_other, own, another):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _of_row(view, other, at, hides, hides_other, own, another, up):
+def _of_row(pair, up):
     """The same of one elevation, whose sine is `up`."""
-    start, width = view.field.azimuth
+    start, width = pair[0].field.azimuth
     seen, common = 0.0, 0.0
-    before = _status(view, other, at, hides, hides_other, own, another, up, start)
+    before = _status(pair, up, start)
     for step in range(STEPS):
         near, far = start + step / STEPS * width, start + (step + 1) / STEPS * width
-        after = _status(view, other, at, hides, hides_other, own, another, up, far)
+        after = _status(pair, up, far)
         for which in range(2):
             share = 1.0 * before[which]
             if before[which] != after[which]:
                 low, high = near, far
                 for _ in range(_HALVINGS):
                     middle = 0.5 * (low + high)
-                    there = _status(view, other, at, hides, hides_other, own, another, up, middle)
-                    if there[which] == before[which]:
+                    if _status(pair, up, middle)[which] == before[which]:
                         low = middle
                     else:
                         high = middle
@@ -212,17 +190,15 @@ def _of_row(view, other, at, hides, hides_other, own, another, up):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _status(view, other, at, hides, hides_other, own, another, up, azimuth):
+def _status(pair, up, azimuth):
     """Whether a sensor sees in a direction of its own frame, and whether the other one sees the
     point there, too."""
+    view, other, at, hides, hides_other, own, another = pair
     level = math.sqrt(max(1.0 - up * up, 0.0))
     ahead, left = level * math.cos(azimuth), level * math.sin(azimuth)
     if not has_direction(view.field, ahead, left, up):
         return False, False
-    r, o = view.rotation, view.origin
-    dx = r[0, 0] * ahead + r[0, 1] * left + r[0, 2] * up
-    dy = r[1, 0] * ahead + r[1, 1] * left + r[1, 2] * up
-    dz = r[2, 0] * ahead + r[2, 1] * left + r[2, 2] * up
+    o, (dx, dy, dz) = view.origin, turned(view.rotation, ahead, left, up)
     if stopped(o, dx, dy, dz, at, hides, own):
         return False, False
     x, y, z = o[0] + at * dx, o[1] + at * dy, o[2] + at * dz

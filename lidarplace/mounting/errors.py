@@ -15,14 +15,11 @@ class MountingErrors:
     """How far each LiDAR may be off: an offset and a rotation vector w, `exp(w) R` for a mount's R.
 
     Both are in the ego frame; their components are uniform and independent. So the angles spread
-    alike about every axis, also where pitch is ±90° and roll and yaw turn about one axis.
+    alike about every axis, also where pitch is ±90°.
 
     Attributes:
-        offset: metres at most, along each axis of the ego frame.
-        angle: radians at most, each component of the rotation vector.
-
-    Raises:
-        ValueError: a value is negative or not finite.
+        offset: metres at most, along each axis; finite, not negative.
+        angle: radians at most, each component of the rotation vector; finite, not negative.
     """
 
     offset: float = 0.0
@@ -38,21 +35,14 @@ class MountingErrors:
         return self.offset > 0 or self.angle > 0
 
     def drawn(self, placement: Placement, *key: int) -> Placement:
-        """The rig as one vehicle has it.
+        """The rig as one vehicle has it, which `key` identifies, such as a seed and a frame.
 
-        Args:
-            key: identifies the vehicle, such as a seed and a frame. In one vehicle the i-th LiDAR
-                of every rig is off by the same, so that differences between rigs are paired.
-        """
+        In one vehicle the i-th LiDAR of every rig is off by the same: differences are paired."""
         every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
-        mounts = [
-            self.displaced(mount, np.random.default_rng((*key, number)))
-            for number, mount in enumerate(every)
-        ]
+        off = [self.displaced(m, np.random.default_rng((*key, n))) for n, m in enumerate(every)]
         working = len(placement.mounts)
-        models = [lidar for _, lidar in placement.dead]
-        dead = tuple(zip(mounts[working:], models, strict=True))
-        return replace(placement, mounts=mounts[:working], dead=dead)
+        dead = zip(off[working:], (lidar for _, lidar in placement.dead), strict=True)
+        return replace(placement, mounts=off[:working], dead=tuple(dead))
 
     def displaced(self, mount: Mount, random: np.random.Generator) -> Mount:
         """The mount with an error of its own; its angles are those of the turned rotation."""

@@ -1,7 +1,5 @@
-"""What a sensor can look at: a box of angles or a cone in its own frame, up to its reach.
-
-Cameras have a pyramid, as their images are flat.
-"""
+"""What a sensor can look at: a box of angles or a cone in its own frame, or the pyramid of a
+camera, up to its reach."""
 
 from __future__ import annotations
 
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
+from lidarplace.mounting.housing import turned
 from lidarplace.rigs.further_sensors import Camera, MountedSensor
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
@@ -85,18 +84,14 @@ def view_of(mount: Mount, field: FieldOfView) -> View:
 
 def views_of(placement: Placement) -> list[View]:
     """Of all LiDARs of a rig."""
-    pairs = zip(placement.mounts, placement.lidars, strict=True)
-    return [view_of(mount, field_of(lidar)) for mount, lidar in pairs]
+    return list(map(view_of, placement.mounts, map(field_of, placement.lidars)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def in_view(view, x, y, z):
     """Whether a point is within a field of view; the sensor's own place is not."""
     px, py, pz = x - view.origin[0], y - view.origin[1], z - view.origin[2]
-    r = view.rotation
-    ahead = r[0, 0] * px + r[1, 0] * py + r[2, 0] * pz
-    left = r[0, 1] * px + r[1, 1] * py + r[2, 1] * pz
-    up = r[0, 2] * px + r[1, 2] * py + r[2, 2] * pz
+    ahead, left, up = turned(view.rotation.T, px, py, pz)
     away = math.sqrt(ahead * ahead + left * left + up * up)
     if away == 0.0 or away > view.field.reach * (1.0 + _HAIR):
         return False

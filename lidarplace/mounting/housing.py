@@ -1,8 +1,7 @@
 """The housings of LiDARs, which hide what is behind them from the others of a rig.
 
 A housing is a box around the origin of the sensor's frame and along its axes, or an upright
-cylinder where length and width are equal. A LiDAR whose size is not known hides nothing.
-"""
+cylinder where length and width are equal. A LiDAR whose size is not known hides nothing."""
 
 import math
 from collections.abc import Sequence
@@ -10,30 +9,24 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
 COLUMNS = 17
 """Of a housing: the number of its LiDAR, its origin, its rotation row by row, half its length,
 width and height, and whether it is round; metres."""
-
 NO_HOUSINGS = np.empty((0, COLUMNS))
 
 
 def housings_of(mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> NDArray[np.float64]:
     """The housings of the LiDARs of known size of a rig, shape (n, COLUMNS)."""
-    rows = [
-        [
-            number,
-            *mount.position,
-            *mount.rotation.ravel(),
-            *(0.5 * side for side in lidar.size),
-            lidar.size[0] == lidar.size[1],
-        ]
-        for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True))
-        if lidar.size is not None
-    ]
+    rows = []
+    for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True)):
+        if lidar.size is not None:
+            length, width, height = lidar.size
+            shape = 0.5 * length, 0.5 * width, 0.5 * height, length == width
+            rows.append([number, *mount.position, *mount.rotation.ravel(), *shape])
     return np.array(rows, np.float64).reshape(-1, COLUMNS)
 
 
@@ -48,12 +41,20 @@ def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:
     return np.asarray(housings[housings[:, 0] != number])
 
 
+@inner
+def turned(rotation, x, y, z):
+    """The vector (x, y, z), turned."""
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def enter_housing(px, py, pz, vx, vy, vz, housing):
-    """Where a ray p + t v, in the frame of a housing, is inside of it first, t >= 0.
-
-    0 for one that starts inside, inf for one that never is; a touch does not count.
-    """
+    """Where a ray p + t v, in the frame of a housing, is inside of it first, t >= 0: 0 for one that
+    starts inside, inf for one that never is; a touch does not count."""
     half_x, half_y, half_z, is_round = housing[13], housing[14], housing[15], housing[16] > 0.0
     near, far = 0.0, math.inf
     if is_round:
@@ -82,28 +83,25 @@ def enter_housing(px, py, pz, vx, vy, vz, housing):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def behind_housing(origin, dx, dy, dz, reach, housings, own):
-    """Whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach).
-
-    Args:
-        housings: shape (n, COLUMNS).
-        own: number of the LiDAR whose housing does not count.
-    """
+    """Whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach); that of
+    the LiDAR number `own` does not count."""
     for housing in housings:
         if housing[0] == own:
             continue
         ex, ey, ez = origin[0] - housing[1], origin[1] - housing[2], origin[2] - housing[3]
-        r = housing[4:13]
-        if (
-            enter_housing(
-                r[0] * ex + r[3] * ey + r[6] * ez,
-                r[1] * ex + r[4] * ey + r[7] * ez,
-                r[2] * ex + r[5] * ey + r[8] * ez,
-                r[0] * dx + r[3] * dy + r[6] * dz,
-                r[1] * dx + r[4] * dy + r[7] * dz,
-                r[2] * dx + r[5] * dy + r[8] * dz,
-                housing,
-            )
-            < reach
-        ):
+        px, py, pz = _in_its_frame(housing, ex, ey, ez)
+        vx, vy, vz = _in_its_frame(housing, dx, dy, dz)
+        if enter_housing(px, py, pz, vx, vy, vz, housing) < reach:
             return True
     return False
+
+
+@inner
+def _in_its_frame(housing, x, y, z):
+    """The vector (x, y, z) along the axes of a housing."""
+    r = housing[4:13]
+    return (
+        r[0] * x + r[3] * y + r[6] * z,
+        r[1] * x + r[4] * y + r[7] * z,
+        r[2] * x + r[5] * y + r[8] * z,
+    )

@@ -40,7 +40,6 @@ class Tree(NamedTuple):
 
 
 NO_TREE = Tree(np.empty((0, 3, 3)), np.array([[np.inf] * 3 + [-np.inf] * 3] * 2), np.zeros((2, 7)))
-"""A tree without triangles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +48,11 @@ class Mesh:
 
     Attributes:
         vertices: metres, shape (V, 3), float64.
-        faces: three vertices each, shape (F, 3), int32; at least one has an area.
+        faces: three vertices each, shape (F, 3), int32.
 
     Raises:
-        ValueError: no triangle has an area, a coordinate is not finite, or a face has a vertex
-            that is not there.
+        ValueError: no triangle has an area, a coordinate is not finite, or a face has a vertex that
+            is not there.
     """
 
     vertices: NDArray[np.float64]
@@ -84,7 +83,6 @@ class Mesh:
 
     @cached_property
     def tree(self) -> Tree:
-        """The tree over its triangles."""
         return _tree(self.triangles)
 
     @cached_property
@@ -93,10 +91,8 @@ class Mesh:
         return _tree(self.triangles * [1.0, 1.0, 0.0])
 
     def coarse(self, edge: float) -> Mesh:
-        """The same for pictures: vertices in one cube of this edge, metres, become their middle.
-
-        The whole mesh where nothing would be left of it.
-        """
+        """The same for pictures: vertices in one cube of this edge, metres, become their middle;
+        the whole mesh where nothing would be left of it."""
         cells = np.floor(self.vertices / edge).astype(np.int64)
         _, cube, number = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
         middles = np.stack([np.bincount(cube, axis) for axis in self.vertices.T], axis=1)
@@ -121,8 +117,7 @@ def winding_numbers(mesh: Mesh, places: NDArray[np.float64]) -> NDArray[np.float
     1 inside of a closed surface and 0 outside; between them near the holes of one that is open
     (Jacobson and others 2013, *Robust Inside-Outside Segmentation Using Generalized Winding
     Numbers*). What is far from a place counts as a dipole (Barill and others 2018, *Fast Winding
-    Numbers for Soups and Clouds*), which changes the number by less than a hundredth.
-    """
+    Numbers for Soups and Clouds*), which changes the number by less than a hundredth."""
     return np.abs(_winding_numbers(np.asarray(places, np.float64), mesh.tree))
 
 
@@ -135,12 +130,8 @@ def distances(tree: Tree, places):
         while True:
             square = 0.0
             for axis in range(3):
-                outside = max(
-                    tree.bounds[node, axis] - place[axis],
-                    place[axis] - tree.bounds[node, axis + 3],
-                    0.0,
-                )
-                square += outside * outside
+                low, high = tree.bounds[node, axis], tree.bounds[node, axis + 3]
+                square += max(low - place[axis], place[axis] - high, 0.0) ** 2
             if square < best:
                 if 2 * node < len(tree.bounds):
                     node *= 2
@@ -158,9 +149,7 @@ def distances(tree: Tree, places):
 def first_hit(origin, dx, dy, dz, reach, tree: Tree):
     """The least t in (0, reach) at which origin + t (dx, dy, dz) meets a triangle, or `reach`.
 
-    A triangle is met from either side, its edges belong to it, and one in whose plane the ray lies
-    is not met.
-    """
+    It is met from either side, edges included; not by a ray in its plane."""
     best, node = reach, 1
     while True:
         if _enters(tree.bounds[node], origin, dx, dy, dz, best):

@@ -18,13 +18,10 @@ from lidarplace.mounting.mesh import Mesh
 
 MOST_TRIANGLES = 1_000_000
 """Beyond, a scan or a drawing of every screw is likelier than a body."""
-
 SHORTEST_M, LONGEST_M = 0.5, 40.0
 """Of a vehicle's longest side."""
-
 DEEPEST_M = 0.5
 """Below the ground."""
-
 _LOOKS = re.compile("texture|image|bumpmap|opacity|visual|color|material|metadata")
 """In what trimesh reports of parts that it cannot read: a body needs none of them."""
 

@@ -14,7 +14,6 @@ from lidarplace.base.roi import Interval
 
 Vertex = tuple[float, float]
 Polygon = tuple[Vertex, ...]
-
 GRID_DIGITS = 9
 NANOMETRE = 1e-9
 
@@ -22,9 +21,7 @@ NANOMETRE = 1e-9
 def polygon(vertices: Iterable[Vertex]) -> Polygon:
     """The polygon of these vertices: rounded, without repetitions, a segment or point if it is one.
 
-    Raises:
-        ValueError: no vertex, one that is not finite, or edges that cross or touch.
-    """
+    Raises ValueError for no vertex, one that is not finite, or edges that cross or touch."""
     rounded = [(round(float(x), GRID_DIGITS), round(float(y), GRID_DIGITS)) for x, y in vertices]
     if not rounded:
         raise ValueError("a polygon needs at least one vertex, found none")
@@ -47,16 +44,9 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
 
 
 def sections(vertices: Polygon, axis: int, value: float) -> list[Interval]:
-    """Where the polygon meets a line on which one coordinate is constant.
+    """Where the polygon meets a line on which one coordinate, 0 for x and 1 for y, has a `value`.
 
-    Args:
-        axis: that coordinate, 0 for x and 1 for y.
-        value: of that coordinate, metres.
-
-    Returns:
-        Ascending intervals of the other coordinate, of zero width where a tip touches the line;
-        none if the line misses the polygon.
-    """
+    Ascending intervals of the other coordinate, of zero width where a tip touches the line."""
     other = 1 - axis
     cuts: set[float] = set()
     on_line, across = [], []
@@ -91,11 +81,8 @@ def nearest(vertices: Polygon, x: float, y: float) -> Vertex:
 
 
 def above_x_axis(vertices: Polygon) -> Polygon | None:
-    """The part with y > 0 and its boundary; None if there is none.
-
-    Raises:
-        ValueError: it is in several pieces.
-    """
+    """The part with y > 0 and its boundary; None if there is none, ValueError if it is in
+    pieces."""
     if max(y for _, y in vertices) <= 0:
         return None
     kept: list[Vertex] = []
@@ -171,9 +158,8 @@ def _touch(first: tuple[Vertex, Vertex], second: tuple[Vertex, Vertex]) -> bool:
     """Whether two segments have a point in common."""
     (a, b), (c, d) = first, second
     for axis in (0, 1):
-        if max(a[axis], b[axis]) < min(c[axis], d[axis]):
-            return False
-        if max(c[axis], d[axis]) < min(a[axis], b[axis]):
+        low, high = sorted((sorted((a[axis], b[axis])), sorted((c[axis], d[axis]))))
+        if low[1] < high[0]:
             return False
 
     def apart(a: Vertex, b: Vertex, c: Vertex, d: Vertex) -> bool:

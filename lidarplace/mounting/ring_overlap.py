@@ -14,31 +14,21 @@ from lidarplace.rigs.placement import Mount, Placement, blocks
 
 DISTANCES_M = (8.0, 12.0, 18.0, 27.0)
 """Of the upright strips that are looked at, from the ego frame's z axis."""
-
 AZIMUTHS = tuple(math.radians(degrees) for degrees in range(-60, 61, 20))
 """Of the strips, radians in the ego frame: ahead, where objects are."""
-
 TOP_M = 1.6
 """Height of the strips, about that of a car."""
-
 CELL_M = 0.05
 """Rings nearer than this on a strip are one."""
-
-
 Item = TypeVar("Item")
-
 LEAST_GAIN = 0.1
 """Of redundancy: pitches that free less are not worth a word."""
 
 
 @dataclass(frozen=True)
 class Rings:
-    """Rings on strips as high as a car, ahead of the vehicle.
-
-    Attributes:
-        hit: cells of the strips that one LiDAR or more meets.
-        all: the same, counted for each LiDAR by itself.
-    """
+    """Cells of strips as high as a car, ahead of the vehicle, that one LiDAR or more meets (`hit`),
+    and the same counted for each LiDAR by itself (`all`)."""
 
     hit: int
     all: int
@@ -51,25 +41,16 @@ class Rings:
 
 def rings(placement: Placement) -> Rings:
     """The rings of a rig on the strips; objects and the own body are not looked at."""
-    lidars = zip(placement.mounts, placement.lidars, strict=True)
-    met = np.stack(
-        [
-            np.logical_or.reduce([_cells(at, own) for at, own, _ in blocks(mount, lidar)])
-            for mount, lidar in lidars
-        ]
-    )
-    return Rings(int(met.any(axis=0).sum()), int(met.sum()))
+    every = map(blocks, placement.mounts, placement.lidars)
+    met = [np.logical_or.reduce([_cells(at, own) for at, own, _ in parts]) for parts in every]
+    return Rings(int(np.any(met, axis=0).sum()), int(np.sum(met)))
 
 
 def spread_by_overlap(
     items: Sequence[Item], placements: Sequence[Placement], number: int
 ) -> list[Item]:
-    """Those whose rings overlap least and most, and others at even steps between, in this order.
-
-    Args:
-        placements: the rig of each item.
-        number: how many are kept.
-    """
+    """So many of the items, by the rings of the rig of each: those that overlap least and most, and
+    others at even steps between, in this order."""
     shares = [rings(placement).redundancy for placement in placements]
     order = np.argsort(shares, kind="stable")
     kept = np.linspace(0, len(items) - 1, number).round().astype(int)
@@ -103,15 +84,12 @@ def interleaving(placement: Placement) -> Interleaving | None:
     """Pitches that lay rings between each other, None where that frees less than `LEAST_GAIN`.
 
     N LiDARs are pitched by even parts of the gap between two beams, -(N - 1)/2N to (N - 1)/2N of
-    it, in the order of the mounts.
-    """
+    it, in the order of the mounts."""
     number = len(placement.mounts)
     gap = beam_gap(placement.lidars)
     pitches = tuple((i - (number - 1) / 2) / number * gap for i in range(number))
-    mounts = [
-        replace(mount, pitch=math.fmod(mount.pitch + pitch, math.tau))
-        for mount, pitch in zip(placement.mounts, pitches, strict=True)
-    ]
+    pairs = zip(placement.mounts, pitches, strict=True)
+    mounts = [replace(m, pitch=math.fmod(m.pitch + added, math.tau)) for m, added in pairs]
     pitched = replace(placement, mounts=mounts)
     before, after = rings(placement).redundancy, rings(pitched).redundancy
     if before - after < LEAST_GAIN:
@@ -120,11 +98,9 @@ def interleaving(placement: Placement) -> Interleaving | None:
 
 
 def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:
-    """Which cells of the strips a beam meets, shape (strips, cells).
+    """Which cells of the strips a beam meets, shape (strips, cells); a pattern has no rings.
 
-    A beam meets a cell if its elevation lies between those of the cell's ends, seen by the sensor.
-    A pattern has no rings.
-    """
+    It does if its elevation lies between those of the cell's ends, seen by the sensor."""
     edges = np.arange(0.0, TOP_M + CELL_M / 2, CELL_M)
     foot = np.array([(r * math.cos(a), r * math.sin(a)) for r in DISTANCES_M for a in AZIMUTHS])
     points = np.empty((len(foot), len(edges), 3))

@@ -12,13 +12,8 @@ from lidarplace.mounting.vehicle import Vehicle
 
 
 class Obstacles(NamedTuple):
-    """What stops rays, as compiled code takes it.
-
-    Attributes:
-        boxes: lower and upper corners, metres, shape (n, 2, 3).
-        housings: rows of `lidarplace.mounting.housing`.
-        mesh: the tree over its triangles.
-    """
+    """What stops rays, as compiled code takes it: lower and upper corners of boxes, metres, shape
+    (n, 2, 3), rows of `lidarplace.mounting.housing`, and the tree over a mesh."""
 
     boxes: NDArray[np.float64]
     housings: NDArray[np.float64]
@@ -48,11 +43,8 @@ def obstacles_around(
 def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):
     """Whether the ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach).
 
-    Args:
-        origin: metres, shape (3,).
-        obstacles: a touch of a box's face does not count; a surface of triangles is met.
-        own: number of the LiDAR whose housing does not count.
-    """
+    A touch of a box's face does not count; a surface of triangles is met. `own`: number of the
+    LiDAR whose housing does not count."""
     for box in obstacles.boxes:
         near, far = 0.0, reach
         for axis, d in enumerate((dx, dy, dz)):

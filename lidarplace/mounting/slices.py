@@ -14,17 +14,11 @@ _MOST = 5  # corners of a triangle that two planes cut
 def slices_of(
     triangles: NDArray[np.float64], low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The part of each triangle between two heights, without those that have none.
+    """The part of each triangle (T, 3, 3) between two heights, metres, without those that have
+    none.
 
     A box that stands upright between the heights meets a triangle if its rectangle meets that part
-    from above: no other height matters then.
-
-    Args:
-        triangles: corners, shape (T, 3, 3), metres.
-
-    Returns:
-        Corners x and y of convex polygons, shape (n, 5, 2), and how many each has, shape (n,).
-    """
+    from above. Corners x and y of convex polygons, shape (n, 5, 2), and how many each has, (n,)."""
     heights = triangles[:, :, 2]
     some = (heights.min(axis=1) < high - _HAIR) & (heights.max(axis=1) > low + _HAIR)
     return _cut(np.ascontiguousarray(triangles[some]), low, high)
@@ -56,13 +50,8 @@ def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def meets_slices(points, half_length, half_width, heading, polygons, corners):
-    """Whether the rectangle at each point meets one of the polygons; a touch is not.
-
-    Args:
-        points: middles of the rectangles, metres, shape (P, 2).
-        heading: of their length, radians.
-        polygons, corners: of `slices_of`.
-    """
+    """Whether the rectangle around each of points (P, 2), its length along `heading`, meets one of
+    the polygons of `slices_of`; a touch is not."""
     c, s = math.cos(heading), math.sin(heading)
     # In the frame of the rectangles, where these are upright.
     turned = np.empty_like(polygons)

@@ -13,13 +13,14 @@ from lidarplace.mounting.vehicle import Vehicle
 
 _SKY = 1e3
 """Metres: a LiDAR above the trailer would turn with it."""
-_FACES = np.array(
+FACES = np.array(
     [
-        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+        [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6],
     ]
 )  # fmt: skip
-"""Triangles of a box whose corners are numbered 4 i + 2 j + k along x, y and z."""
+"""Triangles of a box, counterclockwise from outside; corners are numbered i + 2 j + 4 k along x, y
+and z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +59,10 @@ class BendingVehicle(Vehicle):
         """The turned boxes of the trailer as a surface, with the mesh of the vehicle."""
         angle, hitch = math.radians(degrees), np.array(self.hitch)
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-        corners = np.array(
-            [
-                [(box[i, 0], box[j, 1], box[k, 2]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-                for box in self.boxes[: self.trailer]
-            ]
-        ).reshape(-1, 3)
+        sides = self.boxes[: self.trailer].transpose(0, 2, 1).tolist()
+        corners = np.array([(x, y, z) for xs, ys, zs in sides for z in zs for y in ys for x in xs])
         corners[:, :2] = (corners[:, :2] - hitch) @ turn.T + hitch
-        faces = (8 * np.arange(self.trailer)[:, None, None] + _FACES).reshape(-1, 3)
+        faces = (8 * np.arange(self.trailer)[:, None, None] + FACES).reshape(-1, 3)
         if self.mesh is None:
             return Mesh(corners, faces)
         return Mesh(

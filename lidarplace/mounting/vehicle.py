@@ -89,8 +89,7 @@ class Vehicle:
 def poses_of(vehicle: Vehicle) -> Mapping[str, Vehicle]:
     """The vehicle in all of its shapes, by the name of the case; "": as it is.
 
-    Clouds have the vehicle as it is: were this of the class, their keys would depend on it.
-    """
+    Clouds have the vehicle as it is: were this of the class, their keys would depend on it."""
     found: Mapping[str, Vehicle] = getattr(vehicle, "poses", {"": vehicle})
     return found
 
@@ -102,16 +101,8 @@ def no_mounts_of(vehicle: Vehicle) -> NDArray[np.float64]:
 
 
 def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each place is inside of the body in any of its poses, 0 outside and on its surface.
-
-    Inside of a mesh is what its surface goes around, see `winding_numbers`.
-
-    Args:
-        places: shape (places, 3), metres.
-
-    Returns:
-        Metres, shape (places,).
-    """
+    """How far each of places (P, 3) is inside of the body in any of its poses, metres, shape (P,);
+    0 outside and on its surface. Inside of a mesh is what its surface goes around."""
     found = depth_in(no_mounts_of(vehicle), places)
     for pose in poses_of(vehicle).values():
         if pose.mesh is not None:
@@ -122,27 +113,27 @@ def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.f
 @lru_cache(maxsize=16)
 def voxels_in_body(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
     """Whether the centre of each voxel is inside of the body, shape of the ROI; read-only."""
-    x, y, z = np.ix_(*map(roi.centres, range(3)))
+    centres = [roi.centres(axis) for axis in range(3)]
     inside = np.zeros(roi.shape, np.bool_)
+
+    def near(low: NDArray[np.float64], high: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
+        return [(a < c) & (c < b) for a, b, c in zip(low, high, centres, strict=True)]
+
     for low, high in vehicle.interior:
-        in_x, in_y, in_z = ((low[a] < c) & (c < high[a]) for a, c in enumerate((x, y, z)))
-        inside |= in_x & in_y & in_z
+        inside[np.ix_(*near(low, high))] = True
     if vehicle.mesh is not None:
-        low, high = vehicle.extents[-1]
-        centres = [roi.centres(axis) for axis in range(3)]
-        near = [(low[a] < c) & (c < high[a]) for a, c in enumerate(centres)]
-        grid = np.meshgrid(*(c[held] for c, held in zip(centres, near, strict=True)), indexing="ij")
-        places = np.stack([axis.ravel() for axis in grid], axis=1)
-        inside[np.ix_(*near)] |= (depths(vehicle.mesh, places) > 0).reshape(grid[0].shape)
+        within = near(*vehicle.extents[-1])
+        held = [c[own] for c, own in zip(centres, within, strict=True)]
+        places = np.stack(np.meshgrid(*held, indexing="ij"), axis=-1)
+        found = depths(vehicle.mesh, places.reshape(-1, 3)) > 0
+        inside[np.ix_(*within)] |= found.reshape(places.shape[:3])
     inside.flags.writeable = False  # shared by all callers
     return inside
 
 
 def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
-    """Whether some of a zone may be inside of the body, and whether all of it seems to be.
-
-    The first by the boxes around both, the second by some points of the zone.
-    """
+    """Whether some of a zone may be inside of the body, by the boxes around both, and whether all
+    of it seems to be, by some points of the zone."""
     (x0, x1), (z0, z1) = zone.x, zone.z
     ys = [y for _, y in zone.polygon]
     low, high = np.array([x0, min(ys), z0]), np.array([x1, max(ys), z1])
@@ -158,8 +149,7 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
 def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
     """How high the body is beneath this rectangle, metres; where it is not, what is nearest of it.
 
-    Of a mesh by the boxes around its triangles. None without a body.
-    """
+    Of a mesh by the boxes around its triangles. None without a body."""
     parts = vehicle.boxes
     if vehicle.mesh is not None:
         corners = vehicle.mesh.triangles
@@ -174,12 +164,8 @@ def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
 
 
 def depth_in(boxes: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each place is inside of one of the boxes, 0 outside of all; shape (places,), metres.
-
-    Args:
-        boxes: lower and upper corners, shape (n, 2, 3), metres.
-        places: shape (places, 3), metres.
-    """
+    """How far each of places (P, 3) is inside of one of boxes (n, 2, 3), metres, shape (P,); 0
+    outside."""
     at = places[:, None]
     inside = np.minimum(at - boxes[:, 0], boxes[:, 1] - at).min(axis=2)
     return np.asarray(inside.max(axis=1, initial=0.0))

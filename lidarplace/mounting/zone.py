@@ -18,7 +18,6 @@ from lidarplace.mounting.polygon import NANOMETRE, Polygon, above_x_axis, neares
 
 TOLERANCE = 1e-3
 """How far outside of a zone `shares` accepts a point, metres."""
-
 _PICOMETRE = 1e-12  # gives a tip, an interval of zero width, a share of its own
 
 
@@ -66,14 +65,10 @@ class Zone:
 
 
 def position(zone: Zone, u: float, v: float, w: float) -> tuple[float, float, float]:
-    """The point of the zone with these shares, (x, y, z) in metres.
+    """The point of the zone with these shares, each in [0, 1], (x, y, z) in metres.
 
     Onto the zone. x grows with u over the zone's length; y grows with v over its width at that x,
-    without the gaps where the polygon is not convex; z grows with w.
-
-    Raises:
-        ValueError: a share outside of [0, 1].
-    """
+    without the gaps where the polygon is not convex; z grows with w."""
     if not all(0 <= share <= 1 for share in (u, v, w)):
         raise ValueError(f"shares must lie within [0, 1], found {(u, v, w)}")
     x, widths = _section(zone, _between(zone.x, u))
@@ -86,11 +81,8 @@ def position(zone: Zone, u: float, v: float, w: float) -> tuple[float, float, fl
 def shares(zone: Zone, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The shares (u, v, w) with which `position` gives this point, up to rounding.
 
-    0.5 where the zone has no extent. For a point outside, those of the nearest point of the zone.
-
-    Raises:
-        ValueError: the point is more than TOLERANCE outside of the zone.
-    """
+    0.5 where the zone has no extent. For a point outside, those of the nearest point of the zone;
+    ValueError if it is more than TOLERANCE away."""
     outside = distance(zone, x, y, z)
     if not outside <= TOLERANCE:
         raise ValueError(
@@ -121,13 +113,9 @@ def contains(zone: Zone, x: float, y: float, z: float) -> bool:
 def grid(zone: Zone, step: float) -> NDArray[np.float64]:
     """Candidate positions, shape (N, 3), metres, N > 0.
 
-    Multiples of `step` (metres) from the middle: of the zone for x and z, for y of each interval
+    Multiples of `step`, metres, from the middle: of the zone for x and z, for y of each interval
     across it at that x. So no part is too narrow for a candidate, and a zone that is symmetric to
-    the plane y = 0 has symmetric candidates. Boundaries are included where they are a multiple.
-
-    Raises:
-        ValueError: the step is not a positive length.
-    """
+    the plane y = 0 has symmetric candidates. Boundaries are included where they are a multiple."""
     if not (math.isfinite(step) and step > 0):
         raise ValueError(f"zone {zone.name!r}: step must be a positive length, found {step}")
     heights = _levels(zone.z, step)
@@ -141,10 +129,8 @@ def grid(zone: Zone, step: float) -> NDArray[np.float64]:
 def left_half(zone: Zone) -> Zone | None:
     """The part with y > 0 and its boundary, or else that with y = 0; None if there is neither.
 
-    Raises:
-        ValueError: that part is in several pieces, as it never is in a zone that is symmetric to
-            the plane y = 0.
-    """
+    Raises ValueError if it is in several pieces, as never in a zone symmetric to the plane y =
+    0."""
     try:
         part = above_x_axis(zone.polygon)
     except ValueError as error:
@@ -153,11 +139,8 @@ def left_half(zone: Zone) -> Zone | None:
 
 
 def on_centre_line(zone: Zone) -> Zone | None:
-    """The part with y = 0, a zone without width; None if there is none.
-
-    Raises:
-        ValueError: as in `left_half`.
-    """
+    """The part with y = 0, a zone without width; None if there is none. ValueError as
+    `left_half`."""
     intervals = sections(zone.polygon, 1, 0.0)
     if len(intervals) > 1:
         raise ValueError(

@@ -19,8 +19,7 @@ def per_object(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
     """What is seen of every object, in their order.
 
     Columns frame, object_id, class, points, cells, and length, width and height observed: from the
-    first to the last cell hit along each axis of the object, metres, at most its size.
-    """
+    first to the last cell hit along each axis of the object, metres, at most its size."""
     geometry = objects.geometry
     slices = slices_of(geometry, objects.cell)
     spans = objects.cell * _spans(seen.offsets, seen.cells, slices)
@@ -36,19 +35,16 @@ def baselines(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
 
     Columns: log_points, ln(1 + points); enough_points, share of objects with `ENOUGH_POINTS` or
     more; log_cells, ln(1 + cells); length, width and height, share of the object's that is
-    observed.
-    """
+    observed."""
     table = per_object(objects, seen)
     size = objects.geometry[:, 3:6]
     measures = table[["class"]].assign(
         log_points=np.log1p(table["points"]),
         enough_points=table["points"] >= ENOUGH_POINTS,
         log_cells=np.log1p(table["cells"]),
-        **{
-            name: np.divide(table[name], size[:, n], out=np.zeros(len(size)), where=size[:, n] > 0)
-            for n, name in enumerate(SIZE)
-        },
     )
+    seen, none = table[list(SIZE)].to_numpy(np.float64), np.zeros(size.shape)
+    measures[list(SIZE)] = np.divide(seen, size, out=none, where=size > 0)
     return measures.groupby("class").mean()
 
 

@@ -3,10 +3,9 @@
 The value of a set is a weighted sum of `expected_recall` over classes. The cells that a set hits
 are a union and every detection curve is concave, so it is monotone and submodular.
 
-At shares of the candidates between 0 and 1 a cell is hit by the sum of the shares of those that
-hit it, at most 1. The curve of the sum over cells is concave in the shares, and the value where
-they are 0 or 1: tangents of it are cuts.
-"""
+At shares of the candidates between 0 and 1 a cell is hit by the sum of the shares of those that hit
+it, at most 1. The curve of the sum over cells is concave in the shares, and the value where they
+are 0 or 1: tangents of it are cuts."""
 
 from __future__ import annotations
 
@@ -33,10 +32,8 @@ class RecallChoice(SubmodularChoice):
     Attributes:
         model: the objects and their curves.
         seen: what each candidate hits, from `model.objects.seen_by`.
-        weights: weight of each class, not negative; classes without weight do not count.
-
-    Raises:
-        ValueError: a weight is negative or not finite, or of a class that `model` does not have.
+        weights: weight of each class of `model`, finite and not negative; without one it does not
+            count.
     """
 
     model: ExpectedRecall
@@ -56,7 +53,6 @@ class RecallChoice(SubmodularChoice):
         return float(self._found(self._cells(self._hit(self._all_of(chosen)))).sum())
 
     def _added_to(self, chosen: Sequence[int]) -> Added:
-        """What a further candidate adds to a set."""
         hit = self._hit(self._all_of(chosen))
         cells = self._cells(hit)
         before = self._found(cells).sum()
@@ -104,7 +100,6 @@ class RecallChoice(SubmodularChoice):
         return self._worth * self.model.found(cells)
 
     def _cut_of_set(self, chosen: Sequence[int], blocks: int) -> Cut:
-        """What each candidate adds to a set, and what the set is worth, by blocks."""
         hit = self._hit(self._all_of(chosen))
         cells = self._cells(hit)
         before = self._found(cells)

@@ -4,9 +4,7 @@ Rays are cast at them as for point clouds, without noise: objects, buildings, th
 the vehicle's own body hide what is behind them. Drop-off and corrections lose the same share of the
 returns as in clouds. The random number of a ray depends on seed, frame and ray alone: placements
 lose the same rays, so their differences vary less, and what a mount hits does not depend on its
-place in the rig. A rig of one LiDAR loses those of its clouds; in clouds, the LiDARs of a rig have
-different numbers.
-"""
+place in the rig. In clouds, the LiDARs of a rig have different numbers, the first one these."""
 
 from __future__ import annotations
 
@@ -51,12 +49,8 @@ _HAIR_M = 1e-6
 
 @dataclass(frozen=True)
 class InRig:
-    """A LiDAR, and what of its rig is in its way.
-
-    Attributes:
-        lidar: with the azimuth steps that are cast.
-        others: housings that it may meet, the rest of their rows behind the number of the LiDAR.
-    """
+    """A LiDAR, with the azimuth steps that are cast, and the housings that it may meet, as rows
+    without the number of the LiDAR."""
 
     mount: Mount
     lidar: Lidar
@@ -105,17 +99,15 @@ class CountedObjects:
         """Find the objects that count; casts no ray yet.
 
         Args:
-            roi: objects whose centre it holds count, and points within it; its resolution does
-                not matter.
+            roi: objects whose centre it holds count, and points within it.
             classes: classes of objects.
             cell: edge of a cell, metres.
-            frames: at most so many frames, spread evenly over those of the log; None: all.
-            azimuth_share: share of the azimuth steps, as of the clouds that a detector gets.
+            frames: at most so many frames, at least 1, spread evenly over those of the log; None:
+                all.
+            azimuth_share: share of the azimuth steps, as of the clouds that a detector gets, in (0,
+                1].
             seed: of the shapes of the objects, and of the returns that are lost.
             vehicle: carries the LiDARs; None: a sedan.
-
-        Raises:
-            ValueError: a box is bad, `frames` is below 1, or `azimuth_share` not within (0, 1].
         """
         if frames is not None and frames < 1:
             raise ValueError(f"frames must be at least 1, found {frames}")
@@ -126,15 +118,9 @@ class CountedObjects:
         log = replace(log, boxes=boxes, frames=some)
         table = ground_truth(log, roi.x, roi.y, roi.z, seed)
         table = table[table["class"].isin(list(classes))].sort_values("frame", kind="stable")
-        return cls(
-            table=table,
-            cell=cell,
-            azimuth_share=azimuth_share,
-            vehicle=vehicle,
-            _surroundings=Surroundings(log, seed),
-            _crop=(roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1]),
-            _seed=seed,
-        )
+        crop = roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1]
+        around = Surroundings(log, seed)
+        return cls(table, cell, azimuth_share, vehicle, around, crop, seed)
 
     @property
     def geometry(self) -> NDArray[np.float64]:
@@ -144,13 +130,10 @@ class CountedObjects:
     def seen_by(self, placements: Sequence[Placement]) -> list[SurfaceCells]:
         """What each placement hits of the objects, in their order; cast in numba's threads.
 
-        A mount that several of them have is cast once, if the same LiDARs stand in its way.
-        Placements of one LiDAR make the tables of a grid of candidates: `SurfaceCells.and_` joins
-        them to rigs, whose LiDARs then do not hide each other.
-
-        Raises:
-            ValueError: a LiDAR has no ray in its field of view at this `azimuth_share`.
-        """
+        A mount that several of them have is cast once, if the same LiDARs stand in its way. Tables
+        of single candidates are joined to rigs by `SurfaceCells.and_`; their LiDARs do not hide
+        each other. Raises ValueError if a LiDAR has no ray in its field of view at this
+        `azimuth_share`."""
         rigs = [self.in_rig(placement) for placement in placements]
         lidars = list(dict.fromkeys(lidar for rig in rigs for lidar in rig))
         of_lidar = dict(zip(lidars, self.cells_of(lidars), strict=True))
@@ -200,10 +183,8 @@ class CountedObjects:
         return float(np.hypot(*corner[:2]))
 
     def _frames(self, reach: float) -> Frames:
-        """With all buildings that stand no farther off than `reach`.
-
-        A building matters if it can stand before a point of the ROI.
-        """
+        """With all buildings that stand no farther off than `reach`, and so can stand before the
+        ROI."""
         geometry = self.geometry
         numbers, first = np.unique(self.table["frame"], return_index=True)
         row_of = pd.Series(np.arange(len(self.table)), self.table.index)

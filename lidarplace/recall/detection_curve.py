@@ -2,9 +2,7 @@
 
 `p = most * (1 - exp(-rate * cells))`: every cell gives the detector a chance of its own, as every
 ray does in `expected_ig`, and a share `1 - most` of the objects is lost whatever is seen of them.
-It rises and is concave, so a mean of it over objects is monotone and submodular in the set of
-LiDARs.
-"""
+It rises and is concave, so a mean of it over objects is monotone and submodular in the LiDARs."""
 
 from __future__ import annotations
 
@@ -21,10 +19,8 @@ from lidarplace.files.atomic import read_text, write_text
 
 CELL_M = 0.2
 """Edge of a cell where a curve is fitted, metres."""
-
 IOU = 0.5
 """Overlap of which `expected_recall` is, unless another is given."""
-
 _FARTHEST = 12.0
 """Logit and logarithm between which `fit` looks: shares and rates from 6e-6 on."""
 
@@ -66,11 +62,7 @@ class DetectionCurves(BaseModel):
         return any((own.object_class, own.iou) == (object_class, iou) for own in self.curves)
 
     def lent(self, of: str, to: str, iou: float) -> Self:
-        """With the curve of a class at an overlap for another class, too.
-
-        Raises:
-            ValueError: there is no curve of the class.
-        """
+        """With the curve of a class at an overlap for another class, too; ValueError as `of`."""
         curve = self.of(of, iou).model_copy(update={"object_class": to})
         return self.model_copy(update={"curves": (*self.curves, curve)})
 
@@ -91,14 +83,10 @@ def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> De
 
     Args:
         object_class, iou: its subject.
-        cells: distinct cells hit of each object under each rig, shape (n,).
+        cells: distinct cells hit of each object under each rig, shape (n,), n > 0.
         found: whether it was found, or the share of several detectors that did, in [0, 1], shape
-            (n,). Shares count as so many yes and no.
-
-    Where nothing was found, or all, `most` is near 0 or 1: within 1e-5.
-
-    Raises:
-        ValueError: there is no observation.
+            (n,). Shares count as so many yes and no. Where nothing was found, or all, `most` is
+            within 1e-5 of 0 or 1.
     """
     from scipy.optimize import minimize
 
@@ -121,23 +109,15 @@ def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> De
     starts = [np.array([0.0, start]) for start in (-5.0, -3.0, -1.0)]
     tries = [minimize(cost, x0, jac=True, method="L-BFGS-B", bounds=bounds) for x0 in starts]
     logit, log_rate = min(tries, key=lambda one: one.fun).x
-    return DetectionCurve.model_validate(
-        {
-            "class": object_class,
-            "iou": iou,
-            "most": float(f"{1 / (1 + np.exp(-logit)):.4g}"),
-            "rate": float(f"{np.exp(log_rate):.4g}"),
-        }
-    )
+    most, rate = f"{1 / (1 + np.exp(-logit)):.4g}", f"{np.exp(log_rate):.4g}"
+    found = {"class": object_class, "iou": iou, "most": float(most), "rate": float(rate)}
+    return DetectionCurve.model_validate(found)
 
 
 def read_curves(path: Path) -> DetectionCurves:
     """Read a file of curves.
 
-    Raises:
-        OSError: it cannot be read.
-        ValueError: it is no such file; names the file, the key and what is wrong.
-    """
+    Raises OSError, or ValueError that names the file, the key and what is wrong."""
     try:
         return DetectionCurves.model_validate_json(read_text(path))
     except ValidationError as error:

@@ -57,40 +57,24 @@ class ExpectedRecall:
 
         Args:
             log, roi, classes, frames, azimuth_share, seed, vehicle: as of
-                `CountedObjects.from_log`. An object in neighbouring frames carries little
-                information, so some of the frames will do: see `recall`.
+                `CountedObjects.from_log`. Some of the frames will do, as an object in neighbouring
+                ones carries little information.
             curves: detection curves; those of the package by default.
-            iou: overlap that a detection must exceed; there is a curve for it.
-
-        Raises:
-            ValueError: as there, or there is no curve for a class.
+            iou: overlap that a detection must exceed; there is a curve for it and each class.
         """
         curves = default_curves() if curves is None else curves
         of_class = {name: curves.of(name, iou) for name in classes}
+        what = log, roi, classes, curves.cell
         objects = CountedObjects.from_log(
-            log,
-            roi,
-            classes,
-            curves.cell,
-            frames=frames,
-            azimuth_share=azimuth_share,
-            seed=seed,
-            vehicle=vehicle,
+            *what, frames=frames, azimuth_share=azimuth_share, seed=seed, vehicle=vehicle
         )
         own = [of_class[name] for name in objects.table["class"]]
-        return cls(
-            objects,
-            tuple(classes),
-            np.array([curve.most for curve in own], np.float64),
-            np.array([curve.rate for curve in own], np.float64),
-        )
+        most, rate = (np.array([getattr(c, n) for c in own], float) for n in ("most", "rate"))
+        return cls(objects, tuple(classes), most, rate)
 
     def of(self, placement: Placement) -> pd.DataFrame:
-        """`recall` of one placement, from its rays.
-
-        Raises:
-            ValueError: a LiDAR is under the ground, or as `CountedObjects.seen_by`.
-        """
+        """`recall` of one placement, from its rays; ValueError if a LiDAR is under the ground, or
+        as `CountedObjects.seen_by`."""
         for number, mount in enumerate(placement.mounts, start=1):
             LIDAR_HEIGHT.check(f"{placement.name!r}: z of LiDAR {number}", mount.z)
         return self.recall(self.objects.seen_by([placement])[0])
@@ -106,11 +90,9 @@ class ExpectedRecall:
     def recall(self, seen: SurfaceCells) -> pd.DataFrame:
         """The surrogate of what is seen, a row a class: columns `COLUMNS`, index `class`.
 
-        `standard_error` is that of the objects that happened to be there: objects of one individual
-        (scene and `object_id`) err together, so it falls with the number of individuals. It is
-        alike for all rigs; their differences err less. NaN: of a class without objects, and the
-        error of a single individual.
-        """
+        `standard_error` is that of the objects that happened to be there, with individuals (scene
+        and `object_id`) as clusters. It is alike for all rigs; their differences err less. NaN: of
+        a class without objects, and the error of a single individual."""
         table = self.objects.table[["scene", "object_id", "class"]].assign(
             p=self.probabilities(seen)
         )

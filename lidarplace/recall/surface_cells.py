@@ -1,9 +1,7 @@
 """What the rays of a LiDAR hit of the objects: cells of their surfaces, the same for every LiDAR.
 
-A cell is a cube in the frame of the object itself, so what two mounts hit twice is one cell, and
-the cells of a rig are the union of those of its mounts. Mounts whose rings coincide hit the same
-cells, where a count of points would take them for twice as much.
-"""
+A cell is a cube in the frame of the object itself, so the cells of a rig are the union of those of
+its mounts: where rings coincide, a count of points would take them for twice as much."""
 
 from __future__ import annotations
 
@@ -16,19 +14,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.hashed import stream_of, uniform
 from lidarplace.clouds.raycast import (
     NO_ENDS,
     along,
-    beams_of,
     cast_compiled,
     lost_share,
+    rays_of,
     returns_light,
 )
 from lidarplace.clouds.static_world import Worlds, stop_at_world
+from lidarplace.mounting.housing import turned
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Mount, blocks
+from lidarplace.rigs.placement import Mount
 
 MOST_CELLS = 2**24
 """Cells of one box."""
@@ -36,8 +35,8 @@ MOST_CELLS = 2**24
 
 @dataclass(frozen=True, eq=False)
 class SurfaceCells:
-    """What is hit of every object, by rows: the cells of object b are
-    `cells[offsets[b]:offsets[b + 1]]`.
+    """What is hit of every object, by rows: the cells of object b are `cells[offsets[b]:offsets[b +
+    1]]`.
 
     Attributes:
         offsets: int64, shape (objects + 1,).
@@ -70,8 +69,7 @@ class Frames(NamedTuple):
 
     Attributes:
         parts: of each frame, the vehicle's own body among them, shape (P, 10), float64.
-        owner: row of the object that a part belongs to if that counts, else negative, shape (P,),
-            int32.
+        owner: row of the object that a part belongs to if that counts, else negative, int32, (P,).
         reflectivity: of the parts, shape (P,), float64.
         first_part, first_object: of each frame, int64, shape (frames + 1,).
         near: x0, y0, z0, x1, y1, z1 that hold all objects of a frame, float64, shape (frames, 6).
@@ -120,11 +118,8 @@ def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
     """Cells of edge `cell`, metres, along length, width and height, int64, shape (objects, 3).
 
     Cell (i, j, k) has the number `(i * slices[1] + j) * slices[2] + k`; (0, 0, 0) is at the rear,
-    on the right, at the bottom. The last one of an axis may stand over the box.
-
-    Raises:
-        ValueError: a box has more than `MOST_CELLS` cells.
-    """
+    on the right, at the bottom. The last one of an axis may stand over the box. Raises ValueError
+    if a box has more than `MOST_CELLS`."""
     slices = np.maximum(np.ceil(geometry[:, 3:6] / cell - 1e-9), 1.0)
     most = slices.prod(axis=1).max(initial=1.0)
     if most > MOST_CELLS:
@@ -144,35 +139,17 @@ def surface_cells(
     ends: NDArray[np.float64] = NO_ENDS,
     loss: Loss = NO_LOSS,
 ) -> SurfaceCells:
-    """The objects of all frames from which one LiDAR gets light within `crop`.
-
-    Args:
-        mount, lidar: as of `lidarplace.clouds.raycast.cast`.
-        frames: the objects, and what hides them.
-        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
-        cell: edge of a cell, metres.
-        ends: as of `lidarplace.clouds.raycast.cast`.
-        loss: what the LiDAR loses at random.
-    """
-    found = [
-        SurfaceCells(
-            *_cells_in_frames(
-                own_mount.position,
-                own_mount.rotation,
-                beams_of(own),
-                frames,
-                np.array(crop, np.float64),
-                cell,
-                ends[numbers],
-                loss._replace(first=numbers.start),
-            )
-        )
-        for own_mount, own, numbers in blocks(mount, lidar)
-    ]
+    """The objects of all `frames` from which one LiDAR gets light within `crop`, see `cast`, in
+    cells of edge `cell`, metres; `loss`: what it loses at random."""
+    region, found = np.array(crop, np.float64), []
+    for rays, numbers in rays_of(mount, lidar):
+        lost = loss._replace(first=numbers.start)
+        own = _cells_in_frames(*rays, frames, region, cell, ends[numbers], lost)
+        found.append(SurfaceCells(*own))
     return reduce(SurfaceCells.and_, found)
 
 
-@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _slice(position, size, cell, number):
     """Which slice holds a position from the middle; rounding does not lead out of the box."""
     return min(max(math.floor((position + 0.5 * size) / cell), 0), number - 1)
@@ -185,7 +162,7 @@ def _cells_in_frames(origin, rotation, beams, frames, crop, cell, ends, loss):
     geometry, slices = frames.geometry, frames.slices
     steps = beams.azimuths.shape[2]
     rays = len(elevations) * steps
-    ranges, targets, reflected = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
+    hits = ranges, targets, reflected = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
     cells_of = slices[:, 0] * slices[:, 1] * slices[:, 2]
     offsets, points = np.zeros(len(geometry) + 1, np.int64), np.zeros(len(geometry), np.int64)
     cells = np.empty(cells_of.sum() + 1, np.uint32)  # one is written and not kept
@@ -193,32 +170,13 @@ def _cells_in_frames(origin, rotation, beams, frames, crop, cell, ends, loss):
     size = 0
     for frame in range(len(frames.near)):
         first, last = frames.first_part[frame], frames.first_part[frame + 1]
-        cast_compiled(
-            origin,
-            rotation,
-            beams,
-            frames.parts[first:last],
-            frames.owner[first:last],
-            frames.reflectivity[first:last],
-            frames.near[frame],
-            ends,
-            (ranges, targets, reflected),
-            frames.scene[frame] < 0,
-        )
-        if frames.scene[frame] >= 0:
-            stop_at_world(
-                origin,
-                rotation,
-                beams,
-                frames.worlds,
-                frames.scene[frame],
-                frames.turn[frame],
-                frames.shift[frame],
-                frames.near[frame],
-                True,
-                True,
-                (ranges, targets, reflected),
-            )
+        parts, owner = frames.parts[first:last], frames.owner[first:last]
+        light, near = frames.reflectivity[first:last], frames.near[frame]
+        scene = frames.scene[frame]
+        cast_compiled(origin, rotation, beams, parts, owner, light, near, ends, hits, scene < 0)
+        if scene >= 0:
+            around = frames.worlds, scene, frames.turn[frame], frames.shift[frame]
+            stop_at_world(origin, rotation, beams, *around, near, True, True, hits)
         first, last = frames.first_object[frame], frames.first_object[frame + 1]
         start = np.zeros(last - first + 1, np.int64)
         start[1:] = np.cumsum(cells_of[first:last])
@@ -235,11 +193,9 @@ def _cells_in_frames(origin, rotation, beams, frames, crop, cell, ends, loss):
                     continue
             beam, step = ray // steps, ray % steps
             cosines, sines = along(beams, beam)
-            dx, dy = elevations[beam, 1] * cosines[step], elevations[beam, 1] * sines[step]
-            dz = elevations[beam, 2]
+            _, ce, se = elevations[beam]
             inside = True
-            for axis in range(3):
-                away = rotation[axis, 0] * dx + rotation[axis, 1] * dy + rotation[axis, 2] * dz
+            for axis, away in enumerate(turned(rotation, ce * cosines[step], ce * sines[step], se)):
                 here[axis] = origin[axis] + ranges[ray] * away
                 inside &= crop[axis] <= here[axis] <= crop[axis + 3]
             if not inside:

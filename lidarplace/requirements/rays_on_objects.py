@@ -14,8 +14,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
-from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, inner, window
+from lidarplace.base.kernel_cache import inner, njit
+from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, window
 from lidarplace.clouds.raycast import (
     Beams,
     along,

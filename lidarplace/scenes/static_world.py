@@ -16,9 +16,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.clouds import PointClouds
-from lidarplace.clouds.convex import inner
 from lidarplace.clouds.shapes import OWN_BODY
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, full_poses

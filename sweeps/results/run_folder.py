@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace.clouds.points_by_distance import points_by_distance
+from lidarplace.clouds.points_in_boxes import points_by_distance
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.mounting.vehicle import Vehicle

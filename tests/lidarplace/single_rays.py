@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from lidarplace.coverage.clip import VoxelGrid, clip_rays
-from lidarplace.coverage.rays import walk_rays
+from lidarplace.coverage.rays import VoxelGrid, clip_rays, walk_rays
 
 
 def voxels_of_rays(method, origin, directions, reach, grid):

@@ -25,16 +25,8 @@ def boxes():
 
 @pytest.fixture(scope="module")
 def table():
-    return accuracy(
-        boxes(),
-        FRAMES,
-        ROI,
-        ["Car"],
-        [PLACEMENT],
-        resolutions=(0.2,),
-        azimuth_steps=(90, 1440),
-        frame_shares=(0.5,),
-    )
+    varied = {"resolutions": (0.2,), "azimuth_steps": (90, 1440), "frame_shares": (0.5,)}
+    return accuracy(boxes(), FRAMES, ROI, ["Car"], [PLACEMENT], **varied)
 
 
 def test_each_way_is_there_once(table):

@@ -28,6 +28,12 @@ def test_every_point_comes_back_to_half_a_millimetre():
     clouds, points = packed(1000, 0, 17, 1)
     assert len(clouds) == 4
     assert clouds.frames.tolist() == [0, 7, 14, 21]
+    assert clouds.lidar(2).tolist() == [0] * 5 + [1] * 12
+    assert clouds.lidar(2).dtype == np.uint8
+    assert clouds.lidar(1).tolist() == list(PointClouds.from_frames([], [], CROP)) == []
+    for index in (-1, 4):
+        with pytest.raises(IndexError, match=r"outside 0\.\.3"):
+            clouds[index]
     for found, expected in zip(clouds, points, strict=True):
         assert found.dtype == np.float32
         np.testing.assert_allclose(found[:, :3], expected[:, :3], atol=0.0005 + 4e-6, rtol=0)
@@ -59,19 +65,6 @@ def test_what_lies_on_the_grid_is_exact():
     np.testing.assert_array_equal(clouds[0], points)
 
 
-def test_lidar_of_every_point():
-    clouds, _ = packed(10, 0)
-    assert clouds.lidar(0).tolist() == [0] * 3 + [1] * 7
-    assert clouds.lidar(0).dtype == np.uint8
-    assert clouds.lidar(1).tolist() == []
-
-
-def test_no_frames():
-    clouds = PointClouds.from_frames([], [], CROP)
-    assert len(clouds) == 0
-    assert list(clouds) == []
-
-
 def test_files_hold_the_same_and_stay_on_disk(tmp_path):
     clouds, _ = packed(100, 0, 50)
     write_clouds(tmp_path / "c", clouds)
@@ -92,10 +85,3 @@ def test_joined_clouds_follow_each_other():
     for index in (-1, 3):
         with pytest.raises(IndexError, match="frame index"):
             joined[index]
-
-
-def test_index_out_of_range():
-    clouds, _ = packed(5)
-    for index in (-1, 1):
-        with pytest.raises(IndexError, match=r"outside 0\.\.0"):
-            clouds[index]

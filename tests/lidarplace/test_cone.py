@@ -16,7 +16,6 @@ from lidarplace.coverage.tiles import Tiles
 # Several tiles of columns, and more than 64 voxels along z, with the last of each cut short.
 WIDE = Roi(x=(0.0, 4.5), y=(-3.5, 3.5), z=(0.0, 7.0), resolution=0.1)
 ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)
-
 right_angle = math.pi / 2
 
 
@@ -27,28 +26,19 @@ def to_the_millionth(low, high):
     return st.floats(low, high).map(lambda value: round(value, 6))
 
 
-angle = st.one_of(
-    to_the_millionth(-math.pi, math.pi), st.sampled_from([0.0, right_angle, -right_angle, math.pi])
-)
-
+angle = to_the_millionth(-math.pi, math.pi)
+angle |= st.sampled_from([0.0, right_angle, -right_angle, math.pi])
+# On voxel corners and faces, inside and outside the ROI, under the ground, and anywhere.
 mounts = st.builds(
     Mount,
-    # On voxel corners and faces, inside and outside the ROI, under the ground, and anywhere.
-    x=st.one_of(to_the_millionth(-4, 6), st.sampled_from([0.0, 0.5, 1.25])),
-    y=st.one_of(to_the_millionth(-4, 4), st.sampled_from([-1.5, 0.0, 0.25])),
-    z=st.one_of(to_the_millionth(-3, 6), st.sampled_from([0.0, 1.0, 2.0])),
-    roll=angle,
-    pitch=angle,
-    yaw=angle,
+    to_the_millionth(-4, 6) | st.sampled_from([0.0, 0.5, 1.25]),
+    to_the_millionth(-4, 4) | st.sampled_from([-1.5, 0.0, 0.25]),
+    to_the_millionth(-3, 6) | st.sampled_from([0.0, 1.0, 2.0]),
+    *[angle] * 3,
 )
-elevations = st.lists(
-    st.one_of(
-        to_the_millionth(-1.570796, 1.570796),
-        st.sampled_from([-right_angle, -math.pi / 4, 0.0, right_angle]),
-    ),
-    min_size=1,
-    max_size=6,
-)
+elevation = to_the_millionth(-1.570796, 1.570796)
+elevation |= st.sampled_from([-right_angle, -math.pi / 4, 0.0, right_angle])
+elevations = st.lists(elevation, min_size=1, max_size=6)
 
 
 @st.composite
@@ -67,7 +57,7 @@ def assert_columns_and_voxels_agree(mount, lidar, roi):
     np.testing.assert_array_equal(coverage(placement, roi), covered_voxel_by_voxel(placement, roi))
 
 
-@given(mounts, lidars(limited=False))
+@given(mounts, st.booleans().flatmap(lidars))
 @example(Mount(0.5, 0.25, 1.0), Lidar((0.0, -math.pi / 4), 720))
 @example(Mount(0.5, 0.25, 1.0, roll=right_angle), Lidar((-0.4, 0.0, 0.4), 720))
 @example(Mount(1.0, 0.0, 5.0, pitch=right_angle), Lidar((0.3,), 720))
@@ -95,12 +85,6 @@ def test_columns_and_voxels_differ_by_ties_alone():
     assert differ.any()
     assert not (differ & ~ties).any()
     assert np.count_nonzero(ties) < 0.1 * ties.size
-
-
-@given(mounts, lidars(limited=True))
-@settings(max_examples=400)
-def test_columns_and_voxels_agree_where_range_and_field_of_view_end(mount, lidar):
-    assert_columns_and_voxels_agree(mount, lidar, ROI)
 
 
 @given(mounts, st.booleans().flatmap(lidars))
@@ -135,9 +119,7 @@ def test_voxels_that_are_not_covered_hold_no_point_of_a_cone(mount, lidar):
     ("mount", "lidar"),
     [
         (Mount(-0.3, 0.1, 1.3, roll=0.2), Lidar((-0.3, 0.1), 720)),
-        (Mount(0.4, 0.1, 1.3, pitch=1.4), Lidar((-0.3, 0.1), 720)),
         (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2,), 720, range=1.7)),
-        (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2,), 720, azimuth=(-0.5, 1.0))),
         (Mount(1.4, 0.1, 1.0, 0.1), Lidar((-0.2, 0.9), 720, 1.2, azimuth=(1.0, 5.0))),
     ],
 )

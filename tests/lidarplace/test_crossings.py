@@ -37,13 +37,6 @@ def test_pairs_of_counts_and_rays(table, monkeypatch):
         assert dict(zip(pairs, found.voxels.tolist(), strict=True)) == expected
 
 
-def test_nothing_is_occupied():
-    grid = grid_of(np.zeros(TALL.shape), TALL)
-    assert len(Crossings.of_grid(grid, np.ones(TALL.shape, np.int32)).voxels) == 0
-    rig = PAPER_PLACEMENTS["line"].with_lidar(Lidar((0.0,), azimuth_steps=36))
-    assert evaluate(grid, rig, surrogates=["expected_ig"]).expected_ig == 0
-
-
 @pytest.mark.parametrize("method", ["cone", "dda", "bresenham"])
 @pytest.mark.parametrize("stride", [1, 3])
 @pytest.mark.parametrize("layers", [1, 7, 20])

@@ -272,13 +272,6 @@ def test_a_range_that_ends_at_a_face(reach):
     assert np.argwhere(ahead).tolist() == [[i, 3, 0] for i in range(2, last)]
 
 
-def test_a_range_of_nothing_on_a_corner():
-    covered = coverage(one_sensor(Mount(0.5, 0.0, 0.25), [0.0], range=1e-9), ROI)
-    expected = np.zeros(ROI.shape, bool)
-    expected[1:3, 2:4, 0:2] = True
-    np.testing.assert_array_equal(covered, expected)
-
-
 def test_a_field_of_view_of_a_microradian_and_of_nearly_a_turn():
     mount = Mount(0.625, 0.125, 0.125)
     ray = np.zeros(ROI.shape, bool)
@@ -295,19 +288,6 @@ def test_a_field_of_view_of_a_microradian_and_of_nearly_a_turn():
     np.testing.assert_array_equal(
         coverage(nearly, ROI), coverage(one_sensor(mount, elevations), ROI)
     )
-
-
-# Rays.
-
-
-def test_rays_from_a_corner_fill_the_octants_by_their_signs():
-    """All rays leave through the eight voxels around a corner; planes belong to the upper one."""
-    lidar = Lidar(tuple(np.radians(np.linspace(-25, 15, 128))), azimuth_steps=500)
-    placement = Placement("corner", [Mount(0.5, 0.0, 0.25)], lidar=lidar)
-    rays, grows = ray_counts(placement, ROI, "dda"), lidar.directions() >= 0
-    for octant in np.ndindex(2, 2, 2):
-        expected = np.count_nonzero((grows == octant).all(axis=1))
-        assert rays[1 + octant[0], 2 + octant[1], octant[2]] == expected
 
 
 # Sums.
@@ -348,20 +328,10 @@ def test_sums_against_mpmath(wide_range, placement):
 @pytest.mark.parametrize("count", [0, 1])
 def test_a_single_frame_has_no_entropy(count):
     grid = OccupancyGrid(ROI, "Car", np.full(ROI.shape, count, np.int32), 1)
-    result = evaluate(grid, one_sensor(Mount(0.3, 0.1, 0.2), [0.0]), surrogates=["expected_ig"])
+    asked = ["expected_points", "expected_ig"]
+    result = evaluate(grid, one_sensor(Mount(0.3, 0.1, 0.2), [0.0]), surrogates=asked)
     assert (result.h_pog, result.s_mig, result.ig, result.m_sog) == (0.0, 0.0, 0.0, 0.0)
-    assert result.expected_ig == 0.0
-
-
-def test_the_order_of_voxels_changes_no_sum():
-    rng = np.random.default_rng(1)
-    counts = rng.integers(0, 10**5, ROI.shape).astype(np.int32)
-    grid = OccupancyGrid(ROI, "Car", counts, 10**5)
-    mirrored = OccupancyGrid(ROI, "Car", np.ascontiguousarray(counts[:, ::-1]), 10**5)
-    placement = one_sensor(Mount(0.25, 0.0, 0.375), [-0.3, 0.0, 0.2])  # symmetric about y = 0
-    first, second = evaluate(grid, placement), evaluate(mirrored, placement)
-    assert 0 < first.covered_entropy < first.h_pog
-    assert (first.h_pog, first.s_mig, first.ig) == (second.h_pog, second.s_mig, second.ig)
+    assert (result.expected_points > 0, result.expected_ig) == (count == 1, 0.0)
 
 
 def test_expected_points_are_exact(wide_range):
@@ -400,18 +370,6 @@ def exact_expected_ig(count, rays, q):
         p, rest = mpmath.mpf(count) / MANY, mpmath.mpf(MANY - count) / MANY
         log_miss = rays * mpmath.log(1 - mpmath.mpf(q)) if q < 1 else -mpmath.inf
         return exact_information(p, rest, log_miss) if rays else 0.0
-
-
-@pytest.mark.parametrize("q", [1e-12, 0.1])
-def test_expected_ig_against_mpmath(wide_range, q):
-    placement = one_sensor(Mount(0.33, 0.07, 0.21), [-0.6, -0.3, 0.0, 0.6], steps=60)
-    found = evaluate(
-        wide_range, placement, "dda", surrogates=["expected_ig"], detection_probability=q
-    )
-    rays = ray_counts(placement, DECIMAL, "dda").ravel().tolist()
-    pairs = zip(wide_range.counts.ravel().tolist(), rays, strict=True)
-    expected = math.fsum(exact_expected_ig(count, m, q) for count, m in pairs)
-    assert found.expected_ig == pytest.approx(expected, rel=1e-12)
 
 
 # Boxes and the ROI.
@@ -460,28 +418,13 @@ def test_boxes_with_nan_are_named(name, value):
         OccupancyGrid.from_boxes(boxes, ROI, "Car", frames=3)
 
 
-def test_a_class_that_never_occurs_is_worth_nothing():
-    boxes = boxes_of((0.6, 0.0, 0.5, 1.0, 1.0, 1.0, 0.0))
-    grid = OccupancyGrid.from_boxes(boxes, ROI, "Pedestrian", frames=MANY)
-    result = evaluate(
-        grid, one_sensor(Mount(0.3, 0.1, 0.2), [0.0]), surrogates=["expected_points", "expected_ig"]
-    )
-    assert (result.h_pog, result.s_mig, result.ig, result.m_sog) == (0.0, 0.0, 0.0, 0.0)
-    assert (result.expected_points, result.expected_ig) == (0.0, 0.0)
-    assert result.covered_voxels == 36
-
-
 def test_an_roi_of_one_voxel():
     box = (0.5, 0.5, 0.5, 0.1, 0.1, 0.1, 0.0)
     grid = OccupancyGrid.from_boxes(boxes_of(box), ONE_VOXEL, "Car", frames=4)
     p = Fraction(1, 4)
     for method in ("cone", "dda", "bresenham"):
-        result = evaluate(
-            grid,
-            one_sensor(Mount(0.5, 0.5, 0.5), [0.1], steps=3),
-            method=method,
-            surrogates=["expected_points"],
-        )
+        placement = one_sensor(Mount(0.5, 0.5, 0.5), [0.1], steps=3)
+        result = evaluate(grid, placement, method, surrogates=["expected_points"])
         assert result.s_mig == pytest.approx(-float(exact_entropy(1, 4)), rel=1e-15)
         assert (result.ig, result.covered_voxels) == (0.0, 1)
         assert result.expected_points == float(3 * p)

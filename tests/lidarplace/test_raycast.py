@@ -33,16 +33,9 @@ def cast(mount: Mount, lidar: Lidar, boxes: np.ndarray, *further, **keywords) ->
 
 def random_boxes(seed: int, number: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return np.stack(
-        [
-            rng.uniform(-60, 60, number),
-            rng.uniform(-60, 60, number),
-            rng.uniform(0, 3, number),
-            *rng.uniform(0.3, 6, (3, number)),
-            rng.uniform(-math.pi, math.pi, number),
-        ],
-        axis=1,
-    )
+    high = [60, 60, 3, 6, 6, 6, math.pi]
+    low = [-60, -60, 0, 0.3, 0.3, 0.3, -math.pi]
+    return rng.uniform(low, high, (number, 7))
 
 
 def random_parts(seed: int, number: int) -> Parts:
@@ -101,12 +94,12 @@ def brute_force(mount: Mount, lidar: Lidar, parts: Parts) -> tuple[np.ndarray, .
 
 poses = st.builds(
     Mount,
-    x=st.floats(-3, 3),
-    y=st.floats(-2, 2),
-    z=st.floats(0.1, 4),
-    roll=st.sampled_from([0.0, -0.28, math.pi / 2]) | st.floats(-1.5, 1.5),
-    pitch=st.sampled_from([0.0, 0.09, -math.pi / 2]) | st.floats(-1.5, 1.5),
-    yaw=st.floats(-math.pi, math.pi),
+    st.floats(-3, 3),
+    st.floats(-2, 2),
+    st.floats(0.1, 4),
+    st.sampled_from([0.0, -0.28, math.pi / 2]) | st.floats(-1.5, 1.5),
+    st.sampled_from([0.0, 0.09, -math.pi / 2]) | st.floats(-1.5, 1.5),
+    st.floats(-math.pi, math.pi),
 )
 
 
@@ -154,46 +147,6 @@ def test_a_field_of_view_leaves_rays_out_and_changes_no_other(mount, seed, low, 
         np.testing.assert_array_equal(getattr(cut, name), of_turn[:, fired].ravel())
 
 
-def test_agrees_with_embreex():
-    trimesh = pytest.importorskip("trimesh")
-    pytest.importorskip("embreex")
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    lidar, mount = Lidar.paper(), Mount(0.2, 0.5, 2.2, roll=0.28, pitch=-0.09, yaw=0.3)
-    parts = random_parts(3, 60)
-    everything = own_body().and_(parts)
-    triangles, owners = [], []
-    for part, owner in zip(everything.geometry, everything.owner, strict=True):
-        hull = trimesh.convex.convex_hull(faces(part)[0])
-        triangles.append(hull.triangles)
-        owners += [owner] * len(hull.triangles)
-    # The ground as one triangle around everything.
-    far = [[-1000.0, -1000.0, 0.0], [2000.0, -1000.0, 0.0], [-1000.0, 2000.0, 0.0]]
-    scene = EmbreeScene()
-    TriangleMesh(scene, np.concatenate([*triangles, [far]]).astype(np.float32))
-    rays = (lidar.directions() @ mount.rotation.T).astype(np.float32)
-    origins = np.tile(mount.position.astype(np.float32), (len(rays), 1))
-    primitive = scene.run(origins, rays, query="INTERSECT")
-    distance = scene.run(origins, rays, query="DISTANCE")
-    target = np.where(primitive < 0, NOTHING, np.array([*owners, GROUND])[primitive])
-    target[distance > lidar.range] = NOTHING
-
-    hits = cast_parts(mount, lidar, parts)
-    met = (hits.target == target) & (target != NOTHING)
-    np.testing.assert_allclose(distance[met], hits.range[met], rtol=2e-5)
-    assert (target >= 0).sum() > 4000
-    assert min((target == GROUND).sum(), (target == BODY).sum()) > 4000
-    # Where they differ the ray passes an edge: turned by a hair, ours meets what embreex says.
-    differ = np.flatnonzero(hits.target != target)
-    assert len(differ) < 30
-    for axis in ("roll", "pitch", "yaw"):
-        for hair in (-2e-6, 2e-6):
-            turned = cast_parts(replace(mount, **{axis: getattr(mount, axis) + hair}), lidar, parts)
-            differ = differ[turned.target[differ] != target[differ]]
-    assert len(differ) == 0
-
-
 def test_horizontal_beam_never_meets_the_ground():
     for yaw in np.linspace(-math.pi, math.pi, 37):
         hits = cast(Mount(z=2.0, yaw=yaw), Lidar((0.0,), 5625, range=math.inf), NO_BOXES)
@@ -224,19 +177,9 @@ def test_own_body_blocks_and_a_part_around_the_sensor_is_seen_through():
     back = cast(Mount(x=2.0, z=0.9, yaw=math.pi), level, NO_BOXES)
     assert back.target[0] == BODY
     assert 0.5 < back.range[0] < 2.0
-
-
-def test_a_box_around_the_sensor_is_transparent():
-    around = [10.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.4]
-    behind = [20.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0]
-    hits = cast(Mount(x=10.0, z=2.0), one_ray(0.0), np.array([around, behind]))
-    assert hits.target[0] == 1
-    assert hits.range[0] == 9.0
-
-
-def test_a_box_behind_the_sensor_is_not_met():
-    box = np.array([[-10.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0]])
-    assert cast(Mount(z=2.0), one_ray(0.0), box).target[0] == NOTHING
+    around, beyond = [10.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.4], [20.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0]
+    hits = cast(Mount(x=10.0, z=2.0), one_ray(0.0), np.array([around, beyond]))
+    assert (hits.target[0], hits.range[0]) == (1, 9.0)
 
 
 @pytest.mark.parametrize("y", [-1.0, 1.0])
@@ -289,45 +232,10 @@ def test_nothing_is_met_beyond_the_range():
     assert cast(Mount(z=2.0), one_ray(slope, reach=29.999), NO_BOXES).target[0] == NOTHING
 
 
-def test_reflected_is_the_cosine_to_the_normal_times_reflectivity():
-    """Of the ground the cosine alone."""
-    turned = np.array([[10.0, 0.0, 2.0, 0.0, 40.0, 20.0, math.pi / 3]])
-    assert cast(Mount(z=2.0), one_ray(0.0), turned).reflected[0] == pytest.approx(0.5)
-    dull = bricks(turned, 0, reflectivity=0.2)
-    assert cast_parts(Mount(z=2.0), one_ray(0.0), dull).reflected[0] == pytest.approx(0.1)
-    ground = cast(Mount(x=5, z=2.0), one_ray(-0.5), NO_BOXES).reflected[0]
-    assert ground == pytest.approx(math.sin(0.5))
-
-
-def test_many_parts():
-    parts = random_parts(11, 600)
-    hits = cast_parts(Mount(z=2.2), SMALL, parts)
-    expected, target, _ = brute_force(Mount(z=2.2), SMALL, parts)
-    np.testing.assert_array_equal(hits.target, target)
-    np.testing.assert_allclose(hits.range, expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("z", [-1.0, 0.0])
 def test_a_sensor_at_or_below_the_ground_meets_none(z):
     hits = cast(Mount(x=50.0, z=z), SMALL, NO_BOXES)
     assert set(hits.target) <= {BODY, NOTHING}
-
-
-def test_read_only_input():
-    boxes = random_boxes(1, 5)
-    boxes.flags.writeable = False
-    expected = cast(Mount(z=2.0), SMALL, boxes.copy())
-    np.testing.assert_array_equal(cast(Mount(z=2.0), SMALL, boxes).range, expected.range)
-
-
-def test_visible_share_of_half_a_wall():
-    """From the origin a screen hides the half of the wall to the left."""
-    wall = [20.0, 0.0, 0.0, 0.0, 10.0, 10.0, 0.0]
-    screen = [10.0, 20.0, 0.0, 0.0, 40.0, 40.0, 0.0]
-    parts = bricks(np.array([wall, screen]), np.arange(2))
-    share = visible_share((0.0, 0.0, 0.0), parts, 2, (64, 64))
-    assert share[0] == pytest.approx(0.5, abs=1e-9)
-    assert share[1] == 1.0
 
 
 def test_visible_share_agrees_with_rays_cast_at_all():

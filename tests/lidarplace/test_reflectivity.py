@@ -7,13 +7,12 @@ import pandas as pd
 import pytest
 
 from lidarplace.clouds.collect import collect
-from lidarplace.clouds.facades import facades
 from lidarplace.clouds.ground import CELL_M, CELLS, square
 from lidarplace.clouds.raycast import GROUND
 from lidarplace.clouds.reflectivity import REFLECTIVITY, Material, reflectivity
 from lidarplace.clouds.returns import ATTENUATION_PER_M, sample_points
 from lidarplace.clouds.shapes import BUILDING, SIGN, bricks
-from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.clouds.surroundings import Surroundings, facades
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.lidar import Lidar
@@ -62,12 +61,9 @@ def street(frames: int = 40) -> tuple[BoxLog, np.ndarray]:
     listed = pd.DataFrame({"scene": "a", "frame": np.arange(frames)})
     # Another part of a long street in each frame.
     listed = listed.assign(ego_x=300.0 * np.arange(frames), ego_y=0.0, ego_yaw=0.0)
-    houses = [
-        ("a", 300.0 * f + x, y, 4.0, 14.0, 8.0, 8.0, 0.0)
-        for f in range(frames)
-        for x in (5.0, 22.0, 39.0)
-        for y in (-12.0, 12.0)
-    ]
+    places = [(x, y) for x in (5.0, 22.0, 39.0) for y in (-12.0, 12.0)]
+    rows = [(x, y, 4.0, 14.0, 8.0, 8.0, 0.0) for x, y in places]
+    houses = [("a", 300.0 * f + x, *rest) for f in range(frames) for x, *rest in rows]
     walls = pd.DataFrame(houses, columns=["scene", *GEOMETRY])
     return BoxLog(boxes, listed, walls), np.arange(frames)
 

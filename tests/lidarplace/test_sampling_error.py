@@ -51,12 +51,8 @@ def test_equals_a_log_that_is_put_together_again(q, occlusion, method):
     rng = np.random.default_rng(5)
     draws = rng.multinomial(8, np.full(8, 1 / 8), 3)
     for number, draw in enumerate(draws):
-        order = [
-            f
-            for b, times in enumerate(draw)
-            for _ in range(times)
-            for f in np.flatnonzero(block == b)
-        ]
+        times = np.repeat(np.arange(len(draw)), draw)
+        order = [f for b in times for f in np.flatnonzero(block == b)]
         parts = [log[log["frame"] == f].assign(frame=new) for new, f in enumerate(order)]
         grid = OccupancyGrid.from_boxes(pd.concat(parts), ROI, "Car", len(order))
         if occlusion:  # the rays keep the weights of the whole log
@@ -102,25 +98,16 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
 
 
 def test_a_class_without_objects_has_no_error():
-    found = pog_sampling_error(
-        traffic(np.random.default_rng(0), 20),
-        table_of(20),
-        ROI,
-        ["Pedestrian"],
-        PLACEMENT,
-        blocks=4,
-    )
+    log = traffic(np.random.default_rng(0), 20)
+    found = pog_sampling_error(log, table_of(20), ROI, ["Pedestrian"], PLACEMENT, blocks=4)
     assert (found.estimates[["value", "sd", "bias", "low", "high"]] == 0).all(axis=None)
 
 
 def test_the_same_draws_for_every_placement():
     log = traffic(np.random.default_rng(0), 40)
-    other = Placement("other", [Mount(z=2.4)], LIDAR)
-    h_pog = [
-        pog_sampling_error(log, table_of(40), ROI, ["Car"], p, resamples=5).resamples
-        for p in (PLACEMENT, other)
-    ]
-    a, b = (t[t["surrogate"] == "h_pog"]["value"].to_numpy() for t in h_pog)
+    rigs = PLACEMENT, Placement("other", [Mount(z=2.4)], LIDAR)
+    found = [pog_sampling_error(log, table_of(40), ROI, ["Car"], p, resamples=5) for p in rigs]
+    a, b = (f.resamples.query("surrogate == 'h_pog'")["value"].to_numpy() for f in found)
     assert np.array_equal(a, b)
     assert len(set(a)) > 1
 

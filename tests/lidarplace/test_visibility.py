@@ -11,20 +11,14 @@ from lidarplace import Roi
 from lidarplace.clouds.visibility import ground_truth, occluded, visibility
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
+from tests.lidarplace.recall.small_scenes import log_of
 
 FRONT = Roi((0, 40), (-20, 20), (0, 4), resolution=0.5)
 
 
-def table(*rows: tuple[int, float, float, float, float, float], name: str = "Tram") -> BoxLog:
-    """Rows of frame, x, y, length, width, height; boxes stand on the ground with yaw 0.
-
-    What is of no known class fills its box.
-    """
-    frame, x, y, length, width, height = (np.array(column) for column in zip(*rows, strict=True))
-    data = [x, y, height / 2, length, width, height, np.zeros(len(rows))]
-    boxes = pd.DataFrame(dict(zip(GEOMETRY, data, strict=True)))
-    boxes = boxes.assign(frame=frame.astype(int), object_id=range(len(rows)), **{"class": name})
-    return BoxLog(boxes, pd.DataFrame({"scene": "a", "frame": np.unique(frame)}))
+def table(*rows: tuple[int, float, float, float, float, float]) -> BoxLog:
+    """Rows of frame, x, y, length, width, height, yaw 0, of a class that fills its box."""
+    return log_of(*((frame, "Tram", *rest, 0.0) for frame, *rest in rows))
 
 
 TRUCK = (0, 10.0, 0.0, 7.0, 2.5, 3.4)
@@ -55,22 +49,16 @@ def test_a_car_before_a_taller_box_hides_only_its_lower_part():
 
 
 def test_ground_truth_is_visible_and_in_the_roi():
-    behind = (0, -10.0, 0.0, 4.5, 1.8, 1.5)
-    log = table(HIDDEN_CAR, FREE_CAR, behind, TRUCK)
+    behind, at_the_edge = (0, -10.0, 0.0, 4.5, 1.8, 1.5), (0, 1.0, -12.0, 4.0, 2.0, 1.5)
+    log = table(HIDDEN_CAR, FREE_CAR, behind, TRUCK, at_the_edge)
     truth = ground_truth(log, FRONT.x, FRONT.y, FRONT.z)
-    assert truth.index.tolist() == [1, 3]
-    np.testing.assert_array_equal(truth["visibility"], [1, 1])
-    np.testing.assert_array_equal(truth["occluded"], [0, 0])
-    np.testing.assert_array_equal(truth["truncated"], [0, 0])
+    assert truth.index.tolist() == [1, 3, 4]
+    np.testing.assert_array_equal(truth["visibility"], [1, 1, 1])
+    np.testing.assert_array_equal(truth["occluded"], [0, 0, 0])
+    np.testing.assert_allclose(truth["truncated"], [0, 0, 0.25])
     assert "visibility" not in log.boxes.columns
     counted = replace(log, boxes=log.boxes.assign(points=7.0, **{"points/top": 7.0}))
     pd.testing.assert_frame_equal(ground_truth(counted, FRONT.x, FRONT.y, FRONT.z), truth)
-
-
-def test_truncated_is_the_share_outside_the_roi():
-    at_the_edge = (0, 1.0, 0.0, 4.0, 2.0, 1.5)
-    truth = ground_truth(table(at_the_edge, FREE_CAR), FRONT.x, FRONT.y, FRONT.z)
-    np.testing.assert_allclose(truth["truncated"], [0.25, 0])
 
 
 def test_levels_of_occlusion():
@@ -97,17 +85,6 @@ def test_one_sees_past_the_cabin_of_a_car_but_not_past_a_brick():
     shapes = visibility(BoxLog(log.boxes.assign(**{"class": ["Car", "Tram"]}), log.frames))
     assert bricks[0] == shapes[0] == 1
     assert shapes[1] > bricks[1] + 0.05
-
-
-def test_two_thousand_objects():
-    rng = np.random.default_rng(0)
-    x, y = rng.uniform(-90, 90, (2, 2000))
-    log = table(*((0, *at, 4.5, 1.8, 1.5) for at in zip(x, y, strict=True)), name="Car")
-    share = visibility(log)
-    assert ((share >= 0) & (share <= 1)).all()
-    assert 0 < (share == 0).mean() < 0.9
-    order = np.argsort(np.hypot(x, y))
-    assert share[order[:100]].mean() > share[order[-100:]].mean() + 0.3
 
 
 def test_an_object_outside_the_roi_still_hides():

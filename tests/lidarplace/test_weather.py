@@ -24,7 +24,6 @@ BEAMS = tuple(np.radians(np.linspace(-20, 5, 6)))
 PLAIN = Lidar(BEAMS, 900, range=120.0)
 GRADED = Lidar(BEAMS, 900, range=150.0, range_10=50.0, range_80=130.0)
 FOG = Weather(visibility=100.0)
-
 EXTREME = [0.0, 5e-324, 1e-300, 1e-9, 1e-3, 1.0, 77.7, 1e4, 1e9, 1e300]
 
 
@@ -62,9 +61,7 @@ def test_fog_by_kims_table(visibility, nanometres, exponent):
     # 10 lg e times 3.91 is 17: decibels a kilometre of a visibility of a kilometre.
     expected = 17.0 / (visibility / 1000) * (nanometres / 550) ** -exponent
     assert decibels == pytest.approx(expected, rel=1e-3)
-
-
-def test_at_the_visibility_a_fiftieth_of_the_contrast_is_left():
+    # At the visibility a fiftieth of the contrast is left.
     assert math.exp(-300.0 * fog_extinction(300.0, 905e-9)) == pytest.approx(0.02, rel=1e-12)
 
 

@@ -1,9 +1,8 @@
 """In how many frames of each block of a log a voxel is occupied, and so of any mix of blocks.
 
 Neighbouring voxels have the same history: the same cars passed them in the same blocks. Histories
-are kept as a tree. A node is its parent's history and one further block with its count, so the
-counts of all histories, whatever the weights of the blocks, take one addition a node.
-"""
+are a tree: a node is its parent's history and one further block with its count, so the counts of
+all histories, whatever the weights of the blocks, take one addition a node."""
 
 from __future__ import annotations
 

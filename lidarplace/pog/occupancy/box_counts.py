@@ -7,66 +7,42 @@ masks mark which voxels of a rectangle the frame has counted already.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.base.roi import Roi
 
 
 def count_boxes(
     geometry: NDArray[np.float64], frame: NDArray[np.int64], roi: Roi
 ) -> NDArray[np.int32]:
-    """Number of frames in which a voxel's centre lies in a box or on its surface.
-
-    Memory that no box touches is never written, here and in the scratch arrays.
+    """Number of frames in which a voxel's centre lies in a box or on its surface, shape (nx, ny,
+    nz), int32.
 
     Args:
         geometry: columns of `lidarplace.logs.boxes.GEOMETRY`, shape (boxes, 7), finite.
         frame: frame of each box, shape (boxes,); the boxes of a frame stand together.
-
-    Returns:
-        Counts, shape (nx, ny, nz), int32.
     """
     nx, ny, nz = roi.shape
     counts = np.zeros((nx, ny, nz), np.int32)
     if len(frame):
         words = -(-nz // 64)
-        _count(
-            geometry,
-            frame,
-            _Centres(roi.minimum, roi.resolution, roi.centres(0), roi.centres(1), roi.centres(2)),
-            seen=np.zeros((words, nx, -(-ny // 64)), np.int64),
-            counted=np.empty((words, nx, ny), np.int64),
-            changes=np.zeros((nz, nx, ny), np.int32),
-            counts=counts,
-        )
+        grid = (roi.minimum, roi.resolution, *map(roi.centres, range(3)))
+        seen = np.zeros((words, nx, -(-ny // 64)), np.int64)  # what no box touches is never written
+        counted = np.empty((words, nx, ny), np.int64)
+        changes = np.zeros((nz, nx, ny), np.int32)
+        _count(geometry, frame, grid, seen, counted, changes, counts)
     return counts
 
 
-class _Centres(NamedTuple):
-    """Centres of the voxels along the axes of a grid with this corner and edge."""
-
-    minimum: NDArray[np.float64]
-    resolution: float
-    xs: NDArray[np.float64]
-    ys: NDArray[np.float64]
-    zs: NDArray[np.float64]
-
-
-_inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""For functions that compiled code alone calls: they take a third less time to compile."""
-
-
-@_inner
+@inner
 def _slab(a, b, half, offset, centres, minimum, resolution):
     """First and last centre with |a + b d| <= half, d = centre - offset; none: first > last.
 
     The ends are guessed by division, then moved to where the test itself changes. Rounding is
-    monotone, so the test holds for one run of voxels.
-    """
+    monotone, so the test holds for one run of voxels."""
     n = len(centres)
     if b == 0:
         return (0, n - 1) if abs(a) <= half else (0, -1)
@@ -88,7 +64,7 @@ def _slab(a, b, half, offset, centres, minimum, resolution):
     return first, last
 
 
-@_inner
+@inner
 def _reach(centre, half, minimum, resolution, n):
     """First and last of n voxels on an axis within `half` of `centre`, and up to one more."""
     first = np.floor((centre - half - minimum) / resolution - 0.5)
@@ -98,12 +74,14 @@ def _reach(centre, half, minimum, resolution, n):
     return int(max(first, 0.0)), int(min(last, n - 1.0))
 
 
-@_inner
-def _inside(along, across, c, s, d, half_length, half_width):
+@inner
+def _inside(box, y):
+    along, across, c, s, centre, half_length, half_width = box
+    d = y - centre
     return (abs(along + s * d) <= half_length) & (abs(c * d - across) <= half_width)
 
 
-@_inner
+@inner
 def _run(dx, sides, ys, minimum, resolution):
     """First and last voxel of a row of constant x whose centres lie in a box; none: first > last.
 
@@ -125,17 +103,12 @@ def _run(dx, sides, ys, minimum, resolution):
     if low <= high:
         first, last = int(low), int(high)
         before, after = max(first - 1, 0), min(last + 1, n - 1)
+        box = along, across, c, s, y, half_length, half_width
         if (
-            _inside(along, across, c, s, ys[first] - y, half_length, half_width)
-            and _inside(along, across, c, s, ys[last] - y, half_length, half_width)
-            and (
-                before == first
-                or not _inside(along, across, c, s, ys[before] - y, half_length, half_width)
-            )
-            and (
-                after == last
-                or not _inside(along, across, c, s, ys[after] - y, half_length, half_width)
-            )
+            _inside(box, ys[first])
+            and _inside(box, ys[last])
+            and (before == first or not _inside(box, ys[before]))
+            and (after == last or not _inside(box, ys[after]))
         ):
             return first, last
     # Empty, or rounding has moved an end: each pair of sides by its own exact test.
@@ -144,7 +117,7 @@ def _run(dx, sides, ys, minimum, resolution):
     return max(first, other_first), min(last, other_last)
 
 
-@_inner
+@inner
 def _add(changes, i, j0, j1, k0, k1):
     """Add one to the voxels [i, j0:j1 + 1, k0:k1 + 1], as a second difference."""
     nz, _, ny = changes.shape
@@ -157,7 +130,7 @@ def _add(changes, i, j0, j1, k0, k1):
             changes[k1 + 1, i, j1 + 1] += 1
 
 
-@_inner
+@inner
 def _ones(first, last):
     """The bits first..last of a word."""
     if last - first == 63:
@@ -165,7 +138,7 @@ def _ones(first, last):
     return ((np.int64(1) << (last - first + 1)) - 1) << first
 
 
-@_inner
+@inner
 def _add_bits(changes, i, j0, j1, k0, k1, bits):
     """`_add` for every run of ones in `bits`, which are those of k0..k1 in their word."""
     k = k0
@@ -178,7 +151,7 @@ def _add_bits(changes, i, j0, j1, k0, k1, bits):
         k += 1
 
 
-@_inner
+@inner
 def _meets(seen, word, i, j0, j1):
     """Whether the frame has counted in one of the columns j0..j1 of row i."""
     found = np.int64(0)
@@ -187,14 +160,14 @@ def _meets(seen, word, i, j0, j1):
     return found != 0
 
 
-@_inner
+@inner
 def _see(seen, word, i, j0, j1):
     """Mark the columns j0..j1 of row i."""
     for w in range(j0 // 64, j1 // 64 + 1):
         seen[word, i, w] |= _ones(max(j0 - 64 * w, 0), min(j1 - 64 * w, 63))
 
 
-@_inner
+@inner
 def _add_new(changes, seen, counted, i, j0, j1, k0, k1):
     """`_add` where the frame has not counted yet; k0..k1 are of one word of `counted`."""
     word = k0 // 64
@@ -211,7 +184,7 @@ def _add_new(changes, seen, counted, i, j0, j1, k0, k1):
         _add_bits(changes, i, begin, j1, k0, k1, new)
 
 
-@_inner
+@inner
 def _sum_up(changes, i, j0, j1, k0, k1, counts):
     """Turn the second differences of row i, which are zero outside, into counts."""
     along_z = np.zeros(j1 - j0 + 1, np.int32)
@@ -223,11 +196,12 @@ def _sum_up(changes, i, j0, j1, k0, k1, counts):
             counts[i, j, k] = along_z[j - j0]
 
 
-@_inner
-def _bounds(box, minimum, resolution, zs, shape):
+@inner
+def _bounds(box, grid):
     """Cosine, sine, and first and last voxel on each axis that a box can reach; along z exact."""
     x, y, z, length, width, height, yaw = box
-    nx, ny, _ = shape
+    minimum, resolution, xs, ys, zs = grid
+    nx, ny = len(xs), len(ys)
     c, s = math.cos(yaw), math.sin(yaw)
     extent = abs(minimum[0]) + abs(minimum[1]) + (nx + ny) * resolution
     # Of a coordinate in the frame of the box, in metres; matters for boxes far away.
@@ -243,7 +217,7 @@ def _bounds(box, minimum, resolution, zs, shape):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count(boxes, frame, grid, seen, counted, changes, counts):
     """Count boxes in `counts`, shape (nx, ny, nz), which is zero as are `seen` and `changes`."""
-    minimum, resolution, xs, ys, zs = grid
+    minimum, resolution, xs, ys, _ = grid
     nx, ny, nz = counts.shape
     j_first, j_last, k_first, k_last = np.full(nx, ny), np.full(nx, -1), nz, -1
     begin = 0
@@ -254,9 +228,7 @@ def _count(boxes, frame, grid, seen, counted, changes, counts):
         alone = end == begin + 1
         for b in range(begin, end):
             x, y, _, length, width, _, _ = boxes[b]
-            c, s, rounding, i0, i1, near, far, k0, k1 = _bounds(
-                boxes[b], minimum, resolution, zs, counts.shape
-            )
+            c, s, rounding, i0, i1, near, far, k0, k1 = _bounds(boxes[b], grid)
             if i0 > i1 or near > far or k0 > k1:
                 continue
             k_first, k_last = min(k_first, k0), max(k_last, k1)
@@ -287,9 +259,7 @@ def _count(boxes, frame, grid, seen, counted, changes, counts):
                     _see(seen, word, i, j0, j1)
         if not alone:  # nothing is seen yet in the next frame
             for b in range(begin, end):
-                _, _, _, i0, i1, j0, j1, k0, k1 = _bounds(
-                    boxes[b], minimum, resolution, zs, counts.shape
-                )
+                _, _, _, i0, i1, j0, j1, k0, k1 = _bounds(boxes[b], grid)
                 for word in range(k0 // 64, k1 // 64 + 1):
                     for i in range(i0, i1 + 1):
                         for w in range(j0 // 64, j1 // 64 + 1):

@@ -11,16 +11,9 @@ from lidarplace.base.kernel_cache import njit
 def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
     """`H = -p ln p - (1-p) ln(1-p)` in nats, 0 at p = 0 and p = 1.
 
-    `rest` is 1 - p. A float near 1 does not know its distance to 1, and H depends on that distance
-    alone, so the caller hands over both. The result is then exact to one or two units in the last
-    place for every p: both terms are positive, and no logarithm is taken of a number near 1.
-
-    Args:
-        p, rest: probabilities of equal shape, float64, each rounded on its own.
-
-    Raises:
-        ValueError: NaN, a number outside [0, 1], or a pair whose sum is not 1.
-    """
+    `rest` is 1 - p, of equal shape, float64, rounded on its own: a float near 1 does not know its
+    distance to 1, on which H depends. So the result is exact to one or two units in the last place.
+    Raises ValueError for NaN, a number outside [0, 1], or a pair whose sum is not 1."""
     p, rest = np.broadcast_arrays(np.asarray(p, np.float64), np.asarray(rest, np.float64))
     entropy = np.empty(p.shape)
     bad = _binary_entropy(p.reshape(-1), rest.reshape(-1), entropy.reshape(-1))

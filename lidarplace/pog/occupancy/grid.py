@@ -28,9 +28,6 @@ from lidarplace.pog.occupancy.levels import Levels
 class OccupancyGrid(Plottable):
     """Occupancy of the voxels of an ROI by one class of objects.
 
-    The counts are integers, so `p = counts / frames` is exact and grids of the same counts are
-    equal whatever the order of the boxes was.
-
     Attributes:
         roi: the voxels.
         object_class: class of the objects counted.
@@ -69,7 +66,8 @@ class OccupancyGrid(Plottable):
         """Count the boxes of `object_class` in a box log (paper, equation of p-hat).
 
         A voxel is occupied when its centre lies in a box or on its surface. A frame counts once,
-        however many boxes overlap in it. Boxes are cut at the ROI.
+        however many boxes overlap in it. Boxes are cut at the ROI. Warns of boxes that look as if
+        they were in degrees or millimetres.
 
         Args:
             boxes: rows of the box log; `frame`, `class` and the box geometry are used, and `scene`
@@ -79,9 +77,6 @@ class OccupancyGrid(Plottable):
         Raises:
             ValueError: a column is missing, a value is not finite, the boxes come from more than
                 `frames` frames, or nothing knows the class.
-
-        Warns:
-            UserWarning: boxes look as if they were in degrees or millimetres.
         """
         return cls.by_class(boxes, roi, (object_class,), frames)[object_class]
 
@@ -91,10 +86,8 @@ class OccupancyGrid(Plottable):
     ) -> dict[str, OccupancyGrid]:
         """`from_boxes` for several classes; checks and frame numbers are made once.
 
-        Raises:
-            ValueError: as `from_boxes`; the boxes of all `classes` together must not have more
-                than `frames` frames.
-        """
+        Raises ValueError as `from_boxes`; all `classes` together must not have more than
+        `frames`."""
         _check_frames(frames)
         if not isinstance(roi, Roi):
             raise ValueError(f"roi is a Roi, found {roi!r}")
@@ -125,12 +118,8 @@ class OccupancyGrid(Plottable):
     def merged(cls, parts: Iterable[OccupancyGrid]) -> OccupancyGrid:
         """The grid of all frames, from grids of disjoint sets of whole frames.
 
-        Equal to the grid that `from_boxes` counts in one go, however the frames were split.
-
-        Raises:
-            ValueError: there are no parts, they differ in ROI or class, or their frames add up to
-                2**31 or more.
-        """
+        Raises ValueError if there are no parts, they differ in ROI or class, or their frames add up
+        to 2**31 or more."""
         parts = iter(parts)
         first = next(parts, None)
         if first is None:
@@ -160,10 +149,7 @@ class OccupancyGrid(Plottable):
 
     @cached_property
     def entropy_of_count(self) -> NDArray[np.float64]:
-        """H in nats of a voxel that is occupied in 0, 1, ... frames, shape (max count + 1,).
-
-        A grid has few different counts, so entropies are looked up, not computed by voxel.
-        """
+        """H in nats of a voxel that is occupied in 0, 1, ... frames, shape (max count + 1,)."""
         return entropy_of_counts(np.arange(int(self.counts.max()) + 1), self.frames)
 
     @cached_property

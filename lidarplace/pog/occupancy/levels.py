@@ -1,8 +1,7 @@
 """The occupied voxels of a grid, column by column, grouped by how often they are occupied.
 
-Objects stand on the ground and have flat tops, so a column has few different counts. With a bit
-a voxel, the covered voxels of one count are counted at once.
-"""
+A column has few different counts, as objects stand on the ground and have flat tops: with a bit a
+voxel, the covered voxels of one count are counted at once."""
 
 from __future__ import annotations
 
@@ -23,10 +22,10 @@ class Levels:
     Attributes:
         first: the sets of column c of word w are `first[c]` to `first[c + 1]`, where columns are
             numbered as the elements of a bit set of shape (words, nx, ny); int64.
-        voxels: a bit for every voxel of the word that is in the set, uint64, shape (sets,).
-        level: the level of a set, int64, shape (sets,).
-        counts: the count of a level, int32, ascending, shape (levels,).
-        total: number of voxels of a level, int64, shape (levels,).
+        voxels, level: a bit for every voxel of the word that is in the set, uint64, and the level
+            of the set, int64, shape (sets,).
+        counts, total: count of a level, int32, ascending, and number of its voxels, int64,
+            (levels,).
         tiles: where there are occupied voxels.
     """
 

@@ -1,8 +1,7 @@
 """Cuts, linear functions of the chosen candidates that no set exceeds, and the bound they give.
 
-A bound holds whatever the solver's tolerances are: not its optimum is taken, but its dual
-multipliers, made feasible. By weak duality any multipliers give a bound.
-"""
+By weak duality any multipliers give a bound, so it is taken from the solver's dual multipliers,
+made feasible, and holds whatever the solver's tolerances are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,30 +22,23 @@ class Cut:
 
 
 def highest(cuts: Sequence[Cut], limits: Limits) -> tuple[float, NDArray[np.float64]]:
-    """Bound of the sum over the blocks of the least cut of each; and where the solver found it.
-
-    Variables are the shares and the value of every block, in units of the largest cut.
-    """
+    """Bound of the sum over the blocks of the least cut of each; and where the solver found it."""
     rows, capacity = limits.polytope
     blocks, candidates = cuts[0].slopes.shape
     constant = np.concatenate([cut.constant for cut in cuts])
     slopes = np.concatenate([cut.slopes for cut in cuts])
     unit = max(constant.max(), slopes.max(initial=0.0)) or 1.0
     value_of_block = np.tile(np.eye(blocks), (len(cuts), 1))
-    solution = linprog(
-        np.concatenate([np.zeros(candidates), -np.ones(blocks)]),
-        A_ub=np.block([[-slopes / unit, value_of_block], [rows, np.zeros((len(rows), blocks))]]),
-        b_ub=np.concatenate([constant / unit, capacity]),
-        bounds=[(0, 1)] * candidates + [(None, None)] * blocks,
-        method="highs",
-    )
+    cost = np.concatenate([np.zeros(candidates), -np.ones(blocks)])
+    matrix = np.block([[-slopes / unit, value_of_block], [rows, np.zeros((len(rows), blocks))]])
+    most = np.concatenate([constant / unit, capacity])
+    bounds = [(0, 1)] * candidates + [(None, None)] * blocks
+    solution = linprog(cost, matrix, most, bounds=bounds, method="highs")
     if solution.status != 0:
         raise RuntimeError(f"HiGHS found no bound: {solution.message}")
     duals = np.maximum(-solution.ineqlin.marginals, 0.0)
-    of_cut, of_row = (
-        duals[: len(constant)].reshape(len(cuts), blocks),
-        duals[len(constant) :] * unit,
-    )
+    of_cut = duals[: len(constant)].reshape(len(cuts), blocks)
+    of_row = duals[len(constant) :] * unit
     # Multipliers of a block's cuts add up to 1: then the cuts hold for their mean.
     of_cut[0, of_cut.sum(axis=0) == 0] = 1.0
     of_cut = (of_cut / of_cut.sum(axis=0)).reshape(-1)

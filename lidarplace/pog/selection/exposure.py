@@ -27,8 +27,8 @@ _LADDER = 2**22  # entries: 32 MB
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """Exposures of voxels to candidates, by rows: what candidate e gives is in entries
-    `offsets[e]` to `offsets[e + 1]`. Exposures add up over the candidates of a set.
+    """Exposures of voxels to candidates, by rows: what candidate e gives is in entries `offsets[e]`
+    to `offsets[e + 1]`. Exposures add up over the candidates of a set.
 
     Voxels that no class occupies are left out. With occlusion what a ray gives depends on the
     class, so a voxel stands there once for each class.
@@ -63,9 +63,8 @@ class Exposure:
         """Trace every candidate once, in as many threads as numba has.
 
         The keywords are those of `lidarplace.evaluate_classes`. The value of a set is the weighted
-        sum over the classes of the surrogate of its union, if the LiDARs of all candidates have
-        the same `ray_weight`; where the stride does not divide their azimuth steps evenly,
-        `evaluate_classes` takes the mean over the LiDARs of a rig, and this each candidate's own.
+        sum over the classes of the surrogate of its union, if the LiDARs of all candidates have the
+        same `ray_weight`; else `evaluate_classes` takes the mean over the LiDARs of a rig.
 
         Args:
             grids: a POG for each class, of one ROI.
@@ -79,14 +78,8 @@ class Exposure:
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
         if not weighted:
             return cls._empty(len(candidates))
-        source = Tracing(
-            weighted,
-            surrogate,
-            method,
-            detection_probability=detection_probability,
-            occlusion=occlusion,
-            azimuth_stride=azimuth_stride,
-        )
+        asked = detection_probability, occlusion, azimuth_stride
+        source = Tracing(weighted, surrogate, method, *asked)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             parts = list(threads.map(source.of_candidate, candidates))
         voxels, amounts = [part[0] for part in parts], [part[1] for part in parts]
@@ -94,21 +87,17 @@ class Exposure:
         offsets = np.concatenate([[0], np.cumsum([len(part) for part in voxels], dtype=np.int64)])
         kind = np.result_type(np.float32, *(part.dtype for part in amounts))
         counts = np.concatenate([block.counts for block in source.blocks], axis=1)
-        return cls(
-            offsets.astype(np.int64),
-            _joined(voxels, np.uint32),
-            _joined(amounts, kind),
-            np.array([source.scale(candidate) for candidate in candidates]),
-            VoxelGain.of_voxels(source.shape, weighted, weights, counts),
-        )
+        entries = _joined(voxels, np.uint32), _joined(amounts, kind)
+        scale = np.array([source.scale(candidate) for candidate in candidates])
+        gain = VoxelGain.of_voxels(source.shape, weighted, weights, counts)
+        return cls(offsets.astype(np.int64), *entries, scale, gain)
 
     @classmethod
     def _empty(cls, candidates: int) -> Exposure:
         none, nothing = np.empty(0), np.empty((0, 0))
-        profile = np.empty(0, np.int32)
-        gain = VoxelGain("linear", profile, worth=none, p=nothing, rest=nothing, weights=none)
-        offsets, scale = np.zeros(candidates + 1, np.int64), np.ones(candidates)
-        return cls(offsets, np.empty(0, np.uint32), np.empty(0, np.float32), scale, gain)
+        gain = VoxelGain("linear", np.empty(0, np.int32), none, nothing, nothing, none)
+        entries = np.empty(0, np.uint32), np.empty(0, np.float32)
+        return cls(np.zeros(candidates + 1, np.int64), *entries, np.ones(candidates), gain)
 
     @property
     def candidates(self) -> int:
@@ -138,8 +127,7 @@ class Exposure:
         """g at 0, 1, 2, ... rays, the last at infinitely many, shape (profiles, rungs).
 
         For expected_ig, whose formula takes long; empty where the rays of the candidates count
-        differently, or where the table would be large.
-        """
+        differently, or where the table would be large."""
         profiles, one = len(self.gain.worth), self.scale[:1]
         counted = self.gain.shape == "information" and self.amounts.dtype == np.float32
         if not counted or not one.size or not (self.scale == one).all():
@@ -160,10 +148,7 @@ class Exposure:
 
 
 def _joined(parts: list[NDArray[Any]], kind: np.dtype[Any] | type[Any]) -> NDArray[Any]:
-    """The parts one after another, each given free once copied.
-
-    Where all are covered voxels their ones take no memory: an array of stride 0.
-    """
+    """The parts one after another, each given free once copied; ones alone take no memory."""
     if parts and all(part.strides == (0,) for part in parts):
         return np.broadcast_to(np.array(1, kind), sum(len(part) for part in parts))
     joined = np.empty(sum(len(part) for part in parts), kind)

@@ -19,37 +19,11 @@ class Limits:
         budgets: the most of each resource that may be used, shape (resources,).
         compatible: which candidates may be chosen together, symmetric, shape (candidates,
             candidates); None: all.
-
-    Raises:
-        ValueError: the shapes do not fit, a number is negative or not finite, or `compatible` is
-            not symmetric.
     """
 
     used: NDArray[np.float64]
     budgets: NDArray[np.float64]
     compatible: NDArray[np.bool_] | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("used", "budgets"):
-            values = np.asarray(getattr(self, name), np.float64)
-            if not (np.isfinite(values).all() and (values >= 0).all()):
-                raise ValueError(f"{name} must be finite and not negative")
-            object.__setattr__(self, name, values)
-        if self.used.ndim != 2 or self.budgets.shape != self.used.shape[:1]:
-            raise ValueError(
-                f"used must have shape (resources, candidates) and budgets (resources,), "
-                f"found {self.used.shape} and {self.budgets.shape}"
-            )
-        if self.compatible is not None:
-            compatible = np.asarray(self.compatible, np.bool_)
-            if compatible.shape != (self.candidates, self.candidates):
-                raise ValueError(
-                    f"compatible must have shape ({self.candidates}, {self.candidates}), "
-                    f"found {compatible.shape}"
-                )
-            if not np.array_equal(compatible, compatible.T):
-                raise ValueError("compatible must be symmetric")
-            object.__setattr__(self, "compatible", compatible)
 
     @classmethod
     def at_most(cls, number: int, candidates: int) -> Limits:
@@ -84,10 +58,9 @@ class Limits:
     def polytope(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """A and b so that every feasible set has `A x <= b`, x in {0, 1}.
 
-        Besides the budgets there is a row for each clique of candidates of which any two exclude
-        each other, so one of them at most is chosen; the cliques are found greedily, so that
-        every candidate is in one. A candidate that no budget allows alone has a row `x <= 0`.
-        """
+        Besides the budgets there is a row for each clique of candidates that exclude each other;
+        the cliques are found greedily. A candidate that no budget allows alone has a row `x <=
+        0`."""
         rows, bounds = list(self.used), list(self.capacity)
         if self.compatible is not None:
             for clique in _cliques(self.compatible):

@@ -3,12 +3,11 @@
 For every voxel take a function of the exposures m_e that candidates would add to it:
 
 - a line above the concave g_v: `constant + slope * sum of m_e`, or
-- steps from an exposure s, any: `g_v(s) + sum of (g_v(s + m_e) - g_v(s))`, which is at least
-  `g_v(s + sum of m_e)` because g_v is concave, and so at least `g_v(sum of m_e)`.
+- steps from any exposure s: `g_v(s) + sum of (g_v(s + m_e) - g_v(s))`, which is at least `g_v(s +
+  sum of m_e)` because g_v is concave, and so at least `g_v(sum of m_e)`.
 
 Summed over the voxels they bound the value of every set. With s the exposure that a set has
-already, the steps are what each candidate adds to it.
-"""
+already, the steps are what each candidate adds to it."""
 
 from __future__ import annotations
 
@@ -33,14 +32,13 @@ _PART = 1024  # terms summed up before they join the sum, whose error stays belo
 
 @dataclass(frozen=True, eq=False)
 class Majorant:
-    """A line or steps for every voxel.
+    """A line or steps for every voxel; arrays are float64, shape (voxels,).
 
     Attributes:
         exposure: the candidates.
-        constant: where no candidate adds anything, float64, shape (voxels,).
-        slopes: slope of the line, or -1 for steps, float64, shape (voxels,).
-        start: exposure at which steps start, in the unit of the rungs of the ladder if there is
-            one, float64, shape (voxels,).
+        constant: where no candidate adds anything.
+        slopes: slope of the line, or -1 for steps.
+        start: exposure at which steps start, in rungs of the ladder if there is one.
     """
 
     exposure: Exposure
@@ -65,44 +63,32 @@ class Majorant:
         """Low where `share` of each candidate is chosen, shape (candidates,), in [0, 1].
 
         Lines touch g_v at the exposure t to all shares. As no candidate adds less than the least
-        exposure, where t is smaller the line may go through 0 and g_v there, which is lower.
-        Steps from 0 are lower still where single candidates nearly saturate a voxel, steps from t
-        where a part of them did.
-        """
+        exposure, where t is smaller the line may go through 0 and g_v there, which is lower. Steps
+        from 0 are lower still where single candidates nearly saturate a voxel, steps from t where a
+        part of them did."""
         tables = exposure.gain.tables
         total = exposure.total(share)
         constant, slopes = np.empty(len(total)), np.empty(len(total))
         _lines(tables, total, exposure.least, constant, slopes)
         start = np.zeros(len(total))
         if exposure.gain.shape == "information":
-            value = constant + slopes * total
+            value, rows, ladder = constant + slopes * total, exposure.rows, exposure.ladder
             for begin in (0.0, 0.5, 1.0):
                 exposed = _start(exposure, begin * total)
                 gains = gains_of(tables, exposed * _unit(exposure))
                 reached = gains.copy()
                 for e in np.flatnonzero(share):
-                    rows, ladder = exposure.rows, exposure.ladder
                     _climb(rows, e, tables, ladder, share[e], exposed, gains, reached)
-                lower = reached < value
-                value = np.where(lower, reached, value)
-                constant = np.where(lower, gains, constant)
-                slopes[lower] = _STEPS
-                start = np.where(lower, exposed, start)
+                low = reached < value
+                value[low], constant[low], start[low] = reached[low], gains[low], exposed[low]
+                slopes[low] = _STEPS
         return cls(exposure, constant, slopes, start)
 
     def added(self, candidate: int, edges: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
         """What a candidate adds, by blocks of voxels `edges[b]` to `edges[b + 1]`, (blocks,)."""
         edges = np.array([0, len(self.constant)]) if edges is None else edges
-        return _added(
-            self.exposure.rows,
-            candidate,
-            self.exposure.gain.tables,
-            self.exposure.ladder,
-            constant=self.constant,
-            slopes=self.slopes,
-            start=self.start,
-            edges=edges,
-        )
+        own, steps = self.exposure, (self.constant, self.slopes, self.start)
+        return _added(own.rows, candidate, own.gain.tables, own.ladder, *steps, edges)
 
     def cut(self, blocks: int) -> Cut:
         """The sums over blocks of voxels."""

@@ -1,15 +1,14 @@
 """Choice among candidates whose value is monotone and submodular: greedy sets, and an upper bound.
 
-Greedy choice is lazy: a gain is computed again only if it can still be the best. As the value is
-submodular a candidate's gain only falls while the set grows, so what it was before is an upper
-bound (Minoux 1978, Accelerated greedy algorithms for maximizing submodular set functions).
+Greedy choice is lazy: as a candidate's gain only falls while the set grows, it is computed again
+only if it can still be the best (Minoux 1978, Accelerated greedy algorithms for maximizing
+submodular set functions).
 
 The upper bound is by cutting planes (Kelley 1960). Cuts are linear functions of the chosen
 candidates that no set exceeds. A linear program takes the largest value that all cuts allow on the
 polytope of `Limits`, at shares of the candidates between 0 and 1; where it lies a new cut is made.
 The first cuts are those of greedy's prefixes. One of them alone, over the same polytope, is the
-bound by marginal gains (Leskovec et al. 2007, Cost-effective outbreak detection in networks).
-"""
+bound by marginal gains (Leskovec et al. 2007, Cost-effective outbreak detection in networks)."""
 
 from __future__ import annotations
 
@@ -30,10 +29,8 @@ from lidarplace.pog.selection.limits import Limits
 BLOCKS = 32
 """Parts of what is seen that have cuts of their own: the sum of their least cuts is lower than the
 least of their sums."""
-
 _ROUNDING = 1e-10
 """Relative; sums of float64 are right to 1e-12, see `Majorant`."""
-
 Added = Callable[[int], float]
 """What a candidate adds to a set."""
 
@@ -43,12 +40,11 @@ class Greedy:
     """Candidates in the order in which they were chosen.
 
     Attributes:
-        chosen: their numbers; none adds anything any more, or none is allowed, after the last.
-        gains: what each added, shape (chosen,).
-        values: value after each, shape (chosen,).
+        chosen: their numbers; after the last, none adds anything or none is allowed.
+        gains, values: what each added, and the value after it, shape (chosen,).
         evaluations: marginal gains that were computed, those of both rules.
-        rule: what was largest of each candidate among those allowed: its gain, or its gain by
-            the largest share of a budget that it takes.
+        rule: what was largest of each candidate among those allowed: its gain, or its gain by the
+            largest share of a budget that it takes.
     """
 
     chosen: tuple[int, ...]
@@ -110,17 +106,11 @@ class SubmodularChoice(ABC):
     def greedy(self, limits: Limits) -> Greedy:
         """Choose candidates one by one; the same for the same input, ties go to the lower number.
 
-        Where candidates take different shares of the budgets, both rules are tried and the better
-        result is taken, the first if they are equal.
-
-        If the only limit is a number of candidates, the value is at least 1 - 1/e of the best
-        (Nemhauser, Wolsey and Fisher 1978, An analysis of approximations for maximizing submodular
-        set functions I). With prices, sizes that differ or pairs that exclude each other there is
-        no such guarantee: `upper_bound` shows how far the best can be.
-
-        Raises:
-            ValueError: `limits` are of another number of candidates.
-        """
+        Where candidates take different shares of the budgets, the better result of both rules is
+        taken. If the only limit is a number of candidates, the value is at least 1 - 1/e of the
+        best (Nemhauser, Wolsey and Fisher 1978, An analysis of approximations for maximizing
+        submodular set functions I); else there is no such guarantee, and `upper_bound` tells the
+        gap. Raises ValueError if `limits` are of another number of candidates."""
         self._check(limits)
         singles = self.gains()
         by_gain = self._lazily(singles, limits, np.ones(len(singles)), "gain")
@@ -175,14 +165,11 @@ class SubmodularChoice(ABC):
 
         Args:
             chosen: candidates in the order of `greedy`. Of each of its prefixes, what all others
-                add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular
-                set functions: formulations and analysis of algorithms).
+                add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular set
+                functions: formulations and analysis of algorithms).
             seconds: no round starts later.
             relative_gap: stop when the bound is this close to the best that cuts can reach.
             blocks: of what is seen, as many cuts a round.
-
-        Raises:
-            ValueError: `limits` are of another number of candidates.
         """
         self._check(limits)
         start = time.perf_counter()

@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.coverage import Method, covered_bits, rays_of
-from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
+from lidarplace.coverage.rays import ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.selection.voxel_gain import SATURATED, Shape
-from lidarplace.pog.surrogates.evaluate import common_roi, occupied_layers, occupied_tiles
+from lidarplace.pog.surrogates.evaluate import (
+    common_roi,
+    log_miss_in,
+    occupied_layers,
+    occupied_tiles,
+)
 from lidarplace.pog.surrogates.formulas import log_miss_of_ray
 from lidarplace.rigs.placement import Placement
 
@@ -29,8 +34,8 @@ class Block:
 
     Attributes:
         places: `k * nx * ny + i * ny + j`, int64, shape (voxels,).
-        counts: frames in which each class occupies them, 0 for a class that does not belong to
-            the block, int32, shape (classes, voxels).
+        counts: frames in which each class of the block occupies them, else 0, int32, shape
+            (classes, voxels).
         first: number of its first voxel.
     """
 
@@ -47,7 +52,7 @@ class Tracing:
         grids: Mapping[str, OccupancyGrid],
         surrogate: Objective,
         method: Method,
-        detection_probability: float,
+        q: float,
         occlusion: bool,
         azimuth_stride: int,
     ) -> None:
@@ -55,10 +60,10 @@ class Tracing:
         self.roi = common_roi(grids)
         self.tiles: Tiles = occupied_tiles(grids)
         self.occupied: Roi = occupied_layers(self.roi, self.tiles, rays_of(method))
-        self.detection_probability = detection_probability
+        self.q = q
         self.occlusion = occlusion and surrogate == "expected_ig"
         self.covers = surrogate == "covered_entropy"
-        self.certain = surrogate == "expected_ig" and detection_probability == 1 and not occlusion
+        self.certain = surrogate == "expected_ig" and q == 1 and not occlusion
         self.informs = surrogate == "expected_ig" and not self.certain
         names = [[name] for name in grids] if self.occlusion else [list(grids)]
         self.blocks: list[Block] = []
@@ -89,14 +94,13 @@ class Tracing:
         if self.shape == "cover" or self.occlusion:
             return 1.0
         weight = ray_weight(candidate, self.azimuth_stride)
-        return -weight * log_miss_of_ray(self.detection_probability) if self.informs else weight
+        return -weight * log_miss_of_ray(self.q) if self.informs else weight
 
     def of_candidate(self, candidate: Placement) -> tuple[NDArray[np.uint32], NDArray[Any]]:
         """Voxels and amounts of one candidate."""
         if self.covers:
             bits = covered_bits(candidate, self.roi, self.method, self.tiles)
-            words = bits.reshape(len(bits), -1)
-            voxels = _covered(words, self.blocks[0].places)
+            voxels = _covered(bits.reshape(len(bits), -1), self.blocks[0].places)
             return voxels, np.broadcast_to(np.float32(1), len(voxels))
         method = rays_of(self.method)
         if not self.occlusion:
@@ -107,16 +111,8 @@ class Tracing:
             return voxels, np.minimum(amounts, 1 if self.certain else np.inf).astype(exact)
         parts = []
         for block, grid in zip(self.blocks, self.grids.values(), strict=True):
-            missed = log_miss(
-                candidate,
-                self.occupied,
-                method,
-                counts=grid.counts[..., : self.occupied.shape[2]],
-                frames=grid.frames,
-                detection_probability=self.detection_probability,
-                azimuth_stride=self.azimuth_stride,
-            )
-            voxels, amounts = _exposed(_in_layers(-missed), block.places)
+            own = candidate, self.occupied, method, self.q, self.azimuth_stride
+            voxels, amounts = _exposed(_in_layers(-log_miss_in(grid, *own)), block.places)
             parts.append((voxels + np.uint32(block.first), np.minimum(amounts, SATURATED)))
         return np.concatenate([v for v, _ in parts]), np.concatenate([a for _, a in parts])
 

@@ -1,9 +1,7 @@
 """What a voxel is worth by how much it is exposed to rays: a concave function that starts at 0.
 
-Exposures of single candidates add up, so the value of a set of candidates is
-`sum over v of g_v(exposure of v)`, and monotone and submodular because every g_v is concave and
-does not fall.
-"""
+Exposures of candidates add up, so the value of a set is `sum over v of g_v(exposure of v)`, and
+monotone and submodular because every g_v is concave and does not fall."""
 
 from __future__ import annotations
 
@@ -23,7 +21,6 @@ from lidarplace.pog.surrogates.formulas import information_at
 Shape = Literal["cover", "information", "linear"]
 COVER, INFORMATION, LINEAR = 0, 1, 2
 _CODES: dict[Shape, int] = {"cover": COVER, "information": INFORMATION, "linear": LINEAR}
-
 SATURATED = 750.0
 """An exposure in nats that is as good as infinite: `exp(-750)` is 0 in float64."""
 
@@ -33,8 +30,8 @@ class VoxelGain:
     """g_v of voxels; those that are occupied equally often in each class share a profile.
 
     Attributes:
-        shape: `cover`, `worth * min(1, m)`; `linear`, `worth * m`; `information`, the sum over
-            the classes of `weight * I(p, m)` with `m = -ln(1 - d)`, see `surrogate.expected_ig`.
+        shape: `cover`, `worth * min(1, m)`; `linear`, `worth * m`; `information`, the sum over the
+            classes of `weight * I(p, m)` with `m = -ln(1 - d)`, see `surrogate.expected_ig`.
         profile: profile of every voxel, int32, shape (voxels,).
         worth: shape (profiles,), for `cover` and `linear`; nats, or objects a frame.
         p, rest: probability of each class and what is left of 1, shape (profiles, classes).
@@ -61,10 +58,8 @@ class VoxelGain:
         frames = np.array([grid.frames for grid in grids.values()])
         weight = np.array([weights[name] for name in grids], np.float64)
         p, rest = of_profile / frames, (frames - of_profile) / frames
-        entropy = [
-            entropy_of_counts(of_profile[:, c], grid.frames)
-            for c, grid in enumerate(grids.values())
-        ]
+        each = zip(of_profile.T, frames.tolist(), strict=True)
+        entropy = [entropy_of_counts(own, number) for own, number in each]
         worth = p @ weight if shape == "linear" else np.stack(entropy, axis=1) @ weight
         return cls(shape, profile, worth, p, rest, weight)
 

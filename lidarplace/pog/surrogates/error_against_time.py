@@ -1,11 +1,9 @@
 """Surrogates against what they cost: coverage method, resolution, azimuth steps, frames in the POG.
 
-Values of different resolutions are made comparable by what they measure (`comparable`). What
-objects fill and what stays unseen is a volume: nats m^3. The cone of a beam is a sheet without
-thickness, so what it covers is an area: nats m^2. Rays within objects are lengths: metres. What is
-left is the error of the grid: where sheets are closer than voxels a voxel is covered once for
-several of them, and the unseen volume grows as the sheets get thinner.
-"""
+Values of different resolutions become comparable by what they measure (`comparable`): what objects
+fill and what stays unseen is a volume, nats m^3; what the sheet of a cone covers is an area, nats
+m^2; rays within objects are lengths, metres. What is left is the error of the grid: where sheets
+are closer than voxels a voxel is covered once for several of them."""
 
 import time
 from collections.abc import Collection, Iterator, Sequence
@@ -32,13 +30,8 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class _Variant:
-    """One way to compute surrogates on a given POG.
-
-    Attributes:
-        method: of coverage, or of the rays.
-        azimuth_steps: rays of a beam in one turn; 0 for cones.
-        rays: whether the RAY_SURROGATES are computed, the others if not.
-    """
+    """One way to compute surrogates on a given POG: method of coverage or of the rays, azimuth
+    steps (0 for cones), and whether the RAY_SURROGATES are computed or the others."""
 
     method: Method
     azimuth_steps: int
@@ -69,12 +62,10 @@ def accuracy(
     One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
     rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps. Only
     with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
-    `resolutions`, and each of `frame_shares` at the resolution of `roi`.
-
-    The reference of a surrogate is `cone` (`dda` with the LiDAR's own azimuth steps) at the finest
-    resolution with all frames. Fewer azimuth steps of the RAY_SURROGATES are those of an
-    `azimuth_stride`, so the sensor stays the same; `azimuth_steps` of the table is what was
-    traced. The LiDAR's own number is always among them, more than that never.
+    `resolutions`, and each of `frame_shares` at the resolution of `roi`. The reference of a
+    surrogate is the same at the finest resolution with all frames. Fewer azimuth steps of the
+    RAY_SURROGATES are those of an `azimuth_stride`, so the sensor stays the same. The LiDAR's own
+    number is always among them, more than that never.
 
     Args:
         boxes: box log; boxes of frames that are not in `frames` are left out.
@@ -92,8 +83,8 @@ def accuracy(
         pog_seconds of counting the POG and what depends on it alone. azimuth_steps is 0 for cones.
 
     Raises:
-        ValueError: a share outside (0, 1], azimuth steps below 1, a resolution that does not
-            divide the ROI, or a bad box log.
+        ValueError: a share outside (0, 1], azimuth steps below 1, a resolution that does not divide
+            the ROI, or a bad box log.
     """
     for share in frame_shares:
         if not 0 < share <= 1:
@@ -177,14 +168,10 @@ def _timed(
         value = result.asked(name)  # for some the covered voxels are counted now
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
-    return table.assign(
-        comparable=[value * scale(name, grid.roi.resolution) for name, value, _ in rows],
-        placement=placement.name,
-        method=variant.method,
-        resolution=grid.roi.resolution,
-        azimuth_steps=variant.azimuth_steps,
-        frames=grid.frames,
-    ).assign(**{"class": grid.object_class})
+    edge = grid.roi.resolution
+    own = {"placement": placement.name, "class": grid.object_class, "method": variant.method}
+    own |= {"resolution": edge, "azimuth_steps": variant.azimuth_steps, "frames": grid.frames}
+    return table.assign(comparable=[value * scale(name, edge) for name, value, _ in rows], **own)
 
 
 def _pog(

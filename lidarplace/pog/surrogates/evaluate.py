@@ -31,7 +31,7 @@ from lidarplace.pog.surrogates.formulas import (
 )
 from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
 from lidarplace.pog.surrogates.seen import Seen
-from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
+from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
 
@@ -49,8 +49,8 @@ def evaluate(
 
     Args:
         method: how coverage is computed, see `lidarplace.coverage.coverage`.
-        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number; a pattern
-            stays as it is.
+        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number; a pattern stays
+            as it is.
         surrogates: names from RAY_SURROGATES, or of plug-ins, to compute as well; the others always
             are. With `method="cone"` ray counts come from `dda`.
         detection_probability: q, the chance that a ray which crosses an occupied voxel detects it.
@@ -80,13 +80,28 @@ def evaluate_many(
     """`evaluate_classes` for many placements on all cores, in the order of `placements`.
 
     A sensor that several placements share is covered once. Threads are as many as numba's
-    (`NUMBA_NUM_THREADS`), so a Ray worker with one core stays on it. `options` are the keywords of
-    `evaluate_classes`.
-    """
+    (`NUMBA_NUM_THREADS`). `options` are the keywords of `evaluate_classes`."""
     for grid in grids.values():
         grid.levels  # noqa: B018 - made once, before the threads start
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         return list(threads.map(functools.partial(evaluate_classes, grids, **options), placements))
+
+
+def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any) -> pd.DataFrame:
+    """Surrogates of several placements for the class of `grid`: a row a placement, in the order
+    given, a column a surrogate that was computed.
+
+    `options` are the keywords of `evaluate_classes`, such as `surrogates=["expected_ig"]`. Raises
+    ValueError if two placements have one name, or as `evaluate`."""
+    check_grid(grid)
+    names = pd.Index([placement.name for placement in placements], name="placement")
+    if (twice := names[names.duplicated()]).size:
+        raise ValueError(f"placements need names of their own, found {twice[0]!r} twice")
+    found = evaluate_many({grid.object_class: grid}, placements, **options)
+    own = [result[grid.object_class] for result in found]
+    shown = POG_SURROGATES.among((*SURROGATES.own, *own[0].values))
+    values = {name: [result[name] for result in own] for name in shown}
+    return pd.DataFrame(values, index=names).dropna(axis="columns", how="all")
 
 
 def evaluate_classes(
@@ -101,10 +116,8 @@ def evaluate_classes(
 ) -> dict[str, Surrogates]:
     """`evaluate` for several classes on one ROI; what does not depend on the class is done once.
 
-    `seconds` of each class is the common part plus its own. What depends on the POG alone (its
-    entropy, the columns that have any) is computed with the first placement and kept; `seconds`
-    leaves it out.
-    """
+    `seconds` of each class is the common part plus its own, without what depends on the POG alone,
+    which is computed with the first placement and kept."""
     if not isinstance(placement, Placement):
         raise ValueError(
             "placement is a Placement, such as PAPER_PLACEMENTS['line'], "
@@ -119,11 +132,8 @@ def evaluate_classes(
     _check_probability(detection_probability)
     roi = common_roi(grids)
     if azimuth_steps is not None:
-        placement = placement.with_lidar(
-            [
-                replace(lidar, azimuth_steps=azimuth_steps) if lidar.pattern is None else lidar
-                for lidar in placement.lidars
-            ]
+        placement = placement.each_lidar(
+            lambda own: replace(own, azimuth_steps=azimuth_steps) if own.pattern is None else own
         )
     tiles = occupied_tiles(grids)
     for grid in grids.values():
@@ -136,14 +146,10 @@ def evaluate_classes(
         for name in dict.fromkeys((*SURROGATES.own, *surrogates))
         if (own := SURROGATES[name]).of_seen and (name in surrogates or not own.needs_rays)
     }
-    needs_counts = any(
-        SURROGATES[name].needs_rays and not (occlusion and SURROGATES[name].occludes)
-        for name in computed
-    )
     same_rays = method == ray_method and azimuth_stride == 1
     occupied = occupied_layers(roi, tiles, ray_method)
-    counts = None
-    if needs_counts:
+    counts, asked = None, [SURROGATES[name] for name in computed]
+    if any(own.needs_rays and not (occlusion and own.occludes) for own in asked):
         counts = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
     if counts is not None and same_rays:
         covered = pack(counts > 0)
@@ -154,50 +160,38 @@ def evaluate_classes(
     if method != "cone":
         whole = functools.partial(int, np.bitwise_count(covered).sum())
     voxels = CoveredVoxels(whole)
-    q = detection_probability
-    rays = _Rays(placement, occupied, ray_method, azimuth_stride, counts, q, occlusion)
+    rays = _Rays(counts, placement, occupied, ray_method, detection_probability, azimuth_stride)
     common = time.perf_counter() - start
 
     results = {}
     for object_class, grid in grids.items():
         start = time.perf_counter()
-        seen = rays.seen(grid, grid.levels.covered(covered))
-        results[object_class] = Surrogates(
-            placement=placement,
-            roi=roi,
-            method=method,
-            values={name: compute(seen) for name, compute in computed.items()},
-            covered=voxels,
-            covered_nonzero=int(seen.covered.sum()),
-            seconds=common + time.perf_counter() - start,
-        )
+        seen = rays.seen(grid, grid.levels.covered(covered), occlusion)
+        values = {name: compute(seen) for name, compute in computed.items()}
+        nonzero, seconds = int(seen.covered.sum()), common + time.perf_counter() - start
+        own = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
+        results[object_class] = own
     return results
 
 
 @dataclass(frozen=True, eq=False)
 class _Rays:
-    """What the rays of a placement are, and what they meet.
+    """What the rays of a placement meet: `counts` of them through every voxel, None if nobody
+    needs these; else as `log_miss_in`."""
 
-    Attributes:
-        roi: up to the highest occupied layer.
-        counts: rays through every voxel; None if nobody needs their number.
-        q: the chance that a ray detects what it crosses.
-    """
-
-    placement: Placement
-    roi: Roi
-    method: RayMethod
-    azimuth_stride: int
     counts: NDArray[np.int32] | None
+    placement: Placement
+    occupied: Roi
+    method: RayMethod
     q: float
-    occlusion: bool
+    stride: int
 
     @functools.cached_property
     def weight(self) -> float:
         """Rays that stand behind each one traced."""
-        return ray_weight(self.placement, self.azimuth_stride)
+        return ray_weight(self.placement, self.stride)
 
-    def seen(self, grid: OccupancyGrid, covered: NDArray[np.int64]) -> Seen:
+    def seen(self, grid: OccupancyGrid, covered: NDArray[np.int64], occlusion: bool) -> Seen:
         """What is seen of a class; `covered` voxels by level."""
 
         @functools.cache
@@ -206,18 +200,10 @@ class _Rays:
             return Crossings.of_grid(grid, self.counts)
 
         def information() -> float:
-            if not self.occlusion:
+            if not occlusion:
                 return expected_ig(grid, crossings(), self.weight * log_miss_of_ray(self.q))
-            missed = log_miss(
-                self.placement,
-                self.roi,
-                self.method,
-                counts=grid.counts[..., : self.roi.shape[2]],
-                frames=grid.frames,
-                detection_probability=self.q,
-                azimuth_stride=self.azimuth_stride,
-            )
-            return expected_ig_with_occlusion(grid, missed)
+            own = self.placement, self.occupied, self.method, self.q, self.stride
+            return expected_ig_with_occlusion(grid, log_miss_in(grid, *own))
 
         return Seen(
             frames=grid.frames,
@@ -232,6 +218,19 @@ class _Rays:
         )
 
 
+def log_miss_in(
+    grid: OccupancyGrid,
+    placement: Placement,
+    occupied: Roi,
+    method: RayMethod,
+    q: float,
+    azimuth_stride: int,
+) -> NDArray[np.float64]:
+    """`log_miss` of the class of a grid in its `occupied_layers`."""
+    counts = grid.counts[..., : occupied.shape[2]]
+    return log_miss(placement, occupied, method, counts, grid.frames, q, azimuth_stride)
+
+
 def expected_ig_by_q(
     grids: Mapping[str, OccupancyGrid],
     placement: Placement,
@@ -240,32 +239,23 @@ def expected_ig_by_q(
 ) -> pd.DataFrame:
     """`expected_ig` without occlusion for many q: the rays are traced once.
 
-    `tracking.report.sections.correlation` fits q to measured AP with it.
-
-    Returns:
-        A row a class (index), a column a q; nats.
-
-    Raises:
-        ValueError: a q outside (0, 1], or grids of different ROIs.
-    """
+    A row a class (index), a column a q; nats. `tracking.report.sections.correlation` fits q to
+    measured AP with it. Raises ValueError for q outside (0, 1], or grids of different ROIs."""
     for q in detection_probabilities:
         _check_probability(q)
     roi = occupied_layers(common_roi(grids), occupied_tiles(grids), "dda")
     rays = ray_counts(placement, roi, "dda", azimuth_stride)
     weight = ray_weight(placement, azimuth_stride)
+    misses = {q: weight * log_miss_of_ray(q) for q in detection_probabilities}
     gains = {}
-    for object_class, grid in grids.items():
+    for name, grid in grids.items():
         crossings = Crossings.of_grid(grid, rays)
-        gains[object_class] = {
-            q: expected_ig(grid, crossings, weight * log_miss_of_ray(q))
-            for q in detection_probabilities
-        }
+        gains[name] = {q: expected_ig(grid, crossings, miss) for q, miss in misses.items()}
     return pd.DataFrame.from_dict(gains, orient="index")
 
 
 FAINT_Q = 1e-7
 """A probability of detection so small that `expected_ig` is proportional to it."""
-
 MOSTLY_LINEAR = 2 / 3
 """A `linear_share` beyond which `expected_ig` ranks placements by the number of their rays within
 objects rather than by what these cover (`python benchmarks/studies/expected_ig_regime.py`)."""
@@ -275,14 +265,10 @@ def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:
     """`expected_ig` as a share of what it were if every ray counted by itself, by class.
 
     A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small in all of them
-    d is q m, and `expected_ig` a sum over rays, in which a ray through a voxel that others have
-    seen counts as much as one through a new voxel: the share is 1, or a hair more, as information
-    is convex in d. It falls as rays, q or voxels grow, and `expected_ig` comes to be
-    `covered_entropy`. NaN for a class that no ray meets.
-
-    Args:
-        by_q: of `expected_ig_by_q`, with the columns `q` and FAINT_Q.
-    """
+    d is q m and `expected_ig` a sum over rays: the share is 1, or a hair more, as information is
+    convex in d. As rays, q or voxels grow it falls, and `expected_ig` comes to be
+    `covered_entropy`. NaN for a class that no ray meets. `by_q`: of `expected_ig_by_q`, with
+    columns `q` and FAINT_Q."""
     return by_q[q] / (by_q[FAINT_Q] * (q / FAINT_Q))
 
 
@@ -300,10 +286,8 @@ def occupied_tiles(grids: Mapping[str, OccupancyGrid]) -> Tiles:
 
 
 def occupied_layers(roi: Roi, tiles: Tiles, method: RayMethod) -> Roi:
-    """`roi` up to the highest layer that matters: rays need not be followed above it.
-
-    The whole `roi` for `bresenham`, whose lines depend on where they leave it.
-    """
+    """`roi` up to the highest layer that matters; the whole for `bresenham`, whose lines depend on
+    where they leave it."""
     if method == "bresenham":
         return roi
     layers = max(1, int(tiles.highest.max()) + 1)

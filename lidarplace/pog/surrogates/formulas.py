@@ -18,10 +18,8 @@ _TABLE = 2**20  # entries: 8 MB
 class Crossings:
     """How many voxels are occupied in the same number of frames and crossed by as many rays.
 
-    Occupied and crossed voxels are many, their different pairs are few.
-
     Attributes:
-        counts, rays: the different pairs, int64, shape (pairs,).
+        counts, rays: the different pairs, which are few, int64, shape (pairs,).
         voxels: number of voxels of each pair, int64, shape (pairs,).
     """
 
@@ -33,11 +31,7 @@ class Crossings:
     def of_grid(cls, grid: OccupancyGrid, rays: NDArray[np.integer]) -> Crossings:
         """`rays` through the voxels of the grid, shape (nx, ny, layers).
 
-        Layers above the highest occupied voxel may be missing.
-
-        Raises:
-            ValueError: the shape of `rays` does not fit the grid.
-        """
+        Layers above the highest occupied voxel may be missing; ValueError for another shape."""
         levels = grid.levels
         highest = int(levels.tiles.highest.max())
         if rays.shape[:2] != grid.roi.shape[:2] or rays.shape[2] <= highest:
@@ -47,9 +41,8 @@ class Crossings:
             )
         occupied = int(levels.total.sum())
         level, rays_of_voxel = np.empty(occupied + 1, np.int32), np.empty(occupied + 1, np.int32)
-        crossed = _list_crossed(
-            rays, levels.first, levels.voxels, levels.level, level, rays_of_voxel
-        )
+        sets = levels.first, levels.voxels, levels.level
+        crossed = _list_crossed(rays, *sets, level, rays_of_voxel)
         level, rays_of_voxel = level[:crossed], rays_of_voxel[:crossed]
         base = int(rays_of_voxel.max(initial=0)) + 1
         pair_of_voxel = level * np.int64(base) + rays_of_voxel
@@ -84,9 +77,8 @@ def _list_crossed(rays, first, voxels, level, level_of_voxel, rays_of_voxel):
 def expected_points(grid: OccupancyGrid, crossings: Crossings, ray_weight: float) -> float:
     """`sum of m(v) p(v)`: rays that meet an object in a frame, if nothing hid anything.
 
-    Products of integers are summed without error, and divided by T once. `ray_weight` rays stand
-    behind each one traced.
-    """
+    `ray_weight` rays stand behind each one traced. Products of integers are summed without
+    error."""
     meetings = math.fsum(crossings.counts * crossings.rays * crossings.voxels.astype(np.float64))
     return meetings * ray_weight / grid.frames
 
@@ -99,13 +91,9 @@ def log_miss_of_ray(q: float) -> float:
 def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss: float) -> float:
     """Mutual information, in nats, between occupancy and a sensor that can miss.
 
-    With `d = 1 - (1 - q)^m` the probability that an object in v is detected, no false alarms:
-    `I(v) = H(p) - (1 - p d) h(p (1 - d) / (1 - p d))`, h the binary entropy; the sum over v. If
-    nothing is detected, p (1 - d) / (1 - p d) is left of p.
-
-    Args:
-        log_miss: `log_miss_of_ray(q)`, times the rays that stand behind each one traced.
-    """
+    With `d = 1 - (1 - q)^m` the probability that an object in v is detected, no false alarms: `I(v)
+    = H(p) - (1 - p d) h(p (1 - d) / (1 - p d))`, h the binary entropy; the sum over v. `log_miss`:
+    `log_miss_of_ray(q)`, times the rays that stand behind each one traced."""
     p = crossings.counts / grid.frames
     rest = (grid.frames - crossings.counts) / grid.frames
     gain = information(p, rest, crossings.rays * log_miss)
@@ -115,10 +103,8 @@ def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss: float) -> f
 def expected_ig_with_occlusion(grid: OccupancyGrid, log_miss: NDArray[np.float64]) -> float:
     """`expected_ig` with `1 - d = prod over rays of (1 - q w)` of every voxel.
 
-    Args:
-        log_miss: `ln(1 - d)`, shape (nx, ny, layers), see `lidarplace.coverage.rays.log_miss`;
-            layers above the highest occupied voxel may be missing.
-    """
+    `log_miss`: `ln(1 - d)`, shape (nx, ny, layers), see `lidarplace.coverage.rays.log_miss`; layers
+    above the highest occupied voxel may be missing."""
     counts = grid.counts[..., : log_miss.shape[2]]
     crossed = (counts > 0) & (log_miss < 0)
     counts = counts[crossed]

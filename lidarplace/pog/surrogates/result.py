@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +19,8 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class CoveredVoxels:
-    """Covered voxels of the whole ROI, those included in which no object ever was.
-
-    Most surrogates do not look at those: they are covered when the number is first read, once for
-    all classes.
-    """
+    """Covered voxels of the whole ROI, those included in which no object ever was: counted when the
+    number is first read, once for all classes."""
 
     count: Callable[[], int]
 
@@ -109,24 +106,15 @@ def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
 
     "Since the recall is calculated for all Cars, Vans and Cyclists, our total information gain
     surrogate metric is the sum of S-MIG of Car, Van and Cyclist" (appendix). `m_sog` divides the
-    sum by the covered voxels, `seconds` are the slowest class's.
-
-    Raises:
-        ValueError: no class, or the classes are not of one placement, ROI and method.
-    """
+    sum by the covered voxels, `seconds` are the slowest class's. Raises ValueError without a class,
+    or if the classes are not of one placement, ROI and method."""
     if len({(r.placement, r.roi, r.method) for r in results.values()}) != 1:
         raise ValueError("a sum over classes needs results of one placement, ROI and method")
-    parts = list(results.values())
-    return Surrogates(
-        placement=parts[0].placement,
-        roi=parts[0].roi,
-        method=parts[0].method,
-        values={
-            name: math.fsum(part.values[name] for part in parts)
-            for name in parts[0].values
-            if SURROGATES[name].additive and all(name in part.values for part in parts)
-        },
-        covered=parts[0].covered,  # the same for all classes
-        covered_nonzero=sum(part.covered_nonzero for part in parts),
-        seconds=max(part.seconds for part in parts),
-    )
+    first, *_ = parts = list(results.values())
+    values = {
+        name: math.fsum(part.values[name] for part in parts)
+        for name in first.values
+        if SURROGATES[name].additive and all(name in part.values for part in parts)
+    }
+    nonzero, seconds = sum(p.covered_nonzero for p in parts), max(p.seconds for p in parts)
+    return replace(first, values=values, covered_nonzero=nonzero, seconds=seconds)

@@ -1,14 +1,12 @@
 """How far a surrogate may be off because the POG was counted over these frames and no others.
 
-Frames that follow each other show the same objects, so frames cannot be drawn one by one: blocks
-of consecutive frames of one route are drawn with replacement (moving traffic forgets itself within
-a block), and every surrogate is computed again from the POG of what was drawn. Coverage and the
-number of rays do not depend on the POG and are computed once.
+Frames that follow each other show the same objects, so blocks of consecutive frames of one route
+are drawn with replacement (moving traffic forgets itself within a block), and every surrogate is
+computed again from the POG of what was drawn.
 
 Entropies of a POG from few frames are too low: voxels look more certain than they are (Miller and
 Madow, 1955). The resamples show how much, since they know the log as the log knows the traffic:
-`bias` is their mean less the value.
-"""
+`bias` is their mean less the value."""
 
 from __future__ import annotations
 
@@ -21,7 +19,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.coverage import Method, coverage, rays_of
 from lidarplace.coverage.rays import log_miss, ray_counts
@@ -37,7 +34,6 @@ from lidarplace.rigs.placement import Placement
 
 NORMAL_95 = 1.959963984540054
 """97.5 % quantile of the normal distribution."""
-
 LN2 = math.log(2)
 _BITS = 60  # a ray more changes nothing once ln(1 - d) is below -60 ln 2
 
@@ -74,15 +70,13 @@ def pog_sampling_error(
 ) -> SamplingError:
     """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames.
 
-    With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled.
-    It is several times slower then: no two voxels share ln(1 - d).
+    With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled. It
+    is several times slower then: no two voxels share ln(1 - d).
 
     Args:
         boxes: box log of the frames; boxes of other frames are left out.
-        frames: the frames of the POG, see `frame_blocks`.
-        blocks: about how many blocks, see `frame_blocks`.
-        resamples: draws of as many blocks as there are.
-        seed: of the draws.
+        frames, blocks: the frames of the POG, and about how many blocks, see `frame_blocks`.
+        resamples: draws of as many blocks as there are, by `seed`.
         surrogates: which, plug-ins included.
 
     Raises:
@@ -110,7 +104,7 @@ def pog_sampling_error(
     rays = ray_counts(placement, roi, ray_method).reshape(-1)
     totals = draws @ lengths
     all_covered = CoveredVoxels(partial(int, np.count_nonzero(covered)))
-    tables = []
+    rows, resampled = [], []
     for object_class in classes:
         histories = BlockCounts.of_blocks(
             OccupancyGrid.from_boxes(boxes[block_of_box == b], roi, object_class, int(n)).counts
@@ -120,14 +114,8 @@ def pog_sampling_error(
         if occlusion:
             occupied = np.zeros(covered.size, np.int32)
             occupied[here] = histories.counts(draws[0])[histories.history]
-            log_misses = log_miss(
-                placement,
-                roi,
-                ray_method,
-                counts=occupied.reshape(roi.shape),
-                frames=int(totals[0]),
-                detection_probability=detection_probability,
-            )
+            log = occupied.reshape(roi.shape), int(totals[0])
+            log_misses = log_miss(placement, roi, ray_method, *log, detection_probability)
             gain = _gain_by_voxel(histories, log_misses.reshape(-1)[here])
         else:
             gain = _gain_by_rays(histories, rays[here], log_miss_of_ray(detection_probability))
@@ -151,36 +139,28 @@ def pog_sampling_error(
                 points=partial(float, int(met_rays @ counts) / total),
                 information=partial(gain, counts, total),
             )
-            result = Surrogates(
-                placement=placement,
-                roi=roi,
-                method=method,
-                values={name: compute(seen) for name, compute in computed.items()},
-                covered=all_covered,
-                covered_nonzero=int(seen.covered.sum()),
-                seconds=0.0,
-            )
+            found = {name: compute(seen) for name, compute in computed.items()}
+            nonzero = int(seen.covered.sum())
+            result = Surrogates(placement, roi, method, found, all_covered, nonzero, seconds=0.0)
             for name in surrogates:
                 values[name].append(result.asked(name))
-        for name, estimates in values.items():
-            tables.append(
-                pd.DataFrame({"class": object_class, "surrogate": name, "value": estimates})
-            )
-    return _summary(tables, len(lengths))
+        for name, (value, *estimates) in values.items():
+            own = {"class": object_class, "surrogate": name}
+            resample = np.array(estimates)
+            bias, off = resample.mean() - value, NORMAL_95 * (sd := resample.std(ddof=1))
+            ends = {"low": value - bias - off, "high": value - bias + off}
+            sizes = {"blocks": len(lengths), "resamples": resamples}
+            rows.append(own | {"value": value, "sd": sd, "bias": bias} | ends | sizes)
+            resampled.append(pd.DataFrame(own | {"resample": range(resamples), "value": resample}))
+    return SamplingError(pd.DataFrame(rows), pd.concat(resampled, ignore_index=True))
 
 
 def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
-    """Block of every row of the frames table: consecutive frames of one route.
+    """Block of every row of the frames table: consecutive frames of one route, by `frame`.
 
-    A route gives blocks by its share of the frames, at least one, of equal length up to a frame;
-    so their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
-
-    Args:
-        frames: rows of the frames table; `frame` orders them within a route.
-
-    Raises:
-        ValueError: no column `frame`, no frames, or `blocks` is below 1.
-    """
+    A route gives blocks by its share of the frames, at least one, of equal length up to a frame; so
+    their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
+    Raises ValueError without a column `frame`, frames or blocks."""
     if "frame" not in frames.columns:
         raise ValueError(f"the frames table has no column frame; found {list(frames.columns)}")
     if blocks < 1 or not len(frames):
@@ -198,8 +178,7 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
 
 def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[np.int64]:
     """Sum over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
-    sums = np.bincount(histories.history, amount, len(histories.parent))
-    return sums.astype(np.int64)
+    return np.bincount(histories.history, amount, len(histories.parent)).astype(np.int64)
 
 
 def _crossings(
@@ -218,9 +197,7 @@ _Gain = Callable[[NDArray[np.int64], int], float]
 def _gain_by_rays(histories: BlockCounts, rays: NDArray[np.integer], log_miss: float) -> _Gain:
     """Without occlusion: voxels of equal history and rays are one term.
 
-    Rays beyond the point where a miss has probability 2**-_BITS are not distinguished: they change
-    no bit of the result.
-    """
+    Rays beyond the point where a miss has probability 2**-_BITS change no bit of the result."""
     enough = 1 if log_miss == -math.inf else math.ceil(-_BITS * LN2 / log_miss)
     most = min(enough, int(rays.max(initial=0)))
     met = rays > 0
@@ -229,8 +206,8 @@ def _gain_by_rays(histories: BlockCounts, rays: NDArray[np.integer], log_miss: f
     history, crossing = np.divmod(pairs, most + 1)
 
     def gain(counts: NDArray[np.int64], frames: int) -> float:
-        shape = (int(counts.max()) + 1, most + 1)
-        terms = _histogram(counts, history, crossing, number, np.zeros(shape, np.int64))
+        terms = np.zeros((int(counts.max()) + 1, most + 1), np.int64)
+        np.add.at(terms, (counts[history], crossing), number)
         terms[0] = 0  # never occupied in this draw
         count, through = np.nonzero(terms)
         p, rest = count / frames, (frames - count) / frames
@@ -251,35 +228,3 @@ def _gain_by_voxel(histories: BlockCounts, log_misses: NDArray[np.float64]) -> _
         return float(information(p, rest, log_misses[some]).sum())
 
     return gain
-
-
-@njit(cache=True, nogil=True)
-def _histogram(counts, history, crossing, number, result):
-    """Add up `number` by count and rays."""
-    for n in range(len(history)):
-        result[counts[history[n]], crossing[n]] += number[n]
-    return result
-
-
-def _summary(tables: list[pd.DataFrame], blocks: int) -> SamplingError:
-    """Estimates from values of which the first of each table is that of the log itself."""
-    rows, drawn = [], []
-    for table in tables:
-        value, resampled = table["value"].iloc[0], table["value"].to_numpy()[1:]
-        sd, bias = resampled.std(ddof=1), resampled.mean() - value
-        rows.append(
-            {
-                "class": table["class"].iloc[0],
-                "surrogate": table["surrogate"].iloc[0],
-                "value": value,
-                "sd": sd,
-                "bias": bias,
-                "low": value - bias - NORMAL_95 * sd,
-                "high": value - bias + NORMAL_95 * sd,
-                "blocks": blocks,
-                "resamples": len(resampled),
-            }
-        )
-        drawn.append(table.iloc[1:].assign(resample=range(len(resampled))))
-    columns = ["class", "surrogate", "resample", "value"]
-    return SamplingError(pd.DataFrame(rows), pd.concat(drawn, ignore_index=True)[columns])

@@ -12,16 +12,15 @@ from lidarplace.pog.surrogates.formulas import Crossings
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a placement sees of the POG of one class.
+    """What a placement sees of the POG of one class; what needs rays is worked out when it is
+    called.
 
-    Voxels that are occupied in equally many frames are one level, as there are few of them and the
-    numbers of their voxels are exact. What needs rays is worked out when a surrogate calls for it.
+    Voxels that are occupied in equally many frames are one level.
 
     Attributes:
         frames: of the POG, T.
         counts: in how many of them a voxel of each level is occupied, int, shape (levels,).
-        voxels: number of voxels of each level, shape (levels,).
-        covered: how many of these are covered, shape (levels,).
+        voxels, covered: number of voxels of each level, and how many are covered, shape (levels,).
         entropy: H of a voxel of each level, nats, shape (levels,).
         h_pog: entropy of the POG, nats.
         crossings: counts and rays of the occupied voxels that are crossed.
@@ -40,9 +39,6 @@ class Seen:
     information: Callable[[], float]
 
     def entropy_of(self, number: NDArray[np.number]) -> float:
-        """Sum of H over `number[n]` voxels of level n, nats.
-
-        Few terms are left, each of an exact number: the sum is right to its last bits, whatever
-        the order of the voxels.
-        """
+        """Sum of H over `number[n]` voxels of level n, nats: of few exact terms, right to its last
+        bits."""
         return math.fsum(number * self.entropy)

@@ -1,10 +1,8 @@
 """The table of the surrogates: all that there is to know of each, in the order of display.
 
-Configuration, evaluation, error tables, search, statistics and report read it. A new surrogate of
-ours has its formula in a file of its own and a row here; other packages add theirs
-(docs/extending.md). Most start from the POG of a
-class; those of `OBJECT_SURROGATES` from the objects of the log, see `lidarplace.recall`.
-"""
+Configuration, evaluation, error tables, search, statistics and report read it; other packages add
+theirs (docs/extending.md). Most start from the POG of a class; those of `OBJECT_SURROGATES` from
+the objects of the log, see `lidarplace.recall`."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -196,26 +194,20 @@ _OWN = {
         sense=1,
     ),
 }
-
 SURROGATES = Registry(
     "lidarplace.surrogates",
     _OWN,
     fits=lambda found: isinstance(found, Surrogate) and not found.of_objects,
 )
 """Surrogates by name, ours in the order of display."""
-
 ASKED_FOR = SURROGATES.where(lambda own: own.beside is None)
 """What a user can ask for."""
-
 OBJECT_SURROGATES = SURROGATES.where(lambda own: own.of_objects)
 """Means over the objects of the log."""
-
 POG_SURROGATES = SURROGATES.where(lambda own: not own.of_objects)
 """Those of a POG, in the order of display."""
-
 ASKED_OF_POG = SURROGATES.where(lambda own: own.beside is None and not own.of_objects)
 """What a user can ask for of a POG."""
-
 RAY_SURROGATES = SURROGATES.where(lambda own: own.needs_rays)
 """Those that need the number of rays through every voxel; computed when asked for."""
 
@@ -227,6 +219,5 @@ def to_ask_for(names: Iterable[str]) -> list[str]:
 
 HEADLINE_SURROGATES = SURROGATES.where(lambda own: own.headline)
 """Those with an order of their own: the others order placements as S-MIG or its negative."""
-
 DECIDING = SURROGATES.where(lambda own: own.decides)
 """What orders placements where nothing was trained: the first of these that was computed."""

@@ -11,7 +11,7 @@ from lidarplace import Mount
 from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.configuration.mounting import Pair
 from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.spacing import least_distance
+from lidarplace.mounting.facing import least_distance
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.pog.selection import Limits
 from sweeps.configuration.search import TOTALS, GreedySettings, SearchSettings

@@ -15,9 +15,8 @@ from lidarplace.configuration.mounting import keep_out_boxes, mountable
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
-from lidarplace.mounting.facing import facing_pairs
+from lidarplace.mounting.facing import facing_pairs, least_distance
 from lidarplace.mounting.housing import housings_of, without
-from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, poses_of, zone_in_body
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid

@@ -15,7 +15,6 @@ from lidarplace.mounting.vehicle import Vehicle
 CAR = Vehicle.car()
 SMALL = Lidar(tuple(np.radians([-90.0, -40.0, -25.0, -9.0, 0.0, 5.0, 90.0])), azimuth_steps=72)
 ALL = 10**6  # azimuth steps: all that are fired
-
 angle = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi]) | st.floats(-math.pi, math.pi)
 mounts = st.builds(
     Mount,
@@ -60,36 +59,10 @@ def one_by_one(mount, lidar, vehicle):
 
 
 @given(mount=mounts, lidar=lidars, seed=st.integers(0, 10**6))
-@settings(max_examples=60, derandomize=True)
+@settings(max_examples=30, derandomize=True)
 def test_agrees_with_ray_by_ray(mount, lidar, seed):
     vehicle = body(seed, 3)
     assert body_share(mount, lidar, vehicle, ALL) == one_by_one(mount, lidar, vehicle)
-
-
-def test_agrees_with_embreex():
-    trimesh = pytest.importorskip("trimesh")
-    pytest.importorskip("embreex")
-    lidar = replace(Lidar.paper(), azimuth_steps=720, range=2.0)
-    rng = np.random.default_rng(5)
-    shares = []
-    for seed in range(12):
-        vehicle = body(seed, 3) if seed % 3 else CAR
-        place = rng.uniform([-3, -2, 0.1, -2, -2, -3], [3, 2, 2.5, 2, 2, 3])
-        mount = Mount(*place.tolist())
-        mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=b) for b in vehicle.boxes])
-        rays = lidar.directions() @ mount.rotation.T
-        places, which, _ = trimesh.ray.ray_pyembree.RayMeshIntersector(mesh).intersects_location(
-            np.tile(mount.position, (len(rays), 1)), rays, multiple_hits=False
-        )
-        within = np.linalg.norm(places - mount.position, axis=1) < lidar.range
-        met = np.zeros(len(rays), bool)
-        met[which[within]] = True
-        inside = ((vehicle.boxes[:, 0] < place[:3]) & (place[:3] < vehicle.boxes[:, 1])).all(1)
-        expected = 1.0 if inside.any() else met.mean()
-        # embreex computes in single precision: rays along an edge may differ.
-        assert body_share(mount, lidar, vehicle, ALL) == pytest.approx(expected, abs=2e-3)
-        shares.append(expected)
-    assert sum(0.02 < share < 0.98 for share in shares) >= 6
 
 
 def test_on_a_face_only_rays_into_it_meet_the_body():
@@ -104,13 +77,6 @@ def test_on_a_face_only_rays_into_it_meet_the_body():
     assert body_share(Mount(2.35, 0.0, 0.5), flat, CAR) == 179 / 360
 
 
-def test_no_body_and_a_flat_one():
-    mount = Mount(0.0, 0.0, 1.6)
-    assert body_share(mount, Lidar.paper(), Vehicle("nothing", np.empty((0, 2, 3)))) == 0
-    plate = Vehicle("plate", np.array([[[-1, -1, 1.6], [1, 1, 1.6]]]))
-    assert body_share(mount, Lidar.paper(), plate) == 0
-
-
 def test_fewer_azimuth_steps_change_little():
     lidar, rng = Lidar.paper(), np.random.default_rng(0)
     for _ in range(30):
@@ -118,5 +84,3 @@ def test_fewer_azimuth_steps_change_little():
         mount = Mount(*place.tolist())
         exact = body_share(mount, lidar, CAR, ALL)
         assert body_share(mount, lidar, CAR) == pytest.approx(exact, abs=2e-3)
-    with pytest.raises(ValueError, match="azimuth_steps must be at least 1, found 0"):
-        body_share(mount, lidar, CAR, 0)

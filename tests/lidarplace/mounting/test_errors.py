@@ -12,8 +12,6 @@ from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
 
 HALF_A_DEGREE = MountingErrors(0.01, math.radians(0.5))
-
-
 ANGLES = st.floats(-math.pi, math.pi)
 PITCH = st.sampled_from([-math.pi / 2, math.pi / 2]) | ANGLES
 MOUNTS = st.builds(Mount, *[st.floats(-3, 3)] * 3, ANGLES, PITCH, ANGLES)
@@ -57,7 +55,7 @@ def test_all_rigs_of_a_vehicle_are_off_alike_and_vehicles_differ(one, two):
     assert (np.abs(off - other) > 1e-6).any(axis=1).all()
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(MOUNTS)
 def test_errors_spread_alike_along_every_axis(mount):
     random = np.random.default_rng(0)
@@ -66,11 +64,3 @@ def test_errors_spread_alike_along_every_axis(mount):
     shares = found / np.repeat([HALF_A_DEGREE.offset, HALF_A_DEGREE.angle], 3)
     assert np.abs(shares.mean(axis=0)).max() < 5 / math.sqrt(3 * 1000)  # five sigma
     assert np.abs(shares.var(axis=0) - 1 / 3).max() < 5 * math.sqrt(4 / 45 / 1000)
-
-
-def test_small_angles_of_a_level_mount_add_up():
-    errors = MountingErrors(0.0, 1e-4)
-    rig = PAPER_PLACEMENTS["line"]
-    drawn = errors.drawn(rig, 5).mounts
-    found = [[m.roll, m.pitch, m.yaw] for m in drawn]
-    np.testing.assert_allclose(found, shifts(rig, errors, 5)[:, 3:], rtol=0, atol=2e-8)

@@ -12,7 +12,7 @@ from lidarplace.clouds.shade import ends_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.mesh import Mesh, depths, distances, first_hit, winding_numbers
-from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import (
     Vehicle,
     depth_in_body,
@@ -57,7 +57,7 @@ def hit_by_hand(mesh, origin, direction, reach):
     return t[met].min(initial=reach)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), triangles=st.sampled_from([1, 2, 4, 5, 17, 300]))
 def test_rays_meet_the_nearest_triangle(seed, triangles):
     rng = np.random.default_rng(seed)
@@ -86,22 +86,18 @@ def test_distances_are_those_of_trimesh(seed, triangles):
 
 def test_inside_of_solids_that_are_known():
     rng = np.random.default_rng(1)
-    places = rng.uniform(-2.5, 2.5, (3000, 3))
-    solids = {
-        "ball": (trimesh.creation.icosphere(subdivisions=4, radius=1.5), None),
-        "ring": (trimesh.creation.torus(1.4, 0.6, 48, 32), None),
-    }
-    for solid, _ in solids.values():
+    places = rng.uniform(-2.5, 2.5, (1000, 3))
+    ball, ring = trimesh.creation.icosphere(4, 1.5), trimesh.creation.torus(1.4, 0.6, 48, 32)
+    for solid in (ball, ring):
         mesh = Mesh(solid.vertices, solid.faces)
         found = winding_numbers(mesh, places)
-        exact = np.array([exact_winding(mesh, place) for place in places[:300]])
-        np.testing.assert_allclose(found[:300], exact, atol=0.01)
-        np.testing.assert_array_equal(found[:300] > 0.5, np.abs(exact) > 0.5)
+        exact = np.array([exact_winding(mesh, place) for place in places[:100]])
+        np.testing.assert_allclose(found[:100], exact, atol=0.01)
+        np.testing.assert_array_equal(found[:100] > 0.5, np.abs(exact) > 0.5)
         turned = Mesh(solid.vertices, solid.faces[:, ::-1])
         np.testing.assert_allclose(winding_numbers(turned, places), found, atol=1e-9)
-    ball = Mesh(*(lambda s: (s.vertices, s.faces))(solids["ball"][0]))
+    depth = depths(Mesh(ball.vertices, ball.faces), places)
     radius = np.linalg.norm(places, axis=1)
-    depth = depths(ball, places)
     np.testing.assert_allclose(depth, np.maximum(1.5 - radius, 0), atol=0.01)
 
 
@@ -131,7 +127,8 @@ def test_a_box_of_triangles_is_a_box():
     for mount in (Mount(0.11, 0.2, 1.81, 0.2, 0.1, 0.3), Mount(2.4, 0.3, 0.7), Mount(z=0.5)):
         assert body_share(mount, lidar, mesh) == body_share(mount, lidar, box)
         rig = Placement("one", [mount], lidar)
-        assert near_field_coverage(rig, mesh, roi) == near_field_coverage(rig, box, roi)
+        of_mesh_, of_box = (seen_in_columns(rig, own, roi) for own in (mesh, box))
+        np.testing.assert_array_equal(of_mesh_, of_box)
     for zone, expected in (
         (Zone.box("in", (-1, 1), (-0.5, 0.5), (0.2, 1.4)), (True, True)),
         (Zone.box("partly", (-1, 1), (-0.5, 0.5), (1.4, 1.6)), (True, False)),
@@ -177,12 +174,9 @@ def test_triangles_without_area_are_left_out():
     flat = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
     mesh = Mesh(np.array([*flat, [0, 1, 0]], float), np.array([[0, 1, 2], [0, 0, 1], [0, 1, 3]]))
     assert mesh.faces.tolist() == [[0, 1, 3]]
-    with pytest.raises(ValueError, match="triangles that have an area, found none"):
-        Mesh(np.array(flat, float), np.array([[0, 1, 2]]))
-    with pytest.raises(ValueError, match="triangles that have an area, found none"):
-        Mesh(np.empty((0, 3)), np.empty((0, 3), int))
-    with pytest.raises(ValueError, match="finite"):
-        Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, math.nan, 0]]), np.array([[0, 1, 2]]))
+    for vertices, faces in ((np.array(flat, float), [[0, 1, 2]]), (np.empty((0, 3)), [])):
+        with pytest.raises(ValueError, match="triangles that have an area, found none"):
+            Mesh(vertices, np.array(faces, int))
 
 
 def test_an_open_surface_stops_rays_from_both_sides():

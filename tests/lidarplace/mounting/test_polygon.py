@@ -12,7 +12,7 @@ from lidarplace.mounting.polygon import above_x_axis, nearest, polygon, sections
 
 
 @given(vertices=polygons, axis=st.sampled_from([0, 1]), seed=st.integers(0, 10**6))
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_sections_hold_what_is_inside(vertices, axis, seed):
     for point in some_points(vertices, seed):
         intervals = sections(vertices, axis, point[axis])
@@ -63,7 +63,7 @@ def test_a_polygon_is_kept_as_given():
 
 
 @given(vertices=polygons, seed=st.integers(0, 10**6))
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_the_part_above_the_axis(vertices, seed):
     try:
         part = above_x_axis(vertices)

@@ -3,9 +3,10 @@
 import math
 from dataclasses import astuple, replace
 
-import numpy as np
+import pytest
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.mounting.facing import least_distance
 from lidarplace.mounting.random_rigs import outside, random_rigs
 from lidarplace.mounting.ring_overlap import rings
 
@@ -30,9 +31,7 @@ def test_rigs_reach_from_rings_between_each_other_to_rings_that_coincide():
 def test_rigs_hold_plain_numbers_and_their_lidars_apart():
     for rig in random_rigs(EIGHT, 16, 3):
         assert all(type(value) is float for mount in rig.mounts for value in astuple(mount))
-        places = np.array([mount.position for mount in rig.mounts])
-        gaps = np.linalg.norm(places[:, None] - places, axis=-1)[np.triu_indices(len(places), 1)]
-        assert gaps.min() >= 0.15
+        assert least_distance(rig) >= 0.15
 
 
 def test_every_rig_has_the_lidars_of_a_given_one():
@@ -62,11 +61,13 @@ def test_the_given_rigs_are_in_the_space_of_those_drawn_and_others_are_not():
     assert outside(EIGHT[0].with_lidar(Lidar((0.0,), 90)), drawn) == "another LiDAR model"
 
 
-def test_headings_of_a_whole_turn_can_be_drawn_around():
+def test_headings_of_a_whole_turn_and_a_single_lidar_can_be_drawn_around():
     turned = Placement("turned", [Mount(z=2, roll=-math.tau, yaw=math.tau)], Lidar.paper())
-    assert len(random_rigs([turned], 8, 0)) == 8
+    assert [len(rig.mounts) for rig in random_rigs([turned], 8, 0)] == [1] * 8
+    assert len(random_rigs([turned], 1, 0)) == 1
 
 
-def test_a_single_lidar_can_be_drawn_around():
-    (rig,) = random_rigs([Placement("one", [Mount(z=2)], Lidar.paper())], 1, 0)
-    assert len(rig.mounts) == 1
+def test_least_distance():
+    mounts = [Mount(0, 0, 1), Mount(3, 0, 1), Mount(3, 0.3, 1.4), Mount(-4, 0, 1)]
+    assert least_distance(Placement("p", mounts, Lidar.paper())) == pytest.approx(0.5)
+    assert least_distance(Placement("p", mounts[:1], Lidar.paper())) == math.inf

@@ -3,46 +3,42 @@
 import math
 
 import numpy as np
+import pytest
 
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 
-
-def inside(vehicle, point):
-    return bool(depth_in_body(vehicle, np.array([point], np.float64))[0] > 0)
+CAR = Vehicle.car()
 
 
-def test_the_car():
-    car = Vehicle.car()
-    size = car.boxes[:, 1].max(axis=0) - car.boxes[:, 0].min(axis=0)
+@pytest.mark.parametrize(
+    ("place", "inside"),
+    [
+        ((2.0, 0.9, 0.5), True),  # hull
+        ((0.0, 0.0, 1.4), True),  # cabin
+        ((0.0, 0.0, 0.95), True),  # where the hull ends within the cabin
+        ((2.0, 0.0, 1.2), False),  # above the bonnet
+        *((at, False) for at in ((0, 0, 1.6), (0, 0, 1.5), (2.35, 0, 0.5), (0, -0.95, 0.2))),
+        ((0, 0, 0), False),
+        ((0, 0, math.nextafter(1.5, 0)), False),  # rounding of a height
+        ((0, 0, 1.5 - 1e-6), True),
+    ],
+)
+def test_the_car(place, inside):
+    assert (depth_in_body(CAR, np.array([place], np.float64))[0] > 0) == inside
+    size = CAR.boxes[:, 1].max(axis=0) - CAR.boxes[:, 0].min(axis=0)
     np.testing.assert_allclose(size, [4.7, 1.9, 1.5])
-    assert car.height == 1.5
-    assert inside(car, (2.0, 0.9, 0.5))  # hull
-    assert inside(car, (0.0, 0.0, 1.4))  # cabin
-    assert inside(car, (0.0, 0.0, 0.95))  # where the hull ends within the cabin
-    assert not inside(car, (2.0, 0.0, 1.2))  # above the bonnet
-    assert not inside(car, (0.0, 0.0, 1.6))
+    assert CAR.height == 1.5
 
 
-def test_the_surface_is_outside():
-    car = Vehicle.car()
-    for point in [(0, 0, 1.5), (2.35, 0, 0.5), (0, -0.95, 0.2), (0, 0, 0)]:
-        assert not inside(car, point)
-    assert not inside(car, (0, 0, math.nextafter(1.5, 0)))  # rounding of a height
-    assert inside(car, (0, 0, 1.5 - 1e-6))
-
-
-def test_without_boxes():
-    nothing = Vehicle("nothing", np.empty((0, 2, 3)))
-    assert Vehicle("nothing", np.array([])).boxes.shape == nothing.boxes.shape == (0, 2, 3)
-    assert nothing.height == 0
-    assert not inside(nothing, (0, 0, 0))
-
-
-def test_a_box_without_volume_holds_nothing():
-    plate = Vehicle("plate", np.array([[[-1, -1, 1], [1, 1, 1]]]))
-    assert plate.height == 1
-    assert len(plate.interior) == 0
-    assert not inside(plate, (0, 0, 1))
+@pytest.mark.parametrize(
+    ("boxes", "height"), [(np.array([]), 0), (np.array([[[-1, -1, 1], [1, 1, 1]]]), 1)]
+)
+def test_no_box_and_one_without_volume_hold_nothing(boxes, height):
+    vehicle = Vehicle("nothing", boxes)
+    assert vehicle.boxes.shape == (height, 2, 3)
+    assert vehicle.height == height
+    assert len(vehicle.interior) == 0
+    assert depth_in_body(vehicle, np.array([[0.0, 0, 0], [0, 0, 1]])).max() == 0
 
 
 def test_later_changes_of_the_array_do_not_reach_the_vehicle():

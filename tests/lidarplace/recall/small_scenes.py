@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from hypothesis import strategies as st
 
-from lidarplace import Lidar, Mount, Roi
+from lidarplace import ExpectedRecall, Lidar, Mount, Roi
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.recall.detection_curve import DetectionCurves
@@ -15,7 +15,6 @@ from lidarplace.recall.surface_cells import SurfaceCells
 ROI = Roi((0, 40), (-20, 20), (0, 4), resolution=0.5)
 LIDAR = Lidar(tuple(np.radians([-11.0, -7.0, -4.0, -1.5, 0.5])), azimuth_steps=720)
 """Its rays pass above the vehicle's own body, seen from 2 m above the ground or higher."""
-
 MOUNTS = (
     Mount(0.3, 0.5, 2.2, roll=0.02, pitch=-0.01, yaw=0.7),
     Mount(-0.2, -0.6, 2.6, yaw=-2.0),
@@ -28,17 +27,10 @@ ROWS = (
     (0, "Bus", 39.0, 14.0, 6.0, 2.5, 3.5, 0.1),  # a part of it is outside of the ROI
     (3, "Tram", 9.0, -3.0, 2.0, 2.0, 2.2, 0.0),
 )
-
-CURVES = DetectionCurves.model_validate(
-    {
-        "command": "by hand",
-        "cell": 0.3,
-        "curves": [
-            {"class": "Tram", "iou": 0.5, "most": 0.9, "rate": 0.05},
-            {"class": "Bus", "iou": 0.5, "most": 0.7, "rate": 0.2},
-            {"class": "Tram", "iou": 0.7, "most": 0.6, "rate": 0.01},
-        ],
-    }
+_CURVES = (("Tram", 0.5, 0.9, 0.05), ("Bus", 0.5, 0.7, 0.2), ("Tram", 0.7, 0.6, 0.01))
+_KEYS = ("class", "iou", "most", "rate")
+CURVES = DetectionCurves(
+    command="by hand", cell=0.3, curves=[dict(zip(_KEYS, own, strict=True)) for own in _CURVES]
 )
 
 
@@ -59,6 +51,11 @@ def log_of(*rows, buildings=None):
         {"scene": "a", "frame": numbers, "ego_x": 0.0, "ego_y": 0.0, "ego_yaw": 0.0}
     )
     return BoxLog(boxes, frames) if buildings is None else BoxLog(boxes, frames, buildings)
+
+
+def model_of(*rows, classes=("Tram", "Bus"), **options):
+    """The surrogate of `log_of` these rows, or of ROWS."""
+    return ExpectedRecall.from_log(log_of(*(rows or ROWS)), ROI, classes, CURVES, **options)
 
 
 def entry(box, origin, direction):

@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_scenes import CURVES, LIDAR, ROI, ROWS, log_of
+from small_scenes import CURVES, LIDAR, ROWS, log_of, model_of
 
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.collect import collect
-from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall import counted_objects
-from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.requirements.rays_on_objects import count_points, sights_of
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -58,7 +56,7 @@ def test_clouds_are_those_of_the_rig_without_its_points(number):
 def test_expected_recall_is_that_of_the_points_of_the_others(number):
     rig, whole = dead(number)
     log = log_of(*ROWS)
-    model = ExpectedRecall.from_log(log, ROI, ["Tram", "Bus"], CURVES, vehicle=NOTHING)
+    model = model_of(vehicle=NOTHING)
     seen = model.objects.seen_by([rig])[0]
     clouds = collect(log, [0, 3], whole, CROP, vehicle=NOTHING)
     cells, points = [], []
@@ -84,16 +82,12 @@ def test_requirements_and_expected_recall_agree_on_who_hides():
         every = count_points(sights_of(whole, NOTHING), box)
         assert count_points(sights_of(rig, NOTHING), box).all == every.all - every.alone[:, 2]
         roi = Roi((2, 6), (-2, 2), (0, 3), 0.5)
-        for own, other in zip(
-            seen_in_columns(rig, NOTHING, roi),
-            seen_in_columns(whole, NOTHING, roi, dead=2),
-            strict=True,
-        ):
-            np.testing.assert_array_equal(own, other)
+        own, other = seen_in_columns(rig, NOTHING, roi), seen_in_columns(whole, NOTHING, roi, 2)
+        np.testing.assert_array_equal(own, other)
 
 
 def test_a_mount_is_cast_once_whoever_is_dead(monkeypatch):
-    model = ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Tram"], CURVES, vehicle=NOTHING)
+    model = model_of(classes=["Tram"], vehicle=NOTHING)
     jobs, cast = [], counted_objects.surface_cells
     monkeypatch.setattr(
         counted_objects, "surface_cells", lambda *job: jobs.append(job) or cast(*job)
@@ -102,9 +96,3 @@ def test_a_mount_is_cast_once_whoever_is_dead(monkeypatch):
     seen = model.objects.seen_by([whole, *(dead(number)[0] for number in range(3))])
     assert len(jobs) == 3
     assert all((own.counts() <= seen[0].counts()).all() for own in seen[1:])
-
-
-def test_unknown_sizes_hide_nothing():
-    unknown = replace(LIDAR, size=None)
-    rig = Placement("two", MOUNTS[:1], unknown, [(MOUNTS[1], unknown)])
-    assert [len(own) for own in ends_in_rig(rig)] == [0]

@@ -2,7 +2,18 @@
 
 import numpy as np
 import pytest
-from small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, decoded, log_of, table_of
+from small_scenes import (
+    CURVES,
+    LIDAR,
+    MOUNTS,
+    ROI,
+    ROWS,
+    cells_hit,
+    decoded,
+    log_of,
+    model_of,
+    table_of,
+)
 
 from lidarplace import ExpectedRecall, Lidar, Mount, Placement
 from lidarplace.recall.baselines import baselines, per_object
@@ -12,7 +23,7 @@ RIG = Placement("rig", MOUNTS, lidar=LIDAR)
 
 
 def test_it_is_the_mean_probability_of_the_objects_of_a_class():
-    model = ExpectedRecall.from_log(log_of(*ROWS[:4]), ROI, ["Bus", "Tram"], CURVES)
+    model = model_of(*ROWS[:4])
     boxes = [[row[2], row[3], row[6] / 2, *row[4:]] for row in ROWS[:4]]
     cells, _ = cells_hit(boxes, MOUNTS, LIDAR, 0.3, ROI)
     found = model.of(RIG)
@@ -24,11 +35,10 @@ def test_it_is_the_mean_probability_of_the_objects_of_a_class():
 
 
 def test_a_mount_is_one_whichever_rig_has_it():
-    model = ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Bus", "Tram"], CURVES)
+    model = model_of()
     ones = [Placement(str(n), [mount], lidar=LIDAR) for n, mount in enumerate(MOUNTS)]
-    *single, rig, pair = model.objects.seen_by(
-        [*ones, RIG, Placement("pair", MOUNTS[1:], lidar=LIDAR)]
-    )
+    pair = Placement("pair", MOUNTS[1:], lidar=LIDAR)
+    *single, rig, pair = model.objects.seen_by([*ones, RIG, pair])
     joined = single[0].and_(single[1]).and_(single[2])
     assert joined.cells.tolist() == rig.cells.tolist()
     assert joined.points.tolist() == rig.points.tolist()
@@ -37,28 +47,26 @@ def test_a_mount_is_one_whichever_rig_has_it():
 
 
 def test_the_overlap_chooses_the_curve():
-    loose, strict = (
-        ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Tram"], CURVES, iou=iou) for iou in (0.5, 0.7)
-    )
+    loose, strict = (model_of(classes=["Tram"], iou=iou) for iou in (0.5, 0.7))
     assert strict.of(RIG).iloc[0, 0] < loose.of(RIG).iloc[0, 0]
     with pytest.raises(ValueError, match=r"no detection curve of Bus at IoU 0\.7"):
-        ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Bus"], CURVES, iou=0.7)
+        model_of(classes=["Bus"], iou=0.7)
 
 
 def test_frames_are_spread_evenly():
     rows = [(frame, *ROWS[0][1:]) for frame in range(11)]
-    model = ExpectedRecall.from_log(log_of(*rows), ROI, ["Tram"], CURVES, frames=3)
+    model = model_of(*rows, classes=["Tram"], frames=3)
     assert model.objects.table["frame"].tolist() == [0, 5, 10]
-    one = ExpectedRecall.from_log(log_of(*rows), ROI, ["Tram"], CURVES, frames=1)
+    one = model_of(*rows, classes=["Tram"], frames=1)
     assert one.objects.table["frame"].tolist() == [0]
     assert np.isnan(one.of(RIG).loc["Tram", "standard_error"])
-    every = ExpectedRecall.from_log(log_of(*rows), ROI, ["Tram"], CURVES, frames=99)
+    every = model_of(*rows, classes=["Tram"], frames=99)
     assert len(every.objects.table) == 11
 
 
 def test_the_standard_error_counts_individuals():
     rows = [(n, "Tram", 10.0 + 2 * n, n - 2.0, 4.0, 1.8, 1.6, 0.3 * n) for n in range(6)]
-    model = ExpectedRecall.from_log(log_of(*rows), ROI, ["Tram"], CURVES)
+    model = model_of(*rows, classes=["Tram"])
     seen = model.objects.seen_by([RIG])[0]
     p = model.probabilities(seen)
     found = model.recall(seen).loc["Tram"]
@@ -72,8 +80,7 @@ def test_the_standard_error_counts_individuals():
 
 
 def test_no_objects():
-    log = log_of(ROWS[0])
-    model = ExpectedRecall.from_log(log, ROI, ["Bus"], CURVES)
+    model = model_of(ROWS[0], classes=["Bus"])
     found = model.of(RIG)
     assert found.loc["Bus", "objects"] == 0
     assert np.isnan(found.loc["Bus", "expected_recall"])
@@ -81,13 +88,12 @@ def test_no_objects():
 
 
 def test_fewer_azimuth_steps():
-    log = log_of(*ROWS)
-    whole = ExpectedRecall.from_log(log, ROI, ["Tram"], CURVES)
-    thin = ExpectedRecall.from_log(log, ROI, ["Tram"], CURVES, azimuth_share=0.5)
+    whole, thin, one_step = (
+        model_of(classes=["Tram"], azimuth_share=share) for share in (1.0, 0.5, 1e-6)
+    )
     half = RIG.with_lidar(LIDAR.thinned(0.5))
     assert thin.of(RIG).equals(whole.of(half))
     assert thin.of(RIG).iloc[0, 0] < whole.of(RIG).iloc[0, 0]
-    one_step = ExpectedRecall.from_log(log, ROI, ["Tram"], CURVES, azimuth_share=1e-6)
     assert one_step.of(RIG).iloc[0, 0] >= 0
     narrow = Lidar(LIDAR.elevations, 720, azimuth=(0.3, 0.32))
     with pytest.raises(ValueError, match="none of the 1 azimuth steps"):
@@ -95,7 +101,7 @@ def test_fewer_azimuth_steps():
 
 
 def test_baselines_are_means_over_objects():
-    model = ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Tram", "Bus"], CURVES)
+    model = model_of()
     seen = model.objects.seen_by([Placement("one", MOUNTS[:1], lidar=LIDAR)])[0]
     table = per_object(model.objects, seen)
     sets = decoded(seen, slices_of(model.objects.geometry, 0.3))
@@ -115,6 +121,6 @@ def test_baselines_are_means_over_objects():
 
 
 def test_what_is_not_hit_has_no_extent():
-    model = ExpectedRecall.from_log(log_of(*ROWS[:2]), ROI, ["Tram", "Bus"], CURVES)
+    model = model_of(*ROWS[:2])
     nothing = per_object(model.objects, table_of([set(), set()]))
     assert (nothing[["points", "cells", "length", "width", "height"]] == 0).all().all()

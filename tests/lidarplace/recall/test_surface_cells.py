@@ -15,6 +15,7 @@ from small_scenes import (
     cells_hit,
     decoded,
     log_of,
+    model_of,
     rows_of_cells,
     table_of,
 )
@@ -29,16 +30,14 @@ from tests.lidarplace.from_a_car import cast
 
 @pytest.mark.parametrize("mounts", [MOUNTS[:1], MOUNTS[1:], MOUNTS])
 def test_cells_and_points_are_those_of_plain_rays(mounts):
-    log = log_of(*ROWS)
-    model = ExpectedRecall.from_log(log, ROI, ["Tram", "Bus"], CURVES)
+    model = model_of()
     seen = model.objects.seen_by([Placement("rig", mounts, lidar=LIDAR)])[0]
     geometry = model.objects.geometry
     expected, points = [], []
     for frame in (0, 3):
         of_frame = model.objects.table["frame"].to_numpy() == frame
-        cells, counts = cells_hit(
-            geometry[of_frame].tolist(), mounts, LIDAR, model.objects.cell, ROI
-        )
+        boxes = geometry[of_frame].tolist()
+        cells, counts = cells_hit(boxes, mounts, LIDAR, model.objects.cell, ROI)
         expected, points = expected + cells, points + counts
     assert decoded(seen, slices_of(geometry, model.objects.cell)) == expected
     assert seen.points.tolist() == points
@@ -47,20 +46,16 @@ def test_cells_and_points_are_those_of_plain_rays(mounts):
 
 
 def test_objects_that_do_not_count_hide_others():
-    log = log_of(*ROWS)
-    alone = ExpectedRecall.from_log(log, ROI, ["Bus"], CURVES)
-    both = ExpectedRecall.from_log(log, ROI, ["Bus", "Tram"], CURVES)
-    rig = Placement("rig", MOUNTS, lidar=LIDAR)
-    counts = both.objects.seen_by([rig])[0].counts()[
-        (both.objects.table["class"] == "Bus").to_numpy()
-    ]
-    assert alone.objects.seen_by([rig])[0].counts().tolist() == counts.tolist()
+    alone, both = model_of(classes=["Bus"]).objects, model_of().objects
+    rig, bus = Placement("rig", MOUNTS, lidar=LIDAR), (both.table["class"] == "Bus").to_numpy()
+    counts = both.seen_by([rig])[0].counts()[bus]
+    assert alone.seen_by([rig])[0].counts().tolist() == counts.tolist()
 
 
 def test_buildings_the_own_body_and_range_hide():
     tram = (0, "Tram", 15.0, 0.0, 3.0, 1.0, 1.2, 0.0)
     wall = pd.DataFrame([("a", 8.0, 0.0, 0.8, 0.5, 6.0, 1.6, 0.0)], columns=BUILDING_COLUMNS)
-    free = ExpectedRecall.from_log(log_of(tram), ROI, ["Tram"], CURVES)
+    free = model_of(tram, classes=["Tram"])
     walled = ExpectedRecall.from_log(log_of(tram, buildings=wall), ROI, ["Tram"], CURVES)
     high, low = Mount(z=3.5), Mount(x=2.5, z=1.0)
 
@@ -87,7 +82,7 @@ def test_buildings_the_own_body_and_range_hide():
 )
 def test_what_returns_no_light_is_not_hit(limits):
     log, limited = log_of(*ROWS), replace(LIDAR, **limits)
-    model = ExpectedRecall.from_log(log, ROI, ["Tram", "Bus"], CURVES)
+    model = model_of()
     mount, surroundings = MOUNTS[0], Surroundings(log, 0)
     expected, all_hits = [], 0
     for frame in (0, 3):
@@ -109,14 +104,12 @@ def test_what_returns_no_light_is_not_hit(limits):
 
 def test_an_object_around_the_sensor_is_seen_from_outside_alone():
     around = (0, "Bus", 0.5, 0.0, 8.0, 8.0, 3.8, 0.0)
-    model = ExpectedRecall.from_log(log_of(around, ROWS[0]), ROI, ["Bus", "Tram"], CURVES)
+    model = model_of(around, ROWS[0])
     assert model.objects.table["class"].tolist() == ["Tram"]  # no ideal sensor sees it from inside
-    lone = ExpectedRecall.from_log(log_of(ROWS[0]), ROI, ["Tram"], CURVES)
+    lone = model_of(ROWS[0], classes=["Tram"])
     rig = Placement("rig", MOUNTS, lidar=LIDAR)
-    assert (
-        model.objects.seen_by([rig])[0].cells.tolist()
-        == lone.objects.seen_by([rig])[0].cells.tolist()
-    )
+    seen = [own.objects.seen_by([rig])[0].cells.tolist() for own in (model, lone)]
+    assert seen[0] == seen[1]
     inside = Placement("inside", [Mount(12.0, 1.0, 0.8)], lidar=LIDAR)
     assert lone.objects.seen_by([inside])[0].counts().tolist() == [0]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount, Placement, Roi
 from lidarplace.mounting.errors import MountingErrors
-from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurve
 from lidarplace.requirements.area import Area, grid_over, in_the_way
@@ -99,7 +99,8 @@ def test_coverage_is_that_of_the_near_field():
     area = Area(x=(-4.0, 4.0), y=((-2.5, 2.5),))
     roi = Roi((-4.0, 4.0), (-2.5, 2.5), (0.0, 1.0), 0.25)
     found = outcome(area, "coverage", step=0.25, heights=(0.0, 1.0))
-    assert found.worst.value == near_field_coverage(RIG, CAR, roi)
+    seen, counted = seen_in_columns(RIG, CAR, roi)
+    assert found.worst.value == seen.sum() / counted.sum()
 
 
 def test_probability_is_the_curve_of_the_cells():

@@ -21,20 +21,11 @@ def exposure_of(amounts, shape, worth=None, p=None, scale=0.7):
     if shape == "cover":
         amounts, scale = np.minimum(amounts, 1), 1.0
     rows, columns = np.nonzero(amounts)
-    return Exposure(
-        np.concatenate([[0], np.cumsum((amounts > 0).sum(axis=1))]).astype(np.int64),
-        columns.astype(np.uint32),
-        amounts[rows, columns],
-        np.full(len(amounts), float(scale)),
-        VoxelGain(
-            shape,
-            profile=np.arange(voxels, dtype=np.int32),
-            worth=worth,
-            p=p[:, None],
-            rest=1 - p[:, None],
-            weights=np.ones(1),
-        ),
-    )
+    offsets = np.concatenate([[0], np.cumsum((amounts > 0).sum(axis=1))]).astype(np.int64)
+    profile, one = np.arange(voxels, dtype=np.int32), np.ones(1)
+    gain = VoxelGain(shape, profile, worth, p[:, None], 1 - p[:, None], one)
+    scales = np.full(len(amounts), float(scale))
+    return Exposure(offsets, columns.astype(np.uint32), amounts[rows, columns], scales, gain)
 
 
 def greedy(exposure, limits):

@@ -42,11 +42,8 @@ def reference(grids, chosen, surrogate, weights=WEIGHTS, **options):
     if not chosen:
         return 0.0
     parts = [CANDIDATES[e] for e in chosen]
-    union = Placement(
-        "union",
-        [mount for part in parts for mount in part.mounts],
-        lidar=[lidar for part in parts for lidar in part.lidars],
-    )
+    mounts = [mount for part in parts for mount in part.mounts]
+    union = Placement("union", mounts, [lidar for part in parts for lidar in part.lidars])
     asked = [] if surrogate == "covered_entropy" else [surrogate]
     results = evaluate_classes(grids, union, surrogates=asked, **options)
     return sum(weights[name] * getattr(results[name], surrogate) for name in weights)

@@ -18,13 +18,13 @@ from lidarplace.pog.selection import Limits
 from lidarplace.pog.selection.majorant import Majorant
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(st.data())
 def test_never_below_the_best_of_all(data):
     exposure = data.draw(exposures())
     limits = data.draw(limits_of(exposure.candidates))
     chosen = greedy(exposure, limits).chosen
-    bound = upper_bound(exposure, limits, chosen, seconds=0.2, blocks=data.draw(st.integers(1, 9)))
+    bound = upper_bound(exposure, limits, chosen, seconds=0.05, blocks=data.draw(st.integers(1, 9)))
     best = best_of_all(exposure, limits)
     assert (bound.history["bound"] >= best).all()
     assert best <= bound.value <= bound.by_gains
@@ -54,17 +54,10 @@ def test_it_reaches_the_relaxation_of_maximum_coverage(seed):
     worth = rng.random(30)
     # max sum of worth * y, y <= 1, y_v <= sum of the x_e that cover v.
     candidates, voxels = covers.shape
-    relaxed = linprog(
-        np.concatenate([np.zeros(candidates), -worth]),
-        A_ub=np.block(
-            [
-                [-covers.T.astype(float), np.eye(voxels)],
-                [np.ones((1, candidates)), np.zeros((1, voxels))],
-            ]
-        ),
-        b_ub=np.concatenate([np.zeros(voxels), [3.0]]),
-        bounds=(0, 1),
-    )
+    cost = np.concatenate([np.zeros(candidates), -worth])
+    budget = np.concatenate([np.ones((1, candidates)), np.zeros((1, voxels))], axis=1)
+    matrix = np.concatenate([np.hstack([-covers.T.astype(float), np.eye(voxels)]), budget])
+    relaxed = linprog(cost, matrix, np.concatenate([np.zeros(voxels), [3.0]]), bounds=(0, 1))
     exposure, limits = exposure_of(covers, "cover", worth), Limits.at_most(3, candidates)
     chosen = greedy(exposure, limits).chosen
     bound = upper_bound(exposure, limits, chosen, seconds=20, relative_gap=1e-9, blocks=30)
@@ -78,13 +71,6 @@ def test_the_first_bound_is_that_of_the_largest_single_values(shape):
     singles = sorted((exposure.value([e]) for e in range(8)), reverse=True)
     bound = upper_bound(exposure, Limits.at_most(3, 8), seconds=0)
     assert bound.value == bound.by_gains == pytest.approx(sum(singles[:3]), rel=1e-8)
-
-
-def test_a_linear_value_is_bounded_by_itself():
-    rng = np.random.default_rng(1)
-    exposure, limits = exposure_of(rng.integers(0, 9, (12, 5)), "linear"), Limits.at_most(4, 12)
-    found = greedy(exposure, limits)
-    assert upper_bound(exposure, limits, found.chosen).value == pytest.approx(found.value, rel=1e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
