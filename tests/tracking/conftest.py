@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 from made_up_run import write_run
+from mlflow_runs_of import new_store
 
 from tracking.report.build import build_report
 
@@ -23,3 +24,9 @@ def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) ->
     (folder / "tables" / "mine.txt").write_text("kept")
     build_report(folder)
     return folder
+
+
+@pytest.fixture
+def uri(tmp_path: Path) -> str:
+    """Of a new database of MLflow."""
+    return new_store(tmp_path / "store")

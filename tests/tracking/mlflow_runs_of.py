@@ -55,26 +55,27 @@ def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: 
     return log
 
 
-def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
-    """The runs of an experiment by name. Fails if two have one name."""
+def client(uri: str) -> Any:
     from mlflow import MlflowClient
 
-    client = MlflowClient(tracking_uri=uri)
-    experiment = client.get_experiment_by_name(name)
-    runs = client.search_runs([experiment.experiment_id], max_results=1000)
+    return MlflowClient(tracking_uri=uri)
+
+
+def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
+    """The runs of an experiment by name. Fails if two have one name."""
+    experiment = client(uri).get_experiment_by_name(name)
+    runs = client(uri).search_runs([experiment.experiment_id], max_results=1000)
     by_name = {run.info.run_name: run for run in runs}
     assert len(by_name) == len(runs)
     return by_name
 
 
 def points_of(uri: str, run: Any) -> list[tuple[str, int, float]]:
-    from mlflow import MlflowClient
-
-    client = MlflowClient(tracking_uri=uri)
+    own = client(uri)
     return sorted(
         (name, point.step, point.value)
         for name in run.data.metrics
-        for point in client.get_metric_history(run.info.run_id, name)
+        for point in own.get_metric_history(run.info.run_id, name)
     )
 
 
@@ -89,12 +90,8 @@ def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
         assert run.info.status == "FINISHED"
         assert run.data.params == {"seed": str(seed), "detector": "tiny"}
         assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
-        assert points_of(uri, run) == [
-            ("AP_R40_3D.Car.0.70", 0, 60.0 + seed),
-            ("loss", 1, 3.0),
-            ("loss", 2, 2.0),
-            ("loss", 3, 1.5),
-        ]
+        losses = [("loss", 1, 3.0), ("loss", 2, 2.0), ("loss", 3, 1.5)]
+        assert points_of(uri, run) == [("AP_R40_3D.Car.0.70", 0, 60.0 + seed), *losses]
 
 
 def until(condition: Callable[[], bool]) -> None:

@@ -24,15 +24,10 @@ def runs(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     uri = new_store(folder / "store")
     (folder / "demo").mkdir()
-    ended = [
-        trial(
-            name,
-            name=f"{name} · tiny · seed 1",
-            metrics={"AP_R40_3D.Car.0.70": ap, "seconds": 9.0},
-            tags={"placement": name},
-        )
-        for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0))
-    ]
+    ended = []
+    for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0)):
+        own = {"metrics": {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}, "tags": {"placement": name}}
+        ended.append(trial(name, name=f"{name} · tiny · seed 1", **own))
     with logging(uri, folder / "demo", ended, columns=COLUMNS):
         pass
     (folder / "demo" / "sweep.json").write_text(json.dumps({"name": "demo", "tracking_uri": uri}))
@@ -70,12 +65,9 @@ def post(address, call, body):
 
 
 def experiment(address):
-    (found,) = [
-        found
-        for found in post(address, "experiments/search", {"max_results": 9})["experiments"]
-        if found["name"] == "demo"
-    ]
-    return found
+    found = post(address, "experiments/search", {"max_results": 9})["experiments"]
+    (own,) = [one for one in found if one["name"] == "demo"]
+    return own
 
 
 def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
@@ -88,30 +80,23 @@ def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
         "filter": "tags.placement != 'square'",
     }
     found = post(address, "runs/search", body)["runs"]
-    assert [run["info"]["run_name"] for run in found] == [
-        "center · tiny · seed 1",
-        "line · tiny · seed 1",
-    ]
+    names = [run["info"]["run_name"] for run in found]
+    assert names == ["center · tiny · seed 1", "line · tiny · seed 1"]
     metrics = {metric["key"]: metric["value"] for metric in found[0]["data"]["metrics"]}
     assert [metrics[name.split(".", 1)[1]] for name in COLUMNS] == [70.25, 9.0]
     assert [view["selectedColumns"][0]] == ["metrics.`AP_R40_3D.Car.0.70`"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
 def test_a_browser_shows_the_runs(address, tmp_path):
     own = experiment(address)["experiment_id"]
-    done = subprocess.run(
-        [
-            *("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
-            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-            *(f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"),
-            *("--window-size=1600,1000",),
-            f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-    )
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
+    command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+    command += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"]
+    command += ["--window-size=1600,1000"]
+    command += [f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=GUARD_S)
     page = done.stdout
     places = [page.find(f"{name} · tiny · seed 1") for name in ("center", "square", "line")]
     assert -1 not in places
@@ -164,6 +149,5 @@ def test_mistakes_are_one_line(runs, monkeypatch):
 def test_a_port_of_somebody_elses_server_is_refused(address, runs):
     port = address.rpartition(":")[2]
     done = dashboard(runs / "demo", "--port", port)
-    assert done.exit_code == 2
-    assert done.stderr == f"--port {port}: Address already in use\n"
-    assert not done.stdout
+    found = done.exit_code, done.stdout, done.stderr
+    assert found == (2, "", f"--port {port}: Address already in use\n")

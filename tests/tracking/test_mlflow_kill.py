@@ -82,7 +82,6 @@ def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path, through, f
 
 
 def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> None:
-
     processes = multiprocessing.get_context("forkserver")
     # What takes seconds to import, once for all drivers.
     heavy = ["mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking", "tracking.mlflow.log"]

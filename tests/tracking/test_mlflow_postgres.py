@@ -29,9 +29,8 @@ class Postgres:
         (folder / "data").mkdir(mode=0o700)
         if ACCOUNT:
             shutil.chown(folder / "data", ACCOUNT)
-        self._run(
-            "initdb", "-D", "data", "-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password"
-        ).wait(120)
+        own = ("-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password")
+        self._run("initdb", "-D", "data", *own).wait(120)
         self.start()
 
     def start(self) -> None:
@@ -60,16 +59,13 @@ class Postgres:
         path = shutil.which(program)
         assert path is not None
         with (self.folder / "log").open("ab") as log:
-            return subprocess.Popen(
-                [path, *arguments], cwd=self.folder, user=ACCOUNT, stdout=log, stderr=log
-            )
+            own = {"cwd": self.folder, "user": ACCOUNT, "stdout": log, "stderr": log}
+            return subprocess.Popen([path, *arguments], **own)
 
 
 @pytest.fixture(scope="module")
 def postgres():
-    pytest.importorskip(
-        "psycopg2", reason="psycopg2 is missing: pip install 'lidarplace[postgres]'"
-    )
+    pytest.importorskip("psycopg2", reason="psycopg2: pip install 'lidarplace[postgres]'")
     for program in ("initdb", "postgres"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not in PATH: install PostgreSQL's server")
