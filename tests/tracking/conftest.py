@@ -6,12 +6,19 @@ from made_up_run import write_run
 from mlflow_runs_of import new_store
 
 from tracking.report.build import build_report
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="session")
 def made_up_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder of 5 placements, 2 seeds and 3 classes. Read it only; copy it to change it."""
     return write_run(tmp_path_factory.mktemp("runs") / "grid")
+
+
+@pytest.fixture(scope="session")
+def run(made_up_run: Path) -> RunFolder:
+    """The same, read; some modules have one of their own."""
+    return RunFolder.read(made_up_run)
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ import logging
 import os
 import socket
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -44,16 +44,6 @@ def connect(uri: str) -> Any:
     if not is_server(uri):
         _try_database(uri)
     return MlflowClient(tracking_uri=uri)
-
-
-def every(search: Callable[..., Any], *asked: Any, **how: Any) -> list[Any]:
-    """All that a search of MLflow's finds, which it returns page by page."""
-    page = search(*asked, **how)
-    found = list(page)
-    while page.token:
-        page = search(*asked, **how, page_token=page.token)
-        found += page
-    return found
 
 
 def _create(database: Path) -> None:

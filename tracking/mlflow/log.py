@@ -38,18 +38,14 @@ class SweepLog:
             log.artifact(run / "report.html")
 
     The parent is RUNNING in the `with` block, then FINISHED; FAILED after an exception, KILLED
-    after Ctrl-C.
+    after Ctrl-C. For a `uri` of `sqlite:///FILE` the folder is made, and artifacts go to
+    `artifacts` next to the file; for other databases to `artifacts` in `folder`. `say` prints a
+    line for the user; called from another thread too. `patience_s` is how long the end of the
+    block waits while nothing can be delivered.
 
-    Args:
-        uri: MLflow's tracking URI. For `sqlite:///FILE` the folder is made, and artifacts go to
-            `artifacts` next to the file; for other databases to `artifacts` in `folder`.
-        say: prints a line for the user; called from another thread too.
-        patience_s: how long the end of the `with` block waits while nothing can be delivered.
-
-    Raises:
-        ValueError: the URI cannot hold runs. From the `with` statement: the server is there, but
-            the experiment was deleted, or a parameter is not what it was when the sweep began.
-            From its end: see `hold`.
+    Raises ValueError: the URI cannot hold runs. From the `with` statement: the server is there, but
+    the experiment was deleted, or a parameter is not what it was when the sweep began. From its
+    end: see `hold`.
     """
 
     def __init__(

@@ -9,15 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
-from tracking.mlflow.connection import (
-    Away,
-    connect,
-    every,
-    is_away,
-    is_forbidden,
-    is_server_error,
-    reason,
-)
+from tracking.mlflow.connection import Away, connect, is_away, is_forbidden, is_server_error, reason
 from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow.uri import is_server
@@ -174,13 +166,14 @@ class SweepRuns:
 
     def _find_runs(self) -> list[Any]:
         """All runs of this sweep, the parent among them, oldest first."""
-        return every(
-            self._client.search_runs,
-            [self._experiment],
-            filter_string=f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'",
-            max_results=1000,
-            order_by=["attributes.start_time ASC"],
-        )
+        how = {"filter_string": f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'", "max_results": 1000}
+        how["order_by"] = ["attributes.start_time ASC"]
+        found, token = [], ""
+        while token is not None:
+            page = self._client.search_runs([self._experiment], **how, page_token=token or None)
+            found += page
+            token = page.token or None
+        return found
 
     def _one_each(self, runs: list[Run]) -> dict[str, Run]:
         """The run of each trial. A server that answered too late may have made a second one."""
