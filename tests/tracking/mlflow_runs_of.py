@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,9 @@ def trial(key: str, error: str | None = None, **content: Any) -> EndedTrial:
 
 
 def trial_of(seed: int, *files: Path) -> EndedTrial:
-    return trial(
-        f"t{seed}",
-        name=f"line · tiny · seed {seed}",
-        params={"seed": seed, "detector": "tiny"},
-        metrics={"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")},
-        curve=CURVE,
-        files=files,
-    )
+    own = {"name": f"line · tiny · seed {seed}", "params": {"seed": seed, "detector": "tiny"}}
+    own["metrics"] = {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")}
+    return trial(f"t{seed}", **own, curve=CURVE, files=files)
 
 
 def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: Any) -> SweepLog:
@@ -52,6 +48,13 @@ def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: 
     parent = ParentRun(**{"key": "k1", "name": "demo", "params": {}} | about)
     log = SweepLog(uri, parent, folder=folder, **own)
     log.follow(lambda: trials)
+    return log
+
+
+def logged(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: Any) -> SweepLog:
+    """The log after its block, in which nothing else happens."""
+    with logging(uri, folder, trials, **about) as log:
+        pass
     return log
 
 
@@ -71,12 +74,9 @@ def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
 
 
 def points_of(uri: str, run: Any) -> list[tuple[str, int, float]]:
-    own = client(uri)
-    return sorted(
-        (name, point.step, point.value)
-        for name in run.data.metrics
-        for point in own.get_metric_history(run.info.run_id, name)
-    )
+    history = partial(client(uri).get_metric_history, run.info.run_id)
+    points = (point for name in run.data.metrics for point in history(name))
+    return sorted((point.key, point.step, point.value) for point in points)
 
 
 def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
@@ -113,15 +113,12 @@ def start_server(store: str, port: int, folder: Path) -> subprocess.Popen[bytes]
     """`mlflow server` on this machine, ready to answer. Kill its process group to end it."""
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store]
     command += ["--artifacts-destination", str(folder / "artifacts"), "--workers", "1"]
+    command += ["--host", "127.0.0.1", "--port", str(port)]
+    # Else there are eight more processes that this needs not.
+    environment = {**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
     with (folder / "server.log").open("ab") as log:
-        server = subprocess.Popen(
-            [*command, "--host", "127.0.0.1", "--port", str(port)],
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-            # Eight more processes that this needs not.
-            env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-        )
+        own = {"stdout": log, "stderr": log, "start_new_session": True}
+        server = subprocess.Popen(command, env=environment, **own)
     for _ in range(1500):
         try:
             urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=5).close()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import requests
-from mlflow_runs_of import free_port, logging, new_store, trial, until
+from mlflow_runs_of import free_port, logged, new_store, trial, until
 from typer.testing import CliRunner
 
 from tests.forked import GUARD_S
@@ -28,8 +28,7 @@ def runs(tmp_path_factory) -> Path:
     for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0)):
         own = {"metrics": {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}, "tags": {"placement": name}}
         ended.append(trial(name, name=f"{name} · tiny · seed 1", **own))
-    with logging(uri, folder / "demo", ended, columns=COLUMNS):
-        pass
+    logged(uri, folder / "demo", ended, columns=COLUMNS)
     (folder / "demo" / "sweep.json").write_text(json.dumps({"name": "demo", "tracking_uri": uri}))
     return folder
 
@@ -74,11 +73,9 @@ def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
     own = experiment(address)
     tags = {tag["key"]: tag["value"] for tag in own["tags"]}
     view = json.loads(tags["mlflow.sharedViewState.lidarplace"])
-    body = {
-        "experiment_ids": [own["experiment_id"]],
-        "order_by": [f"{view['orderByKey']} {'ASC' if view['orderByAsc'] else 'DESC'}"],
-        "filter": "tags.placement != 'square'",
-    }
+    order = f"{view['orderByKey']} {'ASC' if view['orderByAsc'] else 'DESC'}"
+    body = {"experiment_ids": [own["experiment_id"]], "order_by": [order]}
+    body["filter"] = "tags.placement != 'square'"
     found = post(address, "runs/search", body)["runs"]
     names = [run["info"]["run_name"] for run in found]
     assert names == ["center · tiny · seed 1", "line · tiny · seed 1"]
@@ -123,8 +120,7 @@ def test_mistakes_are_one_line(runs, monkeypatch):
         (runs / name / "sweep.json").write_text(text)
     (runs / "text.db").write_text("no database, and longer than a header of one " * 9)
     (runs / "empty.db").touch()
-    empty = runs / "empty"
-    empty.mkdir()
+    (empty := runs / "empty").mkdir()
     port = free_port()
     for where, told in (
         ("runs/mlflow.db", "no such database"),

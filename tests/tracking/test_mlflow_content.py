@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import client, logging, runs_of, trial, until
+from mlflow_runs_of import client, logged, logging, runs_of, trial, until
 
 import tracking
 from tracking.mlflow.content import Dataset
@@ -37,8 +37,7 @@ def artifacts(uri, run):
 def test_a_trial_has_tags_data_and_pictures(uri, tmp_path, picture):
     tags = {"mlflow.source.name": "run.py"}
     for _ in range(2):
-        with logging(uri, tmp_path, [drawn(picture)], tags=tags, note="**Run** again"):
-            pass
+        logged(uri, tmp_path, [drawn(picture)], tags=tags, note="**Run** again")
     runs = runs_of(uri)
     parent, child = runs["demo"], runs["t1"]
     assert parent.data.tags["mlflow.note.content"] == "**Run** again"
@@ -52,12 +51,10 @@ def test_a_trial_has_tags_data_and_pictures(uri, tmp_path, picture):
 
 
 def test_a_trial_cut_before_its_picture_gets_it_and_has_its_data_once(uri, tmp_path, picture):
-    with logging(uri, tmp_path, [trial("t1", tags={"seed": 1}, datasets=DATA)]):
-        pass
+    logged(uri, tmp_path, [trial("t1", tags={"seed": 1}, datasets=DATA)])
     run = runs_of(uri)["t1"]
     client(uri).update_run(run.info.run_id, status="RUNNING")
-    with logging(uri, tmp_path, [drawn(picture)]):
-        pass
+    logged(uri, tmp_path, [drawn(picture)])
     run = runs_of(uri)["t1"]
     assert run.info.status == "FINISHED"
     assert artifacts(uri, run) == ["placement.png"]

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import assert_logged_once, free_port, logging, trial_of, until
+from mlflow_runs_of import assert_logged_once, free_port, logged, logging, trial_of, until
 
 from tracking.mlflow.uri import absolute_uri
 
@@ -109,7 +109,6 @@ def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
 def test_a_wrong_password_is_an_error_without_it(postgres, tmp_path):
     uri = postgres.uri.replace("s3c%40ret", "other")
     said: list[str] = []
-    with logging(uri, tmp_path, key="k3", say=said.append, patience_s=0.1):
-        pass
+    logged(uri, tmp_path, key="k3", say=said.append, patience_s=0.1)
     assert "password authentication failed" in said[0]
     assert "other@" not in said[0]

@@ -3,15 +3,17 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
+from made_up_run import NAMES
 from test_report import Page
 
+from tracking.figures.kit.style import figure
 from tracking.pages import page
 from tracking.pages.files_beside import write_csv_files
-from tracking.pages.section import Section, Table, slug
-from tracking.report.build import build_report
+from tracking.pages.page import SECTIONS_ALONE, write_page
+from tracking.pages.section import Section, Table, figure_title, slug
 
 
 @pytest.fixture
@@ -59,10 +61,8 @@ def test_markdown_has_every_table_of_the_page(folder):
 
 
 def test_markdown_tells_how_much_was_compared_as_the_page_does(folder):
-    extent = (
-        "5 placements, 10 trials, 400 training and 100 test frames with 840 boxes of 68 "
-        "individuals."
-    )
+    many = "400 training and 100 test frames with 840 boxes of 68 individuals."
+    extent = f"5 placements, 10 trials, {many}"
     assert (folder / "report.md").read_text().split("\n\n")[1] == extent
     assert f">{extent}<" in (folder / "report.html").read_text()
 
@@ -77,15 +77,20 @@ def test_figures_are_named_for_those_who_do_not_see_them(folder):
 def test_a_page_that_would_be_too_large_leaves_its_heaviest_figures_out(
     tmp_path, monkeypatch, capsys
 ):
-    folder = write_run(tmp_path / "large", names=["line", "center"], points=4000)
-    whole = build_report(folder).stat().st_size
+    plots = [figure(name, 300).add_scatter(y=np.arange(n)) for name, n in (("a", 9), ("b", 99_999))]
+    section, target = Section("s", figures=plots), tmp_path / "page.html"
+
+    def write():
+        return write_page(target, SECTIONS_ALONE, [section], name="n").stat().st_size
+
+    whole = write()
     monkeypatch.setattr(page, "LARGEST_PAGE", whole - 50_000)
-    built = build_report(folder)
-    assert built.stat().st_size <= whole - 50_000
-    said = capsys.readouterr().err.strip()
-    assert len(said.splitlines()) == 1
+    assert write() <= whole - 50_000
+    assert [figure_title(plot) for plot in section.figures] == ["a"]
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
     assert "left out to stay below" in said
-    assert "Left out, so that the page stays below" in Page(built.read_text("utf-8")).text
+    assert "Left out, so that the page stays below" in Page(target.read_text("utf-8")).text
 
 
 def test_two_tables_of_one_name_get_a_file_each(tmp_path):
@@ -97,23 +102,15 @@ def test_two_tables_of_one_name_get_a_file_each(tmp_path):
     assert sorted(file.name for file in (tmp_path / "tables").iterdir()) == ["t-2.csv", "t.csv"]
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("placements", "Car", "a/../b"), "placements-car-a-..-b"),
-        (("../../x",), "x"),
-        (("ρ Pedestrian é",), "pedestrian-e"),
-    ],
-)
-def test_a_slug_is_a_safe_name(words, expected):
-    assert slug(*words) == expected
+def test_a_slug_is_a_safe_name():
+    assert slug("placements", "Car", "a/../b") == "placements-car-a-..-b"
+    assert (slug("../../x"), slug("ρ Pedestrian é")) == ("x", "pedestrian-e")
 
 
 def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     rows = (("a", "–", "1", "–"), ("b", "–", "–", "–"))
-    table = Table(
-        "t", ("rig", "sd", "mean", "p"), rows, frozenset({(0, 2), (1, 1)}), frozenset({0})
-    )
+    stressed = frozenset({(0, 2), (1, 1)})
+    table = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0}))
     shown = table.without_dashes()
     assert shown.head == ("rig", "mean")
     assert shown.rows == (("a", "1"), ("b", "–"))
@@ -125,9 +122,8 @@ def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
 
 def test_all_but_the_answer_is_folded_away_with_its_figures_and_tables(folder):
     text = (folder / "report.html").read_text(encoding="utf-8")
-    folds = dict(
-        re.findall(r'<details class="folded"><summary><h2[^>]*>([^<]*)<(.*?)</details>', text, re.S)
-    )
+    fold = r'<details class="folded"><summary><h2[^>]*>([^<]*)<(.*?)</details>'
+    folds = dict(re.findall(fold, text, re.S))
     headings = re.findall(r"<h2[^>]*>([^<]*)<", text)
     assert headings[0] == "Which placement is best?"
     assert headings[1:] == list(folds)
