@@ -14,7 +14,7 @@ MOST_NAMED = 20
 _PLOT = (280.0, 215.0)  # pixels of the plotting area on a narrow page
 _LETTER = (6.5, 14.0)  # pixels
 _GAP = 8.0  # from the middle of a point to its label
-_PLACES = ("middle right", "middle left", "top center", "bottom center")
+_PLACES: tuple[str, ...] = ("middle right", "middle left", "top center", "bottom center")
 _PLACES += ("top right", "bottom left", "top left", "bottom right")
 
 
