@@ -168,11 +168,12 @@ class SweepRuns:
         """All runs of this sweep, the parent among them, oldest first."""
         how = {"filter_string": f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'", "max_results": 1000}
         how["order_by"] = ["attributes.start_time ASC"]
-        found, token = [], ""
-        while token is not None:
-            page = self._client.search_runs([self._experiment], **how, page_token=token or None)
+        page = self._client.search_runs([self._experiment], **how)
+        found = list(page)
+        while page.token:
+            how["page_token"] = page.token
+            page = self._client.search_runs([self._experiment], **how)
             found += page
-            token = page.token or None
         return found
 
     def _one_each(self, runs: list[Run]) -> dict[str, Run]:

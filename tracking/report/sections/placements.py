@@ -21,16 +21,7 @@ from tracking.labels import (
     surrogate_label,
     surrogate_name,
 )
-from tracking.pages.section import (
-    MOST_ROWS,
-    SURROGATE,
-    Column,
-    Section,
-    Table,
-    numbers,
-    slug,
-    words,
-)
+from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
@@ -85,8 +76,8 @@ def _placement_table(
     required = met(verdicts(run, group.setting)).reindex(table.index)
     if required.notna().any():
         table["requirements met"] = required
-        known = required.fillna(DASH)
-        columns.append(Column("requirements met", lambda row: known[row["placement"]]))
+        counted = required.fillna(DASH)
+        columns.append(Column("requirements met", lambda row: counted[row["placement"]]))
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
     metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     for metric, iou in metrics.itertuples(index=False):
@@ -162,7 +153,8 @@ def _surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
     if len(own) < 3 or own.shape[1] < 2:
         return []
     rho = own.corr("spearman")
-    columns = [numbers(surrogate_name(name), name, signed) for name in rho.columns]
+    columns = [words("surrogate", show=surrogate_name)]
+    columns += [numbers(surrogate_name(name), name, signed) for name in rho.columns]
     rows = rho.rename_axis("surrogate").rename_axis(columns=None).reset_index()
     name = slug("agreement", title)
-    return [Table.of(title, rows, [SURROGATE, *columns], wide=True, name=name)]
+    return [Table.of(title, rows, columns, wide=True, name=name)]
