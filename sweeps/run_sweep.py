@@ -217,8 +217,8 @@ def _print_summary(console: Console, folder: Path) -> None:
     console.print(table(title, list(summary.columns), rows))
     for line in headline(run):
         console.print(line, soft_wrap=True)
-    said = ray_counting_caution(largest_linear_share(run.surrogates))
-    for text in [*([said] if said else []), *run.sweep.cautions]:
+    counted = ray_counting_caution(largest_linear_share(run.surrogates))
+    for text in [*counted, *run.sweep.cautions]:
         console.print(f"warning: {text}", style="yellow", soft_wrap=True)
 
 

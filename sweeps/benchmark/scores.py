@@ -13,9 +13,9 @@ from sweeps.benchmark.rigs import METRICS, of, populations, read
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.ceiling import ceilings
 from tracking.report.sections.regret import regrets
+from tracking.statistics.all_pairs import pair_agreement
 from tracking.statistics.coefficients import scores as unit_vectors
 from tracking.statistics.confidence_interval import intervals
-from tracking.statistics.pair_agreement import pair_agreement
 from tracking.statistics.reliability import seed_mean
 
 _LOST = ("regret", "regret_low", "regret_high")

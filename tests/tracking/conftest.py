@@ -3,8 +3,10 @@ from pathlib import Path
 
 import pytest
 from made_up_run import write_run
+from mlflow_runs_of import new_store
 
 from tracking.report.build import build_report
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="session")
@@ -14,7 +16,13 @@ def made_up_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(made_up_run: Path) -> RunFolder:
+    """The same, read; some modules have one of their own."""
+    return RunFolder.read(made_up_run)
+
+
+@pytest.fixture(scope="session")
+def reported(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with its whole report, and with tables that were there before. Read it only."""
     folder = tmp_path_factory.mktemp("reported") / "grid"
     shutil.copytree(made_up_run, folder)
@@ -23,3 +31,9 @@ def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) ->
     (folder / "tables" / "mine.txt").write_text("kept")
     build_report(folder)
     return folder
+
+
+@pytest.fixture
+def uri(tmp_path: Path) -> str:
+    """Of a new database of MLflow."""
+    return new_store(tmp_path / "store")

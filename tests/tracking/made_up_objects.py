@@ -1,6 +1,7 @@
 """Objects of a made-up run, and which of them each trial found."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,32 +19,16 @@ def made_up_objects(
     The same individuals are in the five frames of a route.
     """
     rows: list[dict[str, Any]] = []
-    for setting in settings:
-        for frame in range(FRAMES):
-            for place in range(10):
-                name = CLASSES[place % 2]
-                x, y = rng.uniform(1, 19), rng.uniform(-9, 9)
-                share = float(rng.choice([0.2, 0.6, 1.0]))
-                rows.append(
-                    {
-                        "object": len(rows),
-                        **setting,
-                        "scene": "test",
-                        "frame": frame,
-                        "route": frame * ROUTES // FRAMES,
-                        "object_id": f"{frame * ROUTES // FRAMES}-{place}",
-                        "class": name,
-                        "x": x,
-                        "y": y,
-                        "z": HEIGHTS[name] / 2,
-                        "length": 4.2,
-                        "width": 1.8,
-                        "height": HEIGHTS[name],
-                        "yaw": rng.uniform(-np.pi, np.pi),
-                        "visibility": share,
-                        "occluded": {1.0: 0, 0.6: 1, 0.2: 2}[share],
-                    }
-                )
+    for setting, frame, place in product(settings, range(FRAMES), range(10)):
+        name, route = CLASSES[place % 2], frame * ROUTES // FRAMES
+        x, y = rng.uniform(1, 19), rng.uniform(-9, 9)
+        share = float(rng.choice([0.2, 0.6, 1.0]))
+        box = (x, y, HEIGHTS[name] / 2, 4.2, 1.8, HEIGHTS[name])
+        row = {"object": len(rows), **setting, "scene": "test", "frame": frame}
+        row |= {"route": route, "class": name, "object_id": f"{route}-{place}"}
+        row |= dict(zip(("x", "y", "z", "length", "width", "height"), box, strict=True))
+        row |= {"yaw": rng.uniform(-np.pi, np.pi), "visibility": share}
+        rows.append(row | {"occluded": {1.0: 0, 0.6: 1, 0.2: 2}[share]})
     return rows
 
 
@@ -55,14 +40,9 @@ def made_up_found(
 ) -> list[dict[str, Any]]:
     """A better rig finds more."""
     return [
-        {
-            "trial": trial["trial"],
-            "object": own["object"],
-            "points": int(rng.integers(0, 100)),
-            "found": bool(rng.random() < 0.3 + 0.5 * quality[str(trial["placement"])]),
-        }
-        for trial in trials
-        for own in objects
+        {"trial": trial["trial"], "object": own["object"], "points": int(rng.integers(0, 100))}
+        | {"found": bool(rng.random() < 0.3 + 0.5 * quality[str(trial["placement"])])}
+        for trial, own in product(trials, objects)
         if all(own[key] == trial[key] for key in own.keys() & trial.keys())
     ]
 

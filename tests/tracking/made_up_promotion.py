@@ -40,7 +40,6 @@ def write_promotion(
         second = gain.index[: kept[0]]
         own = short[(short["detector"] == detector) & short["placement"].isin(second)]
         ap = own.groupby("placement")["value"].mean().sort_values(ascending=False)
-        common = {"detector": detector, "class": "Car"}
         for rung, values in enumerate((gain, ap)):
             for rank, (name, value) in enumerate(values.items(), start=1):
                 seconds = 0.05
@@ -48,36 +47,21 @@ def write_promotion(
                     match = (trials["placement"] == name) & (trials["detector"] == detector)
                     seconds = trials.loc[match & (trials[EPOCHS] == SHORT), "seconds"].sum()
                     seconds *= SHORT / FULL
-                rows.append(
-                    {
-                        **common,
-                        "rung": rung,
-                        "placement": name,
-                        "by": RUNGS[rung]["by"],
-                        "value": value,
-                        "rank": rank,
-                        "kept": rank <= kept[rung],
-                        "seconds": seconds,
-                        "setting": f"{EPOCHS}={SHORT}" if rung else "",
-                    }
-                )
+                own = {"rung": rung, "detector": detector, "placement": name, "class": "Car"}
+                own |= {"by": RUNGS[rung]["by"], "value": value, "rank": rank, "seconds": seconds}
+                own |= {"kept": rank <= kept[rung], "setting": f"{EPOCHS}={SHORT}" if rung else ""}
+                rows.append(own)
         for epochs, reached in ((SHORT, set(second)), (FULL, set(ap.index[: kept[1]]))):
-            pruned = (
-                (trials["detector"] == detector)
-                & (trials[EPOCHS] == epochs)
-                & ~trials["placement"].isin(reached)
-            )
+            pruned = (trials["detector"] == detector) & (trials[EPOCHS] == epochs)
+            pruned &= ~trials["placement"].isin(reached)
             reason = f"{placements} by expected_ig (Car), {kept[0]} kept"
             trials.loc[pruned, ["status", "error"]] = "pruned", reason
             trials.loc[pruned, "seconds"] = np.nan
     trials["seconds"] *= trials[EPOCHS] / FULL
     gone = trials.loc[trials["status"] == "pruned", "trial"]
-    tables = {
-        "promotions": pd.DataFrame(rows),
-        "trials": trials,
-        "results": results[~results["trial"].isin(gone)],
-        "curves": curves[~curves["trial"].isin(gone)],
-    }
+    tables = {"promotions": pd.DataFrame(rows), "trials": trials}
+    tables["results"] = results[~results["trial"].isin(gone)]
+    tables["curves"] = curves[~curves["trial"].isin(gone)]
     for name, table in tables.items():
         table.to_parquet(path / f"{name}.parquet", index=False)
     sweep = json.loads((path / "sweep.json").read_text())

@@ -58,70 +58,47 @@ def write_run(
     quality = dict(zip(names, rng.permutation(len(names)) / len(names), strict=True))
 
     trials, results, curves = [], [], []
-    for detector in detectors:
-        for setting in settings:
-            for name in names:
-                for number in seeds:
-                    trial = f"t{len(trials):03d}"
-                    common = {"trial": trial, "placement": name, "detector": detector}
-                    trials.append(
-                        {
-                            **common,
-                            "seed": number,
-                            **setting,
-                            "seconds": (60 + 20 * rng.random())
-                            / (20 if setting.get("judge") == "generalist" else 1),
-                            "status": "finished",
-                            "error": "",
-                        }
-                    )
-                    results += _results(rng, common, number, setting, quality[name])
-                    curves += _curve(rng, trial, setting, enough)
+    ended = {"status": "finished", "error": ""}
+    for detector, setting, name, number in product(detectors, settings, names, seeds):
+        common = {"trial": f"t{len(trials):03d}", "placement": name, "detector": detector}
+        common |= {"seed": number, **setting}
+        seconds = (60 + 20 * rng.random()) / (20 if setting.get("judge") == "generalist" else 1)
+        trials.append({**common, "seconds": seconds, **ended})
+        results += _results(rng, common, setting, quality[name])
+        curves += _curve(rng, str(common["trial"]), setting, enough)
     if not detectors:
         trials = [
             {"trial": f"t{i:03d}", "placement": name, "detector": None, "seed": 0, **scene}
-            | {"seconds": np.nan, "status": "finished", "error": ""}
+            | {"seconds": np.nan, **ended}
             for i, (scene, name) in enumerate(product(scenes, names))
         ]
     of_objects = np.random.default_rng(seed + 1)
     objects = made_up_objects(of_objects, scenes) if detectors else []
     estimates, resamples = _sampling_error(rng, quality, scenes)
-    tables = {
-        "trials": trials,
-        "results": results,
-        "curves": curves,
-        "pr_curves": _pr_curves(results),
-        "left_out": _left_out(rng, results),
-        "distance": _distance(results),
-        "sector": _sector(results),
-        "points": _points(rng, quality, scenes) if detectors else [],
-        "individuals": _individuals(scenes, 102 if enough else 34) if detectors else [],
-        "objects": objects,
-        "found": made_up_found(of_objects, objects, trials, quality),
-        "surrogates": _surrogates(rng, quality, scenes),
-        "expected_ig_by_q": _by_q(rng, quality, scenes),
-        "accuracy": _accuracy(rng, names),
-        "sampling_error": estimates,
-        "pog_resamples": resamples,
-        "tasks": _tasks(trials),
-    }
+    tables = {"trials": trials, "results": results, "curves": curves, "objects": objects}
+    tables |= {"sampling_error": estimates, "pog_resamples": resamples, "tasks": _tasks(trials)}
+    tables |= {"distance": _distance(results), "sector": _sector(results)}
+    tables |= {"pr_curves": _pr_curves(results), "left_out": _left_out(rng, results)}
+    tables["points"] = _points(rng, quality, scenes) if detectors else []
+    tables["individuals"] = _individuals(scenes, 102 if enough else 34) if detectors else []
+    tables["found"] = made_up_found(of_objects, objects, trials, quality)
+    tables["surrogates"] = _surrogates(rng, quality, scenes)
+    tables["expected_ig_by_q"] = _by_q(rng, quality, scenes)
+    tables["accuracy"] = _accuracy(rng, names)
     for name, rows in tables.items():
         pd.DataFrame(rows).to_parquet(path / f"{name}.parquet", index=False)
 
+    poses = [[0.0, y, 2.2, 0.0, 0.0, 0.0] for y in (-0.6, -0.4, 0.4, 0.6)]
     sweep = {
         "name": path.name,
         "command": f"lidarplace run examples/{path.name}.yaml",
         "axes": ["placement", "training.seed", *settings[0]],
-        "placements": {
-            name: [[0.0, y, 2.2, 0.0, 0.0, 0.0] for y in (-0.6, -0.4, 0.4, 0.6)] for name in names
-        },
+        "placements": dict.fromkeys(names, poses),
         "classes": list(CLASSES),
         "roi": roi,
-        "frames": {"train": 400, "test": 100},
-        "seconds": 1234.5,
-        "cores": 2,
         "versions": {"lidarplace": "0.1.0", "numpy": np.__version__},
     }
+    sweep |= {"frames": {"train": 400, "test": 100}, "seconds": 1234.5, "cores": 2}
     (path / "sweep.json").write_text(json.dumps(sweep), encoding="utf-8")
     (path / "config.yaml").write_text("scene:\n  density: 40\n", encoding="utf-8")
     _write_maps(path, names if detectors else names[:12], roi)
@@ -132,42 +109,24 @@ def write_run(
     return path
 
 
-def _results(
-    rng: np.random.Generator,
-    common: dict[str, object],
-    number: int,
-    setting: dict[str, float],
-    quality: float,
-) -> list[dict[str, object]]:
+def _results(rng, common, setting, quality):
     rows = []
-    for object_class, ious in IOUS.items():
-        for metric in (
-            ("recall",)
-            if object_class == "all"
-            else ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D" if "judge" in setting else "recall")
-        ):
-            for iou in ious:
-                value = 90 - 60 * iou + 15 * quality + rng.normal()
-                value -= 10 / setting.get("training.epochs", np.inf)
-                if setting.get("judge") == "generalist":
-                    value = 20 + 90 - 60 * iou + 15 * (0.5 + quality) / 2 + 0.1 * rng.normal()
-                rows.append(
-                    {
-                        **common,
-                        "class": object_class,
-                        "seed": number,
-                        **setting,
-                        "metric": metric,
-                        "iou": iou,
-                        "difficulty": "all",
-                        "value": np.nan if object_class == "Cyclist" else value,
-                        "ground_truths": 0 if object_class == "Cyclist" else 420,
-                    }
-                )
+    for name, ious in IOUS.items():
+        recall = "class_recall_3D" if "judge" in setting else "recall"
+        metrics = ("recall",) if name == "all" else ("AP_R40_3D", "AP_R40_BEV", recall)
+        for metric, iou in product(metrics, ious):
+            value = 90 - 60 * iou + 15 * quality + rng.normal()
+            value -= 10 / setting.get("training.epochs", np.inf)
+            if setting.get("judge") == "generalist":
+                value = 20 + 90 - 60 * iou + 15 * (0.5 + quality) / 2 + 0.1 * rng.normal()
+            known = name != "Cyclist"
+            row = {**common, "class": name, "metric": metric, "iou": iou, "difficulty": "all"}
+            row |= {"value": value if known else np.nan, "ground_truths": 420 if known else 0}
+            rows.append(row)
     return rows
 
 
-def _pr_curves(results: list[dict[str, object]]) -> list[dict[str, object]]:
+def _pr_curves(results):
     """Precision that falls to 0 at the recall that AP says."""
     gone = ("difficulty", "value", "ground_truths")
     return [
@@ -179,9 +138,7 @@ def _pr_curves(results: list[dict[str, object]]) -> list[dict[str, object]]:
     ]
 
 
-def _left_out(
-    rng: np.random.Generator, results: list[dict[str, object]]
-) -> list[dict[str, object]]:
+def _left_out(rng, results):
     """Every result without each of four routes and 34 individuals, which differ by some points.
 
     What a unit does is the same for all placements up to a tenth.
@@ -200,7 +157,7 @@ def _left_out(
     ]
 
 
-def _distance(results: list[dict[str, object]]) -> list[dict[str, object]]:
+def _distance(results):
     """AP that falls with the distance."""
     return [
         {k: v for k, v in row.items() if k != "difficulty"}
@@ -211,7 +168,7 @@ def _distance(results: list[dict[str, object]]) -> list[dict[str, object]]:
     ]
 
 
-def _sector(results: list[dict[str, object]]) -> list[dict[str, object]]:
+def _sector(results):
     """Recall that is best ahead."""
     return [
         {k: v for k, v in row.items() if k != "difficulty"}
@@ -223,131 +180,83 @@ def _sector(results: list[dict[str, object]]) -> list[dict[str, object]]:
     ]
 
 
-def _points(
-    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
-) -> list[dict[str, object]]:
+def _points(rng, quality, settings):
     return [
         {"placement": name, **setting, "class": object_class, "from_m": low, "to_m": low + 10}
         | {"objects": 100, "mean": mean, "median": 0.8 * mean, "p10": 0.1 * mean, "unseen": 0.05}
-        for setting in settings
-        for name, value in quality.items()
+        for setting, (name, value) in product(settings, quality.items())
         for object_class in ("Car", "Pedestrian")
         for low, mean in ((0.0, 900 * (1 + value)), (10.0, 90 * (1 + value) + rng.random()))
     ]
 
 
-def _individuals(settings: list[dict[str, int]], number: int) -> list[dict[str, object]]:
+def _individuals(settings, number):
     """Of every class so many on four routes: ten are in 30 frames, the others in five."""
     return [
         {**setting, "split": split, "scene": split, "route": i % 4, "class": object_class}
         | {"object_id": f"{object_class}-{i}", "boxes": 30 if i < 10 else 5}
-        for setting in settings
-        for split in ("train", "test")
-        for object_class in ("Car", "Pedestrian")
-        for i in range(number)
+        for setting, split in product(settings, ("train", "test"))
+        for object_class, i in product(("Car", "Pedestrian"), range(number))
     ]
 
 
-def _surrogates(
-    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
-) -> list[dict[str, object]]:
+def _surrogates(rng, quality, settings):
     rows = []
-    for setting in settings:
-        for name, value in quality.items():
-            for scale, object_class in enumerate(CLASSES, start=1):
-                covered = 1000 * scale * (1 + value + 0.1 * rng.random())
-                h_pog = 4000.0 * scale
-                values = {
-                    "s_mig": -covered,
-                    "ig": h_pog - covered,
-                    "h_pog": h_pog,
-                    "covered_entropy": covered,
-                    "residual_entropy": h_pog - covered,
-                    "m_sog": -covered / (9000 + 1000 * value),
-                    "expected_points": 50 * scale * rng.random(),
-                    "expected_ig": 900 * scale * (1 + value + 0.2 * rng.random()),
-                    "covered_voxels": 9000 + 1000 * value,
-                    "expected_recall": 1 - 1 / (2 + value),
-                }
-                rows += [
-                    {
-                        "placement": name,
-                        "class": object_class,
-                        **setting,
-                        "surrogate": surrogate,
-                        "value": number,
-                        "method": "cone",
-                        "seconds": 0.05,
-                    }
-                    for surrogate, number in values.items()
-                ]
+    for setting, (name, value) in product(settings, quality.items()):
+        for scale, object_class in enumerate(CLASSES, start=1):
+            covered, h_pog = 1000 * scale * (1 + value + 0.1 * rng.random()), 4000.0 * scale
+            rest, voxels = h_pog - covered, 9000 + 1000 * value
+            values = {"s_mig": -covered, "ig": rest, "h_pog": h_pog, "covered_entropy": covered}
+            values |= {"residual_entropy": rest, "m_sog": -covered / voxels}
+            values["expected_points"] = 50 * scale * rng.random()
+            values["expected_ig"] = 900 * scale * (1 + value + 0.2 * rng.random())
+            values |= {"covered_voxels": voxels, "expected_recall": 1 - 1 / (2 + value)}
+            own = {"placement": name, "class": object_class, **setting}
+            own |= {"method": "cone", "seconds": 0.05}
+            rows += [{**own, "surrogate": by, "value": number} for by, number in values.items()]
     return rows
 
 
-def _by_q(
-    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
-) -> list[dict[str, object]]:
+def _by_q(rng, quality, settings):
     """At q = 0.1 expected IG follows AP, elsewhere it does not."""
+    every = product(settings, quality.items(), CLASSES, (0.01, 0.1, 1.0))
     return [
-        {
-            "placement": name,
-            **setting,
-            "class": object_class,
-            "q": q,
-            "expected_ig": 1000 * (1 + value) if q == 0.1 else 1000 * rng.random(),
-        }
-        for setting in settings
-        for name, value in quality.items()
-        for object_class in CLASSES
-        for q in (0.01, 0.1, 1.0)
+        {"placement": name, **setting, "class": object_class, "q": q}
+        | {"expected_ig": 1000 * (1 + value) if q == 0.1 else 1000 * rng.random()}
+        for setting, (name, value), object_class, q in every
     ]
 
 
-def _curve(
-    rng: np.random.Generator, trial: str, setting: dict[str, float], flat: bool
-) -> list[dict[str, object]]:
+def _curve(rng, trial, setting, flat):
     """An epoch over all frames takes 8 s; the loss is flat at the end or still falls."""
     seconds = 8 * setting.get("training.frame_share", 1.0)
-    return [
-        {"trial": trial, "epoch": epoch, "metric": metric, "value": value}
-        for epoch in range(1, setting.get("training.epochs", 5) + 1)
-        for metric, value in (
-            ("loss", 2 / (3 if flat else epoch) + 0.1 * rng.random() * (not flat)),
-            ("seconds", seconds),
-        )
-    ]
+    rows = []
+    for epoch in range(1, setting.get("training.epochs", 5) + 1):
+        loss = 2 / (3 if flat else epoch) + 0.1 * rng.random() * (not flat)
+        for metric, value in (("loss", loss), ("seconds", seconds)):
+            rows.append({"trial": trial, "epoch": epoch, "metric": metric, "value": value})
+    return rows
 
 
-def _accuracy(rng: np.random.Generator, names: Sequence[str]) -> list[dict[str, object]]:
+def _accuracy(rng, names):
     rows = []
     ways = [("cone", 0.5, 0, 400), ("cone", 0.25, 0, 400), ("cone", 0.5, 0, 200)]
     ways += [(method, 0.5, steps, 400) for method in ("dda", "bresenham") for steps in (90, 1440)]
+    columns = ("method", "resolution", "azimuth_steps", "frames")
     for name in names:
         exact = -1000 * (1 + rng.random())
-        for method, resolution, steps, frames in ways:
+        for way in ways:
+            _, resolution, steps, _ = way
             error = 0.3 * (resolution - 0.25) + 5 / steps * rng.random() if steps else 0.0
-            rows.append(
-                {
-                    "placement": name,
-                    "class": CLASSES[0],
-                    "surrogate": "s_mig",
-                    "method": method,
-                    "resolution": resolution,
-                    "azimuth_steps": steps,
-                    "frames": frames,
-                    "value": exact * (1 - error),
-                    "comparable": exact * (1 - error),
-                    "reference": resolution == 0.25,
-                    "seconds": 0.01 + 1e-4 * steps,
-                    "pog_seconds": 0.1,
-                }
-            )
+            own = {"placement": name, "class": CLASSES[0], "surrogate": "s_mig"}
+            own |= dict(zip(columns, way, strict=True))
+            own |= dict.fromkeys(("value", "comparable"), exact * (1 - error))
+            own |= {"reference": resolution == 0.25, "seconds": 0.01 + 1e-4 * steps}
+            rows.append(own | {"pog_seconds": 0.1})
     return rows
 
 
-def _sampling_error(
-    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
-) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
+def _sampling_error(rng, quality, settings):
     """Estimates of S-MIG, and resamples that all placements share but for a hair."""
     estimates, resamples = [], []
     for setting in settings:
@@ -356,31 +265,19 @@ def _sampling_error(
             own = {"placement": name, **setting, "class": CLASSES[0], "surrogate": "s_mig"}
             middle = -1000 * (1 + value)
             drawn = middle + common + 0.1 * rng.normal(size=20)
-            estimates.append(
-                {
-                    **own,
-                    "value": middle,
-                    "sd": drawn.std(),
-                    "bias": 0.0,
-                    "low": middle - 100,
-                    "high": middle + 100,
-                    "blocks": 10,
-                    "resamples": 20,
-                }
-            )
+            found = {"value": middle, "low": middle - 100, "high": middle + 100, "bias": 0.0}
+            estimates.append({**own, **found, "sd": drawn.std(), "blocks": 10, "resamples": 20})
             resamples += [{**own, "resample": i, "value": v} for i, v in enumerate(drawn)]
     return estimates, resamples
 
 
-def _tasks(trials: list[dict[str, object]]) -> list[dict[str, object]]:
+def _tasks(trials):
     """Tasks of two workers, 10 ms beyond the work of each."""
-    rows: list[dict[str, object]] = [
-        {"stage": "scene", "label": "town01", "key": "a", "seconds": 31.0, "cached": True},
-        {"stage": "pog", "label": "Car", "key": "b", "seconds": 4.0, "cached": False},
-    ]
+    first = [("scene", "town01", "a", 31.0, True), ("pog", "Car", "b", 4.0, False)]
     if any(trial.get("judge") == "generalist" for trial in trials):
-        rows.append({"stage": "pretrain", "label": "generalist", "key": "c", "seconds": 250.0})
-        rows[-1]["cached"] = False
+        first.append(("pretrain", "generalist", "c", 250.0, False))
+    columns = ("stage", "label", "key", "seconds", "cached")
+    rows = [dict(zip(columns, row, strict=True)) for row in first]
     for trial in trials:
         common = {"label": trial["placement"], "key": trial["trial"], "cached": False}
         rows.append({"stage": "simulate", **common, "seconds": 9.0})
@@ -398,8 +295,8 @@ def _tasks(trials: list[dict[str, object]]) -> list[dict[str, object]]:
     return rows
 
 
-def _write_maps(path: Path, names: Sequence[str], roi: dict[str, object]) -> None:
-    edge = float(roi["resolution"])
+def _write_maps(path, names, roi):
+    edge = roi["resolution"]
     (x0, x1), (y0, y1) = roi["x"], roi["y"]
     x = np.arange(x0 + edge / 2, x1, edge)[:, None]
     y = np.arange(y0 + edge / 2, y1, edge)[None, :]
@@ -415,15 +312,13 @@ def _write_maps(path: Path, names: Sequence[str], roi: dict[str, object]) -> Non
     np.savez_compressed(path / "maps.npz", **maps)
 
 
-def _write_frame(rng: np.random.Generator, path: Path, names: Sequence[str], points: int) -> None:
+def _write_frame(rng, path, names, points):
     boxes = np.array([[12, 3, 0.8, 4.2, 1.8, 1.6, 0.1], [8, -5, 0.9, 0.8, 0.8, 1.8, 0.0]])
-    frame: dict[str, np.ndarray] = {"boxes": boxes, "labels": np.array(["Car", "Pedestrian"])}
+    frame = {"boxes": boxes, "labels": np.array(["Car", "Pedestrian"])}
     for name in names:
         radius = np.round(rng.uniform(2, 18, points), 0) + 0.05 * rng.random(points)
         angle = rng.uniform(-np.pi, np.pi, points)
-        cloud = np.stack(
-            [radius * np.cos(angle), radius * np.sin(angle), 0 * radius, rng.random(points)], axis=1
-        )
-        frame[f"points/{name}"] = cloud.astype(np.float32)
+        cloud = [radius * np.cos(angle), radius * np.sin(angle), 0 * radius, rng.random(points)]
+        frame[f"points/{name}"] = np.stack(cloud, axis=1).astype(np.float32)
         frame[f"lidar/{name}"] = rng.integers(0, 4, points).astype(np.uint8)
     np.savez_compressed(path / "frame.npz", **frame)

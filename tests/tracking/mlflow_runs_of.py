@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,9 @@ def trial(key: str, error: str | None = None, **content: Any) -> EndedTrial:
 
 
 def trial_of(seed: int, *files: Path) -> EndedTrial:
-    return trial(
-        f"t{seed}",
-        name=f"line · tiny · seed {seed}",
-        params={"seed": seed, "detector": "tiny"},
-        metrics={"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")},
-        curve=CURVE,
-        files=files,
-    )
+    own = {"name": f"line · tiny · seed {seed}", "params": {"seed": seed, "detector": "tiny"}}
+    own["metrics"] = {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")}
+    return trial(f"t{seed}", **own, curve=CURVE, files=files)
 
 
 def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: Any) -> SweepLog:
@@ -55,27 +51,32 @@ def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: 
     return log
 
 
-def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
-    """The runs of an experiment by name. Fails if two have one name."""
+def logged(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: Any) -> SweepLog:
+    """The log after its block, in which nothing else happens."""
+    with logging(uri, folder, trials, **about) as log:
+        pass
+    return log
+
+
+def client(uri: str) -> Any:
     from mlflow import MlflowClient
 
-    client = MlflowClient(tracking_uri=uri)
-    experiment = client.get_experiment_by_name(name)
-    runs = client.search_runs([experiment.experiment_id], max_results=1000)
+    return MlflowClient(tracking_uri=uri)
+
+
+def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
+    """The runs of an experiment by name. Fails if two have one name."""
+    experiment = client(uri).get_experiment_by_name(name)
+    runs = client(uri).search_runs([experiment.experiment_id], max_results=1000)
     by_name = {run.info.run_name: run for run in runs}
     assert len(by_name) == len(runs)
     return by_name
 
 
 def points_of(uri: str, run: Any) -> list[tuple[str, int, float]]:
-    from mlflow import MlflowClient
-
-    client = MlflowClient(tracking_uri=uri)
-    return sorted(
-        (name, point.step, point.value)
-        for name in run.data.metrics
-        for point in client.get_metric_history(run.info.run_id, name)
-    )
+    history = partial(client(uri).get_metric_history, run.info.run_id)
+    points = (point for name in run.data.metrics for point in history(name))
+    return sorted((point.key, point.step, point.value) for point in points)
 
 
 def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
@@ -89,12 +90,8 @@ def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
         assert run.info.status == "FINISHED"
         assert run.data.params == {"seed": str(seed), "detector": "tiny"}
         assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
-        assert points_of(uri, run) == [
-            ("AP_R40_3D.Car.0.70", 0, 60.0 + seed),
-            ("loss", 1, 3.0),
-            ("loss", 2, 2.0),
-            ("loss", 3, 1.5),
-        ]
+        losses = [("loss", 1, 3.0), ("loss", 2, 2.0), ("loss", 3, 1.5)]
+        assert points_of(uri, run) == [("AP_R40_3D.Car.0.70", 0, 60.0 + seed), *losses]
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -116,15 +113,12 @@ def start_server(store: str, port: int, folder: Path) -> subprocess.Popen[bytes]
     """`mlflow server` on this machine, ready to answer. Kill its process group to end it."""
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store]
     command += ["--artifacts-destination", str(folder / "artifacts"), "--workers", "1"]
+    command += ["--host", "127.0.0.1", "--port", str(port)]
+    # Else there are eight more processes that this needs not.
+    environment = {**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
     with (folder / "server.log").open("ab") as log:
-        server = subprocess.Popen(
-            [*command, "--host", "127.0.0.1", "--port", str(port)],
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-            # Eight more processes that this needs not.
-            env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-        )
+        own = {"stdout": log, "stderr": log, "start_new_session": True}
+        server = subprocess.Popen(command, env=environment, **own)
     for _ in range(1500):
         try:
             urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=5).close()

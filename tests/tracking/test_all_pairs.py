@@ -1,34 +1,32 @@
 """Intervals of all pairs: scipy's Tukey test, pairs by hand, and rigs that scatter unequally."""
 
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import special, stats
 
-from tracking.statistics.all_pairs import AllPairs
+from tracking.statistics.all_pairs import AllPairs, pair_agreement
 from tracking.statistics.jackknife import (
     LEAST_OWN_UNITS,
     _inverse_trigamma,
     moderated,
     sample_error,
 )
-from tracking.statistics.reliability import Noise
+from tracking.statistics.reliability import Noise, seed_mean
 
 
 def left_out_of(values):
     """Of means over routes of equal size, from values of shape (routes, placements)."""
     routes, placements = values.shape
     without = (values.sum(axis=0) - values) / (routes - 1)
-    return pd.DataFrame(
-        {
-            "placement": np.tile([f"p{i:02}" for i in range(placements)], routes),
-            "seed": 1,
-            "unit": "route",
-            "left_out": np.repeat([f"r{i}" for i in range(routes)], placements),
-            "ground_truths": 10,
-            "value": without.ravel(),
-        }
-    )
+    table = {
+        "placement": np.tile([f"p{i:02}" for i in range(placements)], routes),
+        "left_out": np.repeat([f"r{i}" for i in range(routes)], placements),
+        "value": without.ravel(),
+    }
+    return pd.DataFrame(table).assign(seed=1, unit="route", ground_truths=10)
 
 
 def of_routes(values):
@@ -49,9 +47,8 @@ def test_seeds_alone_are_tukeys():
         # The critical value is that of 15 degrees of freedom, the next in the table.
         wider = np.diff(pairs.intervals(at), axis=1)[others, 0]
         exact = (bounds.high - bounds.low)[at][others]
-        assert wider / exact == pytest.approx(
-            stats.studentized_range.ppf(0.95, 4, 15) / stats.studentized_range.ppf(0.95, 4, 16)
-        )
+        next_, own = (stats.studentized_range.ppf(0.95, 4, degrees) for degrees in (15, 16))
+        assert wider / exact == pytest.approx(next_ / own)
         assert pairs.p_of_no_lead(at)[others] == pytest.approx(theirs.pvalue[at][others], abs=1e-6)
 
 
@@ -112,9 +109,31 @@ def test_the_inverse_of_trigamma(value):
     assert special.polygamma(1, _inverse_trigamma(value)) == pytest.approx(value, rel=1e-6)
 
 
-def test_without_degrees_of_freedom_nothing_is_said():
-    pairs = AllPairs.of(np.array([1.0, 2.0]), Noise(np.ones(2), np.nan, 0))
-    assert np.isnan(pairs.intervals(0)).all()
-    assert np.isnan(pairs.p_of_no_lead(0)).all()
+def test_agreement_looks_at_every_pair_by_itself():
+    random = np.random.default_rng(3)
+    y = random.normal(size=(9, 1)) + 0.4 * random.normal(size=(9, 3))
+    values = np.round(y.mean(axis=1) + random.normal(size=9), 0)  # with ties
+    means, noise = seed_mean(y), Noise.of(y)
+    right, number = 0.0, 0
+    for one, two in combinations(range(9), 2):
+        error = np.sqrt(2 * noise.variance / 3)
+        if abs(means[one] - means[two]) <= stats.t.ppf(0.975, noise.degrees) * error:
+            continue
+        number += 1
+        if values[one] == values[two]:
+            right += 0.5
+        elif (values[one] > values[two]) == (means[one] > means[two]):
+            right += 1
+    assert 5 < number < 36
+    found = pair_agreement(values, AllPairs.of(means, noise))
+    assert found == (pytest.approx(right / number), number)
+
+
+def test_nothing_is_known_of_one_seed():
+    y = np.arange(5.0)[:, None]
+    pairs = AllPairs.of(y[:, 0], Noise.of(y))
+    share, number = pair_agreement(np.arange(5.0), pairs)
+    assert np.isnan([share, *pairs.intervals(0).ravel(), *pairs.p_of_no_lead(0)]).all()
+    assert number == 0
     alone = AllPairs.of(np.array([1.0]), Noise(np.full(1, 3.0), 1.0, 2))
     assert np.isnan(alone.intervals(0)).all()

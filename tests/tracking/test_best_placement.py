@@ -77,22 +77,6 @@ def test_no_spread_over_seeds():
     assert found.others.loc["a", "low"] == 2.0
 
 
-def test_what_a_seed_adds_to_all_placements_changes_nothing():
-    y = {"a": [70.0, 62, 66.5], "b": [72.5, 64.5, 68], "c": [69.0, 61, 66]}
-    found = best_placement(results(y))
-    shifted = {
-        name: [v + g for v, g in zip(own, (0, 9, -4), strict=True)] for name, own in y.items()
-    }
-    again = best_placement(results(shifted))
-    pd.testing.assert_frame_equal(
-        again.others.drop(columns="mean"), found.others.drop(columns="mean")
-    )
-    pd.testing.assert_series_equal(again.sure, found.sure)
-    assert again.seed_sd != pytest.approx(found.seed_sd)
-    # As if they were unpaired: Tukey's own test of scipy.
-    assert stats.tukey_hsd(*shifted.values()).pvalue[0, 1] > 0.5 > found.others.loc["a", "p"]
-
-
 def test_the_area_decides_where_it_is_known():
     """AP_R40 has b ahead, by its steps; the area under the same curves has a ahead."""
     y = {"a": [70.0, 71.0], "b": [71.0, 72.0]}

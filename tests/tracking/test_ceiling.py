@@ -29,22 +29,19 @@ def test_noise_lowers_a_correlation_to_its_share_of_the_ceiling(coefficient, pre
     """One sample so large that it is the population: reliability 1 / (1 + noise² / seeds)."""
     rng = np.random.default_rng(1)
     _, said, y = world(rng, 200_000, 2, 1.0, predictor)
-    found = getattr(stats, {"pearson": "pearsonr", "spearman": "spearmanr"}[coefficient])
+    found = {"pearson": stats.pearsonr, "spearman": stats.spearmanr}[coefficient]
     most = float(ceiling(of_means(y)[0], coefficient))
+    reached = found(said, y.mean(axis=1)).statistic
     if predictor == 1:
-        assert found(said, y.mean(axis=1)).statistic == pytest.approx(most, abs=0.005)
+        assert reached == pytest.approx(most, abs=0.005)
     else:
-        assert found(said, y.mean(axis=1)).statistic < most - 0.1
+        assert reached < most - 0.1
     if coefficient == "pearson":
         assert most == pytest.approx(np.sqrt(1 / 1.5), abs=0.005)
-        assert found(said, y.mean(axis=1)).statistic == pytest.approx(predictor * most, abs=0.005)
+        assert reached == pytest.approx(predictor * most, abs=0.005)
 
 
-MANY = [
-    pytest.param(placements, noise, 4000, marks=pytest.mark.long)
-    for placements in (8, 24)
-    for noise in (0.3, 1.0)
-]
+MANY = [pytest.param(n, sd, 4000, marks=pytest.mark.long) for n in (8, 24) for sd in (0.3, 1.0)]
 
 
 @pytest.mark.parametrize(("placements", "noise", "times"), [(8, 1.0, 300), *MANY])
@@ -56,15 +53,6 @@ def test_intervals_of_the_reliability_hold_it_as_often_as_they_say(placements, n
         _, low, high = of_means(y)
         held += low <= truth <= high
     assert held / times == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / times))
-
-
-def test_stiff_cases():
-    assert np.isnan(reliability(np.array([1.0, 2.0, 4.0]), np.nan, 0)).all()
-    assert np.isnan(reliability(np.array([2.0, 2.0, 2.0]), 1.0, 4)).all()
-    assert np.isnan(reliability(np.array([2.0]), 1.0, 4)).all()
-    assert reliability(np.array([1.0, 2.0, 4.0]), 0.0, 4).tolist() == [1, 1, 1]
-    assert reliability(np.array([1.0, 1.1, 1.2]), 1.0, 4)[0] == 0
-    assert ceiling(np.array([0.0, 1.0])).tolist() == pytest.approx([0, 1])
 
 
 def drawn_objects(rng, skill, objects):
@@ -130,9 +118,9 @@ def test_detectors_that_agree_in_a_part():
     found = ceilings(results)
     rho = stats.spearmanr(part, own[0]).statistic
     assert found["ceiling_by_detectors"].tolist() == pytest.approx([rho] * 3, abs=0.02)
-    assert found["agreement_of_detectors"].iloc[0] == pytest.approx(
-        6 / np.pi * np.arcsin(1 / 4), abs=0.02
-    )
+    agreement = 6 / np.pi * np.arcsin(1 / 4)
+    assert found["agreement_of_detectors"].iloc[0] == pytest.approx(agreement, abs=0.02)
+    assert ceiling(np.array([0.0, 1.0])).tolist() == pytest.approx([0, 1])
 
 
 def test_two_seeds_agree_whatever_their_level():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import requests
-from mlflow_runs_of import free_port, logging, new_store, trial, until
+from mlflow_runs_of import free_port, logged, new_store, trial, until
 from typer.testing import CliRunner
 
 from tests.forked import GUARD_S
@@ -24,17 +24,11 @@ def runs(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     uri = new_store(folder / "store")
     (folder / "demo").mkdir()
-    ended = [
-        trial(
-            name,
-            name=f"{name} · tiny · seed 1",
-            metrics={"AP_R40_3D.Car.0.70": ap, "seconds": 9.0},
-            tags={"placement": name},
-        )
-        for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0))
-    ]
-    with logging(uri, folder / "demo", ended, columns=COLUMNS):
-        pass
+    ended = []
+    for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0)):
+        own = {"metrics": {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}, "tags": {"placement": name}}
+        ended.append(trial(name, name=f"{name} · tiny · seed 1", **own))
+    logged(uri, folder / "demo", ended, columns=COLUMNS)
     (folder / "demo" / "sweep.json").write_text(json.dumps({"name": "demo", "tracking_uri": uri}))
     return folder
 
@@ -70,48 +64,36 @@ def post(address, call, body):
 
 
 def experiment(address):
-    (found,) = [
-        found
-        for found in post(address, "experiments/search", {"max_results": 9})["experiments"]
-        if found["name"] == "demo"
-    ]
-    return found
+    found = post(address, "experiments/search", {"max_results": 9})["experiments"]
+    (own,) = [one for one in found if one["name"] == "demo"]
+    return own
 
 
 def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
     own = experiment(address)
     tags = {tag["key"]: tag["value"] for tag in own["tags"]}
     view = json.loads(tags["mlflow.sharedViewState.lidarplace"])
-    body = {
-        "experiment_ids": [own["experiment_id"]],
-        "order_by": [f"{view['orderByKey']} {'ASC' if view['orderByAsc'] else 'DESC'}"],
-        "filter": "tags.placement != 'square'",
-    }
+    order = f"{view['orderByKey']} {'ASC' if view['orderByAsc'] else 'DESC'}"
+    body = {"experiment_ids": [own["experiment_id"]], "order_by": [order]}
+    body["filter"] = "tags.placement != 'square'"
     found = post(address, "runs/search", body)["runs"]
-    assert [run["info"]["run_name"] for run in found] == [
-        "center · tiny · seed 1",
-        "line · tiny · seed 1",
-    ]
+    names = [run["info"]["run_name"] for run in found]
+    assert names == ["center · tiny · seed 1", "line · tiny · seed 1"]
     metrics = {metric["key"]: metric["value"] for metric in found[0]["data"]["metrics"]}
     assert [metrics[name.split(".", 1)[1]] for name in COLUMNS] == [70.25, 9.0]
     assert [view["selectedColumns"][0]] == ["metrics.`AP_R40_3D.Car.0.70`"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
 def test_a_browser_shows_the_runs(address, tmp_path):
     own = experiment(address)["experiment_id"]
-    done = subprocess.run(
-        [
-            *("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
-            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-            *(f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"),
-            *("--window-size=1600,1000",),
-            f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-    )
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
+    command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+    command += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"]
+    command += ["--window-size=1600,1000"]
+    command += [f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=GUARD_S)
     page = done.stdout
     places = [page.find(f"{name} · tiny · seed 1") for name in ("center", "square", "line")]
     assert -1 not in places
@@ -138,8 +120,7 @@ def test_mistakes_are_one_line(runs, monkeypatch):
         (runs / name / "sweep.json").write_text(text)
     (runs / "text.db").write_text("no database, and longer than a header of one " * 9)
     (runs / "empty.db").touch()
-    empty = runs / "empty"
-    empty.mkdir()
+    (empty := runs / "empty").mkdir()
     port = free_port()
     for where, told in (
         ("runs/mlflow.db", "no such database"),
@@ -164,6 +145,5 @@ def test_mistakes_are_one_line(runs, monkeypatch):
 def test_a_port_of_somebody_elses_server_is_refused(address, runs):
     port = address.rpartition(":")[2]
     done = dashboard(runs / "demo", "--port", port)
-    assert done.exit_code == 2
-    assert done.stderr == f"--port {port}: Address already in use\n"
-    assert not done.stdout
+    found = done.exit_code, done.stdout, done.stderr
+    assert found == (2, "", f"--port {port}: Address already in use\n")

@@ -2,7 +2,6 @@
 
 import html
 import json
-import shutil
 from base64 import b64decode
 from pathlib import Path
 
@@ -13,11 +12,11 @@ from made_up_run import report_of, write_run
 from test_report import Page
 
 from lidarplace.rigs.placement import Mount
+from tracking.figures.kit.rig_picture import PicturedRig
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.labels import percent
-from tracking.report.build import build_report
-from tracking.report.decision.rigs import ViewedRig, rig_views
+from tracking.report.decision.rigs import rig_views
 from tracking.report.decision.where_blind import _Binned, _limits, bin_table
 from tracking.report.recommendation import recommended
 from tracking.report.sections.objects import Bins
@@ -31,7 +30,8 @@ def read(folder: Path) -> Page:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = write_run(tmp_path_factory.mktemp("decision") / "grid", seeds=(1, 2, 3), enough=True)
-    build_report(folder)
+    (folder / "rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
+    report_of(folder, "best")
     return folder
 
 
@@ -76,9 +76,8 @@ def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, p
     ) in page.text
     assert f"{percent(best.sure.iloc[0])} likely to be the best of 5" in page.text
     assert "over seeds and over test objects, which all rigs share." in page.text
-    assert (
-        "Other towns, other traffic or a longer training may rank the rigs otherwise" in page.text
-    )
+    doubt = "Other towns, other traffic or a longer training may rank the rigs otherwise"
+    assert doubt in page.text
 
 
 def test_it_is_one_file_whose_links_lead_to_files(folder, page):
@@ -88,12 +87,9 @@ def test_it_is_one_file_whose_links_lead_to_files(folder, page):
     assert all((folder / link).is_file() for link in page.links)
 
 
-def test_it_names_the_command_that_opens_its_rigs_in_the_studio(folder, page, tmp_path):
-    assert "lidarplace studio" not in page.text  # a run folder of before there were rigs.yaml
-    shutil.copytree(folder, tmp_path / "run")
-    (tmp_path / "run/rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
-    report_of(tmp_path / "run")
-    assert f"lidarplace studio {tmp_path / 'run/rigs.yaml'}" in read(tmp_path / "run").text
+def test_it_names_the_command_that_opens_its_rigs_in_the_studio(folder, page, one_class):
+    assert f"lidarplace studio {folder / 'rigs.yaml'}" in page.text
+    assert "lidarplace studio" not in one_class.text  # a run folder of before there were rigs.yaml
 
 
 def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
@@ -106,13 +102,11 @@ def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
     both = pd.concat([sectors, rings.groupby(["ring", "placement"])["value"].mean().unstack()])
     behind = both.max(axis=1) - both[best]
     where = behind.idxmax()
-    said = "Car: where there are 100 objects or more, "
+    end = "is behind none of these rigs."
     if behind[where] > 0:
         other = both.loc[where].idxmax()
         end = f"is furthest behind at {where}: {behind[where]:.1f} points below {other}."
-    else:
-        end = "is behind none of these rigs."
-    assert f"{said}{best} {end}" in page.text
+    assert f"Car: where there are 100 objects or more, {best} {end}" in page.text
 
 
 def test_colours_cover_all_cells_and_cells_of_few_objects_are_pale():
@@ -144,7 +138,7 @@ def test_bars_of_the_chart_are_those_of_the_report(folder, page):
 def test_a_sweep_without_detectors_has_none_and_the_report_says_so(tmp_path):
     folder = write_run(tmp_path / "alone", names=["a", "b"], detectors=())
     (folder / "decision.html").write_text("of an earlier sweep")
-    report = Page(build_report(folder).read_text(encoding="utf-8"))
+    report = Page(report_of(folder).read_text(encoding="utf-8"))
     assert not (folder / "decision.html").exists()
     assert "There is no decision page" in report.text
     assert "decision.html" not in report.links
@@ -179,16 +173,13 @@ def test_rigs_are_drawn_with_their_models(one_class):
     assert "4 LiDARs · 32 beams, −25° to 15° · 16,000 US$" in said
     # The price of two of the others is not known.
     assert "US$" not in title["<b>b"]["layout"]["title"]["text"]
-    lines = title["<b>b"]["data"][-1]["text"]
-    assert [line.rpartition(" · ")[2] for line in lines] == [
-        *2 * ["32 beams, −25° to 15°"],
-        *2 * ["near&lt;1&gt;, 16 beams, −60° to 0°"],
-    ]
+    lines = [line.rpartition(" · ")[2] for line in title["<b>b"]["data"][-1]["text"]]
+    assert lines == 2 * ["32 beams, −25° to 15°"] + 2 * ["near&lt;1&gt;, 16 beams, −60° to 0°"]
 
 
 def test_views_have_mounts_where_they_are_and_lines_where_they_lean_and_look():
     mount = Mount.degrees(x=0.5, y=-0.4, z=2.1, roll=30, pitch=10)
-    (plot,) = rig_views([ViewedRig((mount,), "rig", ("",))], None)
+    (plot,) = rig_views([("rig", PicturedRig.of([mount]))], None)
     above, side = (trace for trace in plot.data if trace.mode == "lines+markers")
     assert (above.x[0], above.y[0]) == (0.5, -0.4)
     assert (side.x[0], side.y[0]) == (0.5, 2.1)
@@ -212,7 +203,7 @@ def test_the_first_screen_has_the_rigs_on_the_vehicle_with_posts_and_what_to_do(
 
 def test_a_rig_beyond_the_car_is_in_view():
     mount = Mount(x=-7.5, y=1.3, z=3.4)
-    (plot,) = rig_views([ViewedRig((mount,), "truck", ("",))], None)
+    (plot,) = rig_views([("truck", PicturedRig.of([mount]))], None)
     for axis, value in (("xaxis", -7.5), ("yaxis", 1.3), ("yaxis2", 3.4)):
         low, high = plot.layout[axis].range
         assert low < value < high
@@ -247,9 +238,8 @@ def test_settings_that_disagree_are_the_headline(two_densities):
     page = read(two_densities)
     at = page.words.index("The settings disagree")
     title = "pointpillars_tiny, density = {}"
-    assert page.words[at + 2] == (
-        f"{first} ({title.format(40)}), {other[first]} ({title.format(120)})"
-    )
+    both = f"{first} ({title.format(40)}), {other[first]} ({title.format(120)})"
+    assert page.words[at + 2] == both
     assert "Recommended" not in page.text
     assert "The settings disagree on the best placement" in page.text
 

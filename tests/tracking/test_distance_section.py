@@ -8,31 +8,20 @@ import pytest
 from tracking.report.analysis import Analysis
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.report.sections.objects import by_distance_section, by_sector_section
-from tracking.run_folders.sweep import RunFolder
 
 
-@pytest.fixture(scope="module")
-def run(made_up_run):
-    return RunFolder.read(made_up_run)
-
-
-def test_points_per_object_are_by_ring(run):
+def test_points_per_object_and_ap_are_by_ring(run):
     section = by_distance_section(Analysis(run))
-    table = next(t for t in section.tables if t.name == "points-per-object-car")
-    assert table.head == ("placement", "0–10 m", "10–20 m")
+    tables = {table.name: table for table in section.tables}
+    points, ap = tables["points-per-object-car"], tables["ap-by-distance-car"]
+    assert points.head == ap.head == ("placement", "0–10 m", "10–20 m")
     car = run.points.query("`class` == 'Car' and placement == 'line'")
-    row = next(r for r in table.rows if r[0] == "line")
+    row = next(r for r in points.rows if r[0] == "line")
     assert row[1:] == tuple(f"{mean:,.1f} (5 %)" for mean in car["mean"])
-
-
-def test_its_tables_hold_the_raw_numbers(run):
-    section = by_distance_section(Analysis(run))
-    table = next(t for t in section.tables if t.name == "ap-by-distance-car")
-    assert table.head == ("placement", "0–10 m", "10–20 m")
-    assert len(table.rows) == len(run.placements)
-    assert len(table.data) == 2 * len(run.placements)
-    (row,) = [r for r in table.rows if r[0] == "line"]
-    first = table.data.query("placement == 'line' and from_m == 0")["mean_percent"].item()
+    assert len(ap.rows) == len(run.placements)
+    assert len(ap.data) == 2 * len(run.placements)
+    (row,) = [r for r in ap.rows if r[0] == "line"]
+    first = ap.data.query("placement == 'line' and from_m == 0")["mean_percent"].item()
     assert row[1].startswith(f"{first:.1f} ± ")
 
 

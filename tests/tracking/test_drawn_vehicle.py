@@ -44,25 +44,14 @@ def sections_of(run: Path, **keys) -> list[Section]:
     return [*sections, decision_rigs_section(whole, best)]
 
 
-def outlines(sections: list[Section]) -> set[tuple[float, ...]]:
-    """The extents of all that is drawn like a vehicle: x, and y or z."""
+def extents(sections: list[Section], kind: str, axes: str) -> set[tuple[float, ...]]:
+    """Of the traces of a kind, of scatters those that fill themselves, like a vehicle."""
     return {
-        tuple(float(end) for axis in (t.x, t.y) for end in (np.nanmin(axis), np.nanmax(axis)))
+        tuple(float(end) for own in axes for end in (np.nanmin(t[own]), np.nanmax(t[own])))
         for section in sections
         for plot in section.figures
         for t in plot.data
-        if t.type == "scatter" and t.fill == "toself"
-    }
-
-
-def in_space(sections: list[Section]) -> set[tuple[float, ...]]:
-    """The extents of what is drawn as a body in 3D."""
-    return {
-        tuple(float(end) for axis in (t.x, t.y, t.z) for end in (np.min(axis), np.max(axis)))
-        for section in sections
-        for plot in section.figures
-        for t in plot.data
-        if t.type == "mesh3d"
+        if t.type == kind and (kind != "scatter" or t.fill == "toself")
     }
 
 
@@ -71,16 +60,17 @@ def test_boxes_and_meshes_are_drawn(made_up_run, told, extent):
     sections = sections_of(made_up_run, **told)
     above, side = extent[:4], extent[:2] + extent[4:]
     for section in sections:
-        assert outlines([section]) in ({above}, {above, side})
+        assert extents([section], "scatter", "xy") in ({above}, {above, side})
         assert not any("a sedan" in note for note in section.notes)
-    assert in_space(sections) == {extent}
+    assert extents(sections, "mesh3d", "xyz") == {extent}
     assert any("the vehicle in orange" in note for note in sections[1].notes)
 
 
 def test_older_run_folders_have_the_sedan_of_the_clouds(made_up_run):
     assert "vehicle" not in json.loads((made_up_run / SweepResult.FILE).read_text())
     sections = sections_of(made_up_run)
-    ends = {tuple(np.round(extent, 9).tolist()) for extent in outlines(sections)}
+    drawn = extents(sections, "scatter", "xy")
+    ends = {tuple(np.round(extent, 9).tolist()) for extent in drawn}
     assert ends == {(-2.3, 2.3, -0.95, 0.95), (-2.3, 2.3, 0.0, 1.5)}
     assert any("a sedan in orange" in note for note in sections[1].notes)
 

@@ -12,14 +12,7 @@ from made_up_run import report_of, write_run
 from test_report import Page
 
 from sweeps.configuration.grid import read_sweep
-from tracking.findings.evidence import (
-    LEAST_INDIVIDUALS,
-    LEAST_SEEDS,
-    few_seeds,
-    grade,
-    remedy,
-    weaknesses,
-)
+from tracking.findings import evidence
 from tracking.findings.groups import groups
 from tracking.report.cautions import cautions
 from tracking.report.recommendation import answer, headline, recommended
@@ -62,26 +55,21 @@ def ap(run, most):
     return replace(run, results=run.results.assign(value=value))
 
 
+LEARNED = "a detector that learned little (3D AP @ 0.7 of Car is"
+FELL = "a short training (the last epoch still lowered the loss by 20 %"
+MET = "only 30 individuals in the test frames (at least 100)"
 WEAK = {
     "seeds": (seeds, 2, "only 2 seeds (at least 3)", "grid.seed=[1,2,3]"),
     "routes": (routes, 1, "only 1 test route (at least 4)", "scene.test_routes=8"),
-    "individuals": (
-        *(individuals, 15, "only 30 individuals in the test frames (at least 100)"),
-        "scene.test_routes=27",
-    ),
-    "training": (
-        short,
-        0.2,
-        "a short training (the last epoch still lowered the loss by 20 %",
-        "training.",
-    ),
-    "learned": (ap, 3, "a detector that learned little (3D AP @ 0.7 of Car is", "training.epochs="),
+    "individuals": (individuals, 15, MET, "scene.test_routes=27"),
+    "training": (short, 0.2, FELL, "training."),
+    "learned": (ap, 3, LEARNED, "training.epochs="),
 }
 
 
 def test_enough_evidence_has_no_weakness(run):
     (group,) = groups(run)
-    assert weaknesses(run, group) == []
+    assert evidence.weaknesses(run, group) == []
     said = answer(*recommended(run))
     assert (said.grade, said.command, said.enough) == ("Recommended", "", True)
     assert "likely to be the best" in said.sure
@@ -101,16 +89,12 @@ def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
     read_sweep(EXAMPLES / "grid.yaml", pairs)  # raises what it does not take
 
 
-@pytest.mark.parametrize(
-    ("change", "enough", "few"),
-    [
-        (seeds, LEAST_SEEDS, LEAST_SEEDS - 1),
-        (routes, LEAST_ROUTES, LEAST_ROUTES - 1),
-        (individuals, LEAST_INDIVIDUALS, LEAST_INDIVIDUALS // 2 - 1),
-        (short, 0.049, 0.051),
-        (ap, 30, 5),
-    ],
-)
+LIMITS = [(routes, LEAST_ROUTES, LEAST_ROUTES - 1), (short, 0.049, 0.051), (ap, 30, 5)]
+LIMITS += [(seeds, evidence.LEAST_SEEDS, evidence.LEAST_SEEDS - 1)]
+LIMITS += [(individuals, evidence.LEAST_INDIVIDUALS, evidence.LEAST_INDIVIDUALS // 2 - 1)]
+
+
+@pytest.mark.parametrize(("change", "enough", "few"), LIMITS)
 def test_the_limits_are_the_named_ones(run, change, enough, few):
     assert answer(*recommended(change(run, enough))).enough
     assert not answer(*recommended(change(run, few))).enough
@@ -133,10 +117,10 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_another_log_for_a_log(ru
     named = replace(short(routes(run, 1), 0.2), axes=("training.epochs",))
     log = replace(named, config="scene: {source: log, folder: drives}")
     (group,) = groups(run)
-    line = remedy("run", weaknesses(log, group))
+    line = evidence.remedy("run", evidence.weaknesses(log, group))
     assert "'grid.training.epochs=[20]'" in line
     assert "scene.test_folder=" in line
-    assert remedy("run", []) == ""
+    assert evidence.remedy("run", []) == ""
 
 
 def test_a_sweep_without_results_has_no_headline(run):
@@ -151,13 +135,13 @@ def test_no_left_out_table_is_a_weakness(run):
 
 
 def test_generalists_are_seeds(run):
-    (one,) = few_seeds({"a": {4}, "b": {4}}, True, "search.seeds")
+    (one,) = evidence.few_seeds({"a": {4}, "b": {4}}, True, "search.seeds")
     assert one.clause == "only 1 generalist (at least 3)"
     assert one.remedy == {"search.seeds": [4, 5, 6]}
-    assert few_seeds({"a": {1, 2, 3}}, True, "search.seeds") == []
-    (some,) = few_seeds({"a": {1}, "b": {1, 2, 3}}, False, "grid.seed")
+    assert evidence.few_seeds({"a": {1, 2, 3}}, True, "search.seeds") == []
+    (some,) = evidence.few_seeds({"a": {1}, "b": {1, 2, 3}}, False, "grid.seed")
     assert some.sentence.startswith("One seed only for a: ")
-    assert grade([one, some]) == "Not enough evidence: only 1 generalist (at least 3)."
+    assert evidence.grade([one, some]) == "Not enough evidence: only 1 generalist (at least 3)."
 
 
 def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):

@@ -72,22 +72,17 @@ def test_bins_are_those_that_the_objects_are_in(found, made_up_run):
         assert row["objects"] == here.sum() / 2
         assert row["second"] == pytest.approx((table["line"] & ~table["center"])[here].sum() / 2)
     order = counts.loc["all"].loc["direction"].index.tolist()
-    assert order == [
-        own for own in ("left", "front left", "front", "front right", "right") if own in order
-    ]
+    names = ("left", "front left", "front", "front right", "right")
+    assert order == [own for own in names if own in order]
     assert set(order) <= set(SECTORS)
 
 
 def test_one_generalist_has_the_interval_of_its_individuals_and_routes(found):
     """One seed, and each object its own route and individual: the jackknife is a t-test."""
     n = len(found.objects)
-    one = replace(
-        found,
-        seeds=found.seeds[:1],
-        objects=found.objects.assign(route=range(n), object_id=[*map(str, range(n))]),
-        found=found.found[:, :, :1],
-        generalist=True,
-    )
+    one = replace(found, seeds=found.seeds[:1], found=found.found[:, :, :1], generalist=True)
+    alone = found.objects.assign(route=range(n), object_id=[*map(str, range(n))])
+    one = replace(one, objects=alone)
     row = one.counts().iloc[0]
     difference = 100 * (one.found[0, :, 0].astype(float) - one.found[1, :, 0])
     half = stats.sem(difference) * stats.t.ppf(0.975, n - 1)
@@ -141,27 +136,20 @@ def test_frames_take_turns_and_show_no_individual_twice(found):
 
 
 def test_points_in_a_box_have_the_colour_of_what_became_of_it():
-    geometry = ["x", "y", "z", "length", "width", "height", "yaw"]
-    objects = pd.DataFrame(
-        [[10, 0, 1, 4, 2, 2, np.pi / 2], [10, 9, 1, 4, 2, 2, 0]], columns=geometry
-    )
-    objects = objects.assign(**{"class": "Car", "points": 3})
+    columns = ["x", "y", "z", "length", "width", "height", "yaw"]
+    boxes = [[10, 0, 1, 4, 2, 2, np.pi / 2], [10, 9, 1, 4, 2, 2, 0]]
+    objects = pd.DataFrame(boxes, columns=columns).assign(**{"class": "Car", "points": 3})
     # 1.9 m to the side is in the car that stands across, and beside the one that stands along.
     points = np.array([[10, 1.9, 1], [11.9, 0, 1], [10, 9, 1], [11.9, 9, 1], [10, 10.9, 1]])
-    plot = frame_in_space(
-        objects, np.array([1.0, 0.0]), points.astype(np.float32), np.empty((0, 8))
-    )
+    cloud = points.astype(np.float32)
+    plot = frame_in_space(objects, np.array([1.0, 0.0]), cloud, np.empty((0, 8)))
     drawn = {
         trace.marker.color: sorted(zip(trace.x.tolist(), trace.y.tolist(), strict=True))
         for trace in plot.data
         if trace.mode == "markers" and trace.hovertext is None
     }
-    near = {
-        FOUND["found"]: [(10, 1.9)],
-        FOUND["found by some seeds"]: [],
-        FOUND["missed"]: [(10, 9), (11.9, 9)],
-    }
-    for colour, places in near.items():
+    near = ([(10, 1.9)], [], [(10, 9), (11.9, 9)])
+    for colour, places in zip(FOUND.values(), near, strict=True):
         assert drawn[colour] == [pytest.approx(place) for place in places]
 
 
@@ -187,9 +175,7 @@ def test_the_page_shows_each_frame_under_both_rigs(folder):
     page = Page((folder / "failures.html").read_text(encoding="utf-8"))
     assert page.loads == []
     assert page.csp.startswith("default-src 'none'")
-    frames = [
-        json.loads(text) for attributes, text in page.scripts if attributes.get("class") == "frame"
-    ]
+    frames = [json.loads(text) for own, text in page.scripts if own.get("class") == "frame"]
     assert [len(rigs) for rigs in frames] == [2] * 4
     arrays = np.load(folder / "failures.npz")
     drawn = sum(
@@ -235,11 +221,7 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     [
         ("found", {"object": 10**6}, "found.parquet: object 1000000 is not in objects.parquet"),
         ("found", {"points": None}, "found.parquet: column points: a value is missing"),
-        (
-            "objects",
-            {"class": "Tram"},
-            "objects.parquet: column class: found 'Tram'; expected Car, ",
-        ),
+        ("objects", {"class": "Tram"}, "objects.parquet: column class: found 'Tram'; expected Car"),
         ("objects", {"object": 1}, "objects.parquet: duplicate object 1"),
     ],
 )

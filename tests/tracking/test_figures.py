@@ -8,24 +8,14 @@ import pandas as pd
 import pytest
 
 from lidarplace.base.roi import Roi
+from tracking.figures.kit import style
 from tracking.figures.kit.named_points import add_placements, label_places
-from tracking.figures.kit.style import (
-    COLOURS,
-    SYMBOLS,
-    colour,
-    figure,
-    legend_below,
-    lidar_colour,
-    symbol,
-    theme,
-)
 from tracking.figures.kit.vehicle_lines import pog_from_above
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title
 from tracking.report.sections.accuracy import accuracy_figure
 from tracking.report.sections.clouds import POINTS, point_clouds
 from tracking.run_folders.arrays import Frame
-from tracking.run_folders.sweep import RunFolder
 
 ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
 
@@ -44,19 +34,13 @@ def test_maps_keep_their_mean_and_their_place():
     assert cells[1, 2] == pytest.approx(entropy[3:6, 6:9].mean(), rel=1e-5)
 
 
-def test_clouds_are_thinned_inside_the_roi_and_seeded(made_up_run):
+def test_clouds_are_thinned_inside_the_roi_and_seeded(run):
     rng = np.random.default_rng(0)
     points = rng.uniform(-60, 60, (200_000, 4)).astype(np.float32)
-    frame = Frame(
-        points={"line": points, "center": points[:10]},
-        lidar={
-            "line": np.repeat([0, 2], 100_000).astype(np.uint8),
-            "center": np.zeros(10, np.uint8),
-        },
-        boxes=np.array([[10.0, 2, 1, 4, 2, 1.5, np.pi / 2]]),
-        labels=np.array(["Car"]),
-    )
-    run = replace(RunFolder.read(made_up_run), roi=ROI)
+    lidar = {"line": np.repeat([0, 2], 100_000).astype(np.uint8), "center": np.zeros(10, np.uint8)}
+    boxes, labels = np.array([[10.0, 2, 1, 4, 2, 1.5, np.pi / 2]]), np.array(["Car"])
+    frame = Frame(boxes, labels, {"line": points, "center": points[:10]}, lidar)
+    run = replace(run, roi=ROI)
     plot = point_clouds(run, frame, ["line", "center"])
     (cloud,) = (trace for trace in plot.data if trace.type == "scattergl" and trace.visible)
     assert set(cloud.marker.color) == {0, 2}
@@ -66,7 +50,7 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded(made_up_run):
     scale = cloud.marker.colorscale
     at = (2 - cloud.marker.cmin) / (cloud.marker.cmax - cloud.marker.cmin)
     ends = [shade for (low, shade), (high, _) in pairwise(scale) if low < at < high]
-    assert ends == [lidar_colour(2)]
+    assert ends == [style.lidar_colour(2)]
     again = point_clouds(run, frame, ["line", "center"])
     assert np.array_equal(again.data[0].x, plot.data[0].x)
     (car,) = (trace for trace in plot.data if trace.name == "Car")
@@ -78,9 +62,8 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded(made_up_run):
     assert shown == [[True, False, True, True], [False, True, True, True]]
 
 
-def test_zero_errors_are_hollow_and_below_and_the_menu_shows_one_surrogate(made_up_run):
-    table = RunFolder.read(made_up_run).accuracy
-    both = pd.concat([table, table.assign(surrogate="m_sog")])
+def test_zero_errors_are_hollow_and_below_and_the_menu_shows_one_surrogate(run):
+    both = pd.concat([run.accuracy, run.accuracy.assign(surrogate="m_sog")])
     plot = accuracy_figure(summarise(relative_errors(both)), "Car")
     first, second = (button.args[0]["visible"] for button in plot.layout.updatemenus[0].buttons)
     assert [trace.visible for trace in plot.data] == first
@@ -108,16 +91,21 @@ def test_a_label_keeps_off_the_bar_of_its_neighbour():
 @pytest.mark.parametrize(("count", "mode"), [(20, "markers+text"), (21, "markers")])
 def test_points_are_labelled_while_there_are_few(count, mode):
     names, at = [f"p{i}" for i in range(count)], np.arange(float(count))
-    plot = figure("Car", 400)
+    plot = style.figure("Car", 400)
     add_placements(plot, at, at, at, names, names)
     assert plot.data[0].mode == mode
     assert plot.data[0].text == tuple(names), "a pointer shows it"
 
 
 def test_series_differ_by_their_markers_too():
-    pairs = {(colour(i), symbol(i)) for i in range(len(COLOURS) * len(SYMBOLS))}
-    assert len(pairs) == len(COLOURS) * len(SYMBOLS)
-    assert len({symbol(i) for i in range(8)}) == 8
+    count = len(style.COLOURS) * len(style.SYMBOLS)
+    assert len({(style.colour(i), style.symbol(i)) for i in range(count)}) == count
+    assert len({style.symbol(i) for i in range(8)}) == 8
+
+
+def linear_rgb(colours):
+    parts = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours]) / 255
+    return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
 
 
 def test_the_lidars_of_a_rig_differ_for_every_eye():
@@ -125,39 +113,31 @@ def test_the_lidars_of_a_rig_differ_for_every_eye():
 
     Machado, Oliveira and Fernandes 2009, severity 1; distances in CIELAB, 2.3 is just noticed.
     """
-    seen = {
-        "deuteranopia": [
-            [0.367322, 0.860646, -0.227968],
-            [0.280085, 0.672501, 0.047413],
-            [-0.011820, 0.042940, 0.968881],
-        ],
-        "protanopia": [
-            [0.152286, 1.052583, -0.204868],
-            [0.114503, 0.786281, 0.099216],
-            [-0.003882, -0.048116, 1.051998],
-        ],
-    }
+    deuteranopia = [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413]]
+    deuteranopia += [[-0.011820, 0.042940, 0.968881]]
+    protanopia = [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216]]
+    protanopia += [[-0.003882, -0.048116, 1.051998]]
 
     def least(colours):
-        parts = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours]) / 255
-        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        linear = linear_rgb(colours)
         to_xyz = [[0.4125, 0.3576, 0.1804], [0.2127, 0.7152, 0.0722], [0.0193, 0.1192, 0.9503]]
         distances = []
-        for matrix in seen.values():
+        for matrix in (deuteranopia, protanopia):
             light = np.clip(linear @ np.array(matrix).T, 0, 1) @ np.array(to_xyz).T
             x, y, z = np.cbrt(light / [0.9505, 1, 1.089]).T
             lab = np.stack([116 * y, 500 * (x - y), 200 * (y - z)], axis=1)
             distances += [np.linalg.norm(a - b) for a, b in combinations(lab, 2)]
         return min(distances)
 
-    assert least([lidar_colour(i) for i in range(4)]) > 22
+    assert least([style.lidar_colour(i) for i in range(4)]) > 22
     # The plain order has two greys among the first four.
-    assert least([colour(i) for i in range(4)]) < 20
-    assert len({lidar_colour(i) for i in range(len(COLOURS))}) == len(COLOURS)
+    assert least([style.colour(i) for i in range(4)]) < 20
+    assert len({style.lidar_colour(i) for i in range(len(style.COLOURS))}) == len(style.COLOURS)
 
 
 def test_a_long_title_is_broken_and_its_figure_grows():
-    short, long = figure("Car", 400), figure("Car · " + "second_tiny, density = 40, " * 4, 400)
+    name = "Car · " + "second_tiny, density = 40, " * 4
+    short, long = style.figure("Car", 400), style.figure(name, 400)
     lines = long.layout.title.text.split("<br />")
     assert max(map(len, lines)) <= 50
     assert len(lines) == 3
@@ -171,12 +151,12 @@ def test_a_long_title_is_broken_and_its_figure_grows():
     ("name", "rows"), [("line", 3), ("pyramid_pitch", 5), ("second_tiny, density = 40", 5)]
 )
 def test_a_legend_has_room_for_its_names(name, rows):
-    plot = figure("Car", 400)
+    plot = style.figure("Car", 400)
     for i in range(5):
         plot.add_scatter(x=[i], y=[i], name=name)
     plot.add_scatter(x=[0], y=[0], name="no entry", showlegend=False)
     plot.add_scatter(x=[0], y=[0], name="chosen by the menu", visible=False)
-    legend_below(plot)
+    style.legend_below(plot)
     assert plot.layout.height == 400 + 20 * rows
     # All of the room is below the legend's upper edge.
     assert plot.layout.legend.y * plot.layout.height >= 20 * rows
@@ -184,23 +164,18 @@ def test_a_legend_has_room_for_its_names(name, rows):
 
 def test_a_legend_has_room_for_groups_and_for_a_title_of_two_lines():
     """Plotly gives a group a row of its own: a phone cut the last of them."""
-    plot = figure("Car", 400)
+    plot = style.figure("Car", 400)
     plot.update_xaxes(title="objects: ← line alone<br>center alone →")
     for i in range(3):
         plot.add_scatter(x=[i], y=[i], name="line", legendgroup="chance" if i == 1 else None)
-    legend_below(plot)
+    style.legend_below(plot)
     assert plot.layout.height == 400 + 20 * 3 + 18
     assert plot.layout.margin.b == 56 + 20 * 3 + 18
     assert plot.layout.legend.tracegroupgap == 0
 
 
 def test_both_themes_can_be_read():
-    def luminance(colour):
-        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
-        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-        return linear @ [0.2126, 0.7152, 0.0722]
-
     for dark, page in ((False, "#ffffff"), (True, "#15181c")):
-        ink = theme(dark)["layout"]["font"]["color"]
-        high, low = sorted((luminance(ink), luminance(page)), reverse=True)
+        ink = style.theme(dark)["layout"]["font"]["color"]
+        low, high = np.sort(linear_rgb([ink, page]) @ [0.2126, 0.7152, 0.0722])
         assert (high + 0.05) / (low + 0.05) > 7

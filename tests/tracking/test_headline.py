@@ -43,10 +43,8 @@ def test_a_clear_winner_is_told_apart(run):
     car = first_screen(with_values(run, values))[0]
     assert (car.what, car.best) == ("Best for Car", "a")
     assert car.lead.startswith("91.0 %, 40.0 points ahead of b (95 % CI 3")
-    assert (
-        car.sure
-        == "over 99 % likely to be the best of 4, and significantly better than all others."
-    )
+    sure = "over 99 % likely to be the best of 4, and significantly better than all others."
+    assert car.sure == sure
 
 
 def test_a_lead_within_the_scatter_of_seeds_is_not(run):
@@ -67,26 +65,22 @@ def test_one_seed_says_that_it_cannot_be_told(tmp_path):
 
 
 def test_recall_of_all_has_a_verdict_and_a_class_without_objects_has_none(run):
-    assert [v.what for v in first_screen(run)] == [
-        *("Best for Car", "Best for Pedestrian", "Best for all objects")
-    ]
+    names = [verdict.what for verdict in first_screen(run)]
+    assert names == ["Best for Car", "Best for Pedestrian", "Best for all objects"]
 
 
 def test_cautions_of_failures_objects_and_training(run):
     trials = run.trials.copy()
     trials.loc[0, ["status", "error"]] = "failed", "Traceback\nValueError: no frame"
-    curves = pd.DataFrame(
-        [(t, e, "loss", 1 / e) for t in trials["trial"] for e in (1, 2, 3)],
-        columns=["trial", "epoch", "metric", "value"],
-    )
+    columns = ["trial", "epoch", "metric", "value"]
+    rows = [(t, e, "loss", 1 / e) for t in trials["trial"] for e in (1, 2, 3)]
+    curves = pd.DataFrame(rows, columns=columns)
     said = cautions(replace(run, trials=trials, curves=curves))
     assert said[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
     assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
     assert any(s.startswith("Cyclist: no ground truth") for s in said)
-    assert any(
-        "in 12 of 12 trials the last epoch still lowered the loss by more than 5 %" in s
-        for s in said
-    )
+    short = "in 12 of 12 trials the last epoch still lowered the loss by more than 5 %"
+    assert any(short in s for s in said)
 
 
 def test_what_was_learned_is_judged_by_the_metric_of_the_headline(run):
@@ -107,29 +101,23 @@ def test_expected_ig_that_counts_rays_is_a_caution(run, share, said):
     rows = run.surrogates
     own = rows.assign(linear_share=np.where(rows["surrogate"] == "expected_ig", share, np.nan))
     for results in (run.results, run.results[:0]):
-        folder = replace(run, surrogates=own, results=results)
-        found = cautions(folder)
+        found = cautions(replace(run, surrogates=own, results=results))
         assert any("counts rays" in text for text in found) == said
     # Older run folders do not know.
-    found = cautions(run)
-    assert not any("counts rays" in text for text in found)
+    assert not any("counts rays" in text for text in cautions(run))
 
 
-@pytest.mark.parametrize(
-    ("train", "test", "said"),
-    [
-        (4, 100, ["Only 4 training frames: "]),
-        (400, 1, ["Only 1 test frame: "]),
-        (19, 19, ["Only 19 training frames: ", "Only 19 test frames: "]),
-        (20, 20, []),
-    ],
-)
-def test_few_frames_are_a_caution(run, train, test, said):
-    few = replace(
-        run, sweep=run.sweep.model_copy(update={"frames": Frames(train=train, test=test)})
-    )
-    found = [s for s in cautions(few) if "frame" in s.split(":")[0]]
-    assert [s.startswith(start) for s, start in zip(found, said, strict=True)] == [True] * len(said)
+def test_few_frames_are_a_caution(run):
+    few = {(4, 100): ["Only 4 training frames"], (400, 1): ["Only 1 test frame"], (20, 20): []}
+    few[19, 19] = ["Only 19 training frames", "Only 19 test frames"]
+    for frames, said in few.items():
+        starts = [text.split(":")[0] for text in cautions(of_frames(run, *frames))]
+        assert [start for start in starts if "frame" in start] == said
+
+
+def of_frames(run, train, test):
+    frames = Frames(train=train, test=test)
+    return replace(run, sweep=run.sweep.model_copy(update={"frames": frames}))
 
 
 @pytest.fixture(scope="module")
@@ -139,14 +127,8 @@ def alone(tmp_path_factory):
 
 
 def test_surrogates_of_few_frames_are_a_caution(alone):
-    def said(frames):
-        few = replace(
-            alone, sweep=alone.sweep.model_copy(update={"frames": Frames(train=frames, test=0)})
-        )
-        return [s for s in cautions(few) if "frame" in s]
-
-    assert said(10) == []
-    (found,) = said(4)
+    assert not [s for s in cautions(of_frames(alone, 10, 0)) if "frame" in s]
+    (found,) = (s for s in cautions(of_frames(alone, 4, 0)) if "frame" in s)
     assert found.startswith("The surrogates use only 4 frames: ")
 
 
@@ -166,10 +148,8 @@ def test_equal_surrogates_have_no_winner(alone):
     level = with_gain([0.7, 0.7 + 1e-15, 0.7])
     assert (level.best, level.sure) == ("no placement is ahead", "")
     ahead = with_gain([0.7, 0.77, 0.7])
-    assert (ahead.best, ahead.lead) == (
-        "b",
-        "0.77 of the objects, 10 % ahead of a, of 3 placements",
-    )
+    lead = "0.77 of the objects, 10 % ahead of a, of 3 placements"
+    assert (ahead.best, ahead.lead) == ("b", lead)
 
 
 def test_a_training_that_ended_flat_is_no_caution(run):

@@ -11,7 +11,6 @@ from tracking.report.analysis import Analysis
 from tracking.report.cautions import cautions
 from tracking.report.sections.best import by_class_section
 from tracking.report.sections.objects import individuals_section
-from tracking.run_folders.sweep import RunFolder
 
 
 def rows(*objects):
@@ -21,21 +20,11 @@ def rows(*objects):
 
 
 def test_a_car_of_two_routes_is_one_and_equal_names_of_two_scenes_are_two():
-    table = rows(
-        ("a", 0, "Car", "1", 30),
-        ("a", 1, "Car", "1", 20),
-        ("b", 2, "Car", "1", 5),
-        ("b", 2, "Pedestrian", "9", 7),
-    )
+    objects = [("a", 0, "Car", "1", 30), ("a", 1, "Car", "1", 20), ("b", 2, "Car", "1", 5)]
+    table = rows(*objects, ("b", 2, "Pedestrian", "9", 7))
     car, pedestrian = count_individuals(table).to_dict("records")
-    assert car == {
-        "split": "test",
-        "class": "Car",
-        "routes": 3,
-        "boxes": 55,
-        "individuals": 2,
-        "share_of_ten": 1.0,
-    }
+    counts = {"routes": 3, "boxes": 55, "individuals": 2, "share_of_ten": 1.0}
+    assert car == {"split": "test", "class": "Car", **counts}
     assert (pedestrian["boxes"], pedestrian["individuals"], pedestrian["routes"]) == (7, 1, 1)
 
 
@@ -46,8 +35,7 @@ def test_the_share_of_the_ten_is_of_the_boxes():
     assert count_individuals(table[:0]).empty
 
 
-def test_the_report_has_them_beside_the_boxes(made_up_run):
-    run = RunFolder.read(made_up_run)
+def test_the_report_has_them_beside_the_boxes(run):
     table = individuals_section(Analysis(run)).tables[0].data.set_index(["split", "class"])
     assert list(table.loc[("test", "Car"), ["routes", "boxes", "individuals"]]) == [4, 420, 34]
     assert table.loc[("test", "Car"), "share_of_ten"] == pytest.approx(300 / 420)
@@ -55,30 +43,27 @@ def test_the_report_has_them_beside_the_boxes(made_up_run):
     assert any(text.startswith(said) for text in cautions(run))
 
 
-def test_few_individuals_are_a_caution(made_up_run):
-    run = RunFolder.read(made_up_run)
+def test_few_individuals_are_a_caution(run):
 
-    def said(number, split="test"):
-        table = rows(*(("a", i % 4, "Car", str(i), 5) for i in range(number))).assign(split=split)
-        own = replace(run, individuals=table)
-        return [s for s in cautions(own) if "others may give" in s]
+    def said(own):
+        return [s for s in cautions(replace(run, individuals=own)) if "others may give" in s]
 
-    assert said(LEAST_INDIVIDUALS) == []
-    (few,) = said(LEAST_INDIVIDUALS - 1)
+    def cars(number):
+        return rows(*(("a", i % 4, "Car", str(i), 5) for i in range(number)))
+
+    assert said(cars(LEAST_INDIVIDUALS)) == []
+    (few,) = said(cars(LEAST_INDIVIDUALS - 1))
     assert few.startswith(f"Car: {5 * (LEAST_INDIVIDUALS - 1)} test boxes are ")
-    (one,) = said(1)
+    (one,) = said(cars(1))
     assert one.startswith("Car: 5 test boxes are 1 individual:")
-    assert said(1, "train") == []
-    older = replace(run, individuals=None)
-    assert not [s for s in cautions(older) if "others may give" in s]
+    assert said(cars(1).assign(split="train")) == said(None) == []
 
 
-def test_the_report_tells_the_spread_of_the_test_objects(made_up_run):
+def test_the_report_tells_the_spread_of_the_test_objects(run):
     """Beside that of the seeds; a folder without the table has intervals as before."""
-    new = RunFolder.read(made_up_run)
     tables, notes = [], []
-    for run in (new, replace(new, left_out=None)):
-        section = by_class_section(Analysis(run))
+    for one in (run, replace(run, left_out=None)):
+        section = by_class_section(Analysis(one))
         tables.append(section.tables[0].data)
         notes.append(section.notes)
     ours, before = tables

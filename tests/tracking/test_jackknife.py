@@ -13,18 +13,10 @@ from tracking.statistics.jackknife import LEAST_ROUTES, sample_error
 def mean_without(values, sizes=None, unit="route", placement="a", seed=1):
     """Left-out rows of a metric that is the mean over units, weighted by their sizes."""
     sizes = np.ones(len(values)) if sizes is None else np.asarray(sizes)
-    whole = np.sum(sizes * values)
-    return pd.DataFrame(
-        {
-            "placement": placement,
-            "seed": seed,
-            "unit": unit,
-            "left_out": [f"{unit} {i}" for i in range(len(values))],
-            "ground_truths": sizes,
-            "value": (whole - sizes * values)
-            / np.where(sizes < sizes.sum(), sizes.sum() - sizes, np.nan),
-        }
-    )
+    whole, rest = np.sum(sizes * values), np.where(sizes < sizes.sum(), sizes.sum() - sizes, np.nan)
+    table = {"left_out": [f"{unit} {i}" for i in range(len(values))], "ground_truths": sizes}
+    table["value"] = (whole - sizes * values) / rest
+    return pd.DataFrame(table).assign(placement=placement, seed=seed, unit=unit)
 
 
 def test_it_is_the_error_of_a_mean():
@@ -37,10 +29,8 @@ def test_it_is_the_error_of_a_mean():
 def test_what_a_unit_does_to_all_placements_cancels_between_them():
     random = np.random.default_rng(0)
     common, own = 20 * random.normal(size=12), random.normal(size=(3, 12))
-    rows = pd.concat(
-        mean_without(common + own[i], placement=name, unit="individual")
-        for i, name in enumerate("abc")
-    )
+    pairs = zip("abc", common + own, strict=True)
+    rows = pd.concat(mean_without(y, unit="individual", placement=name) for name, y in pairs)
     single, paired = sample_error(rows, paired=False), sample_error(rows, paired=True)
     differences = own - own.mean(axis=0)
     by_hand = np.sum(differences.var(axis=1, ddof=1)) / 2 / 12

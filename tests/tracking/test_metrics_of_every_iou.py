@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_run import report_of
 
 from lidarplace.base.metrics import EVERY_IOU, RANKING
 from sweeps.configuration.search import ObjectiveSettings
@@ -16,7 +17,6 @@ from tracking.findings.summary import seed_means, summary_table
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.mlflow.content import trial_metrics
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
 from tracking.report.sections.ceiling import reliability_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -54,10 +54,9 @@ def test_they_have_an_iou_of_their_own_and_change_no_other(run, made_up_run):
         own = judged(run.results, run.results, name, "mean_overlap")
         assert len(own) == 2 * len(run.placements)
     shown = judged_by_all(run.results, run.results, "Car")
-    assert set(zip(shown["metric"], shown["iou"], strict=True)) == {
-        *((name, 0.7) for name in ("AP_R40_3D", "AP_R40_BEV", "recall")),
-        *((name, EVERY_IOU) for name in LIKE),
-    }
+    wanted = dict.fromkeys(("AP_R40_3D", "AP_R40_BEV", "recall"), 0.7)
+    wanted |= dict.fromkeys(LIKE, EVERY_IOU)
+    assert set(zip(shown["metric"], shown["iou"], strict=True)) == {*wanted.items()}
 
 
 def test_their_intervals_allow_for_the_test_objects(run):
@@ -72,15 +71,13 @@ def test_their_intervals_allow_for_the_test_objects(run):
 
 def test_the_summary_has_them_of_the_first_class(run):
     columns = list(summary_table(run).columns)
-    assert [name for name in columns if "overlap" in name or "0.3" in name] == [
-        "Car 3D@0.3–0.8",
-        "Car overlap",
-    ]
+    new = [name for name in columns if "overlap" in name or "0.3" in name]
+    assert new == ["Car 3D@0.3–0.8", "Car overlap"]
     assert not [name for name in columns if name.endswith("@0")]
 
 
 def test_the_report_names_them_without_an_iou(folder):
-    text = build_report(folder).read_text(encoding="utf-8")
+    text = report_of(folder, "placements", "sensitivity").read_text(encoding="utf-8")
     assert ">3D AP @ 0.3–0.8 (%)<" in text
     assert ">mean overlap (%)<" in text
     assert "@ 0 " not in text
@@ -90,16 +87,10 @@ def test_the_report_names_them_without_an_iou(folder):
 def test_rungs_and_objectives_may_ask_for_them():
     assert set(LIKE) <= set(RANKING)
     Rung.model_validate({"by": "mean_overlap", "keep": 1, "set": {"training.epochs": 1}})
-    metrics = pd.DataFrame(
-        [
-            ("Car", "AP_R40_3D", 0.7, 20.0),
-            ("Car", "AP_R40_3D_mean", EVERY_IOU, 50.0),
-            ("Cyclist", "AP_R40_3D_mean", EVERY_IOU, 30.0),
-            ("Car", "mean_overlap", EVERY_IOU, 61.0),
-            ("all", "mean_overlap", EVERY_IOU, 60.0),
-        ],
-        columns=["class", "metric", "iou", "value"],
-    )
+    rows = [("Car", "AP_R40_3D", 0.7, 20.0), ("Car", "AP_R40_3D_mean", EVERY_IOU, 50.0)]
+    rows += [("Cyclist", "AP_R40_3D_mean", EVERY_IOU, 30.0)]
+    rows += [("Car", "mean_overlap", EVERY_IOU, 61.0), ("all", "mean_overlap", EVERY_IOU, 60.0)]
+    metrics = pd.DataFrame(rows, columns=["class", "metric", "iou", "value"])
     assert headline_value(metrics, "AP_R40_3D_mean", "Car") == 50
     for by, value in (("AP_R40_3D_mean", 40), ("mean_overlap", 60)):
         asked = ObjectiveSettings.model_validate({"by": by, "judge": "generalist"})
@@ -115,11 +106,8 @@ def test_mlflow_has_them_and_surrogates_by_name_and_class():
     results = pd.DataFrame(rows, columns=["metric", "class", "iou", "value"])
     columns = ["surrogate", "class", "value"]
     surrogates = pd.DataFrame([("s_mig", "Pedestrian", -3.0)], columns=columns)
-    assert trial_metrics(results, surrogates) == {
-        "AP_R40_3D.Car.0.70": 20.0,
-        "mean_overlap.all": 60.0,
-        "surrogate.s_mig.Pedestrian": -3.0,
-    }
+    named = {"AP_R40_3D.Car.0.70": 20.0, "mean_overlap.all": 60.0}
+    assert trial_metrics(results, surrogates) == named | {"surrogate.s_mig.Pedestrian": -3.0}
 
 
 def test_the_report_tells_how_reliable_each_metric_is(run):

@@ -6,27 +6,17 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import logging, new_store, runs_of, trial, until
+from mlflow_runs_of import client, logged, logging, runs_of, trial, until
 
 import tracking
 from tracking.mlflow.content import Dataset
 from tracking.mlflow.page import VIEW_TAG, source_tags
 
+SOURCE = {"source": {"scene": "sumo-1"}, "profile": {"frames": 9}}
 DATA = [
-    Dataset(
-        name=f"sumo-1 {context}",
-        digest=digest,
-        context=context,
-        source={"scene": "sumo-1"},
-        profile={"frames": 9},
-    )
+    Dataset(name=f"sumo-1 {context}", digest=digest, context=context, **SOURCE)
     for context, digest in (("train", "0a1b"), ("test", "2c3d"))
 ]
-
-
-@pytest.fixture
-def uri(tmp_path) -> str:
-    return new_store(tmp_path / "store")
 
 
 @pytest.fixture
@@ -34,12 +24,6 @@ def picture(tmp_path) -> Path:
     path = tmp_path / "placement.png"
     path.write_bytes(b"a picture")
     return path
-
-
-def client(uri):
-    from mlflow import MlflowClient
-
-    return MlflowClient(tracking_uri=uri)
 
 
 def drawn(picture, key="t1"):
@@ -53,29 +37,24 @@ def artifacts(uri, run):
 def test_a_trial_has_tags_data_and_pictures(uri, tmp_path, picture):
     tags = {"mlflow.source.name": "run.py"}
     for _ in range(2):
-        with logging(uri, tmp_path, [drawn(picture)], tags=tags, note="**Run** again"):
-            pass
+        logged(uri, tmp_path, [drawn(picture)], tags=tags, note="**Run** again")
     runs = runs_of(uri)
     parent, child = runs["demo"], runs["t1"]
     assert parent.data.tags["mlflow.note.content"] == "**Run** again"
     assert parent.data.tags["mlflow.source.name"] == "run.py"
     assert child.data.tags.items() >= {"seed": "1", "mlflow.source.name": "run.py"}.items()
-    found = {
-        given.tags[0].value: (given.dataset.name, given.dataset.digest)
-        for given in child.inputs.dataset_inputs
-    }
+    given = [(own.tags[0].value, own.dataset) for own in child.inputs.dataset_inputs]
+    found = {context: (data.name, data.digest) for context, data in given}
     assert found == {"train": ("sumo-1 train", "0a1b"), "test": ("sumo-1 test", "2c3d")}
     assert artifacts(uri, child) == ["placement.png"]
     assert artifacts(uri, parent) == []
 
 
 def test_a_trial_cut_before_its_picture_gets_it_and_has_its_data_once(uri, tmp_path, picture):
-    with logging(uri, tmp_path, [trial("t1", tags={"seed": 1}, datasets=DATA)]):
-        pass
+    logged(uri, tmp_path, [trial("t1", tags={"seed": 1}, datasets=DATA)])
     run = runs_of(uri)["t1"]
     client(uri).update_run(run.info.run_id, status="RUNNING")
-    with logging(uri, tmp_path, [drawn(picture)]):
-        pass
+    logged(uri, tmp_path, [drawn(picture)])
     run = runs_of(uri)["t1"]
     assert run.info.status == "FINISHED"
     assert artifacts(uri, run) == ["placement.png"]
@@ -107,8 +86,7 @@ def test_the_view_of_the_page_is_the_experiments(uri, tmp_path):
     state = json.loads(experiment.tags[VIEW_TAG])
     assert state["selectedColumns"][1] == "params.`scene.density`"
     assert state["orderByKey"] == "metrics.`AP_R40_3D.Car.0.70`"
-    assert state["runsExpanded"] == {parent: True}
-    assert state["orderByAsc"] is True
+    assert (state["runsExpanded"], state["orderByAsc"]) == ({parent: True}, True)
     assert experiment.tags["mlflow.note.content"] == "What it is"
 
 

@@ -9,24 +9,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import mlflow_runs_of as made
 import pytest
-from mlflow_runs_of import (
-    assert_logged_once,
-    free_port,
-    logging,
-    new_store,
-    runs_of,
-    start_server,
-    trial_of,
-)
 
 SEEDS = range(1, 5)
 KILLS = 5
 
 
 def log_all(uri: str, folder: Path) -> None:
-    ended = [trial_of(seed, folder / "placement.png") for seed in SEEDS]
-    with logging(uri, folder, ended, params={"epochs": 3}) as log:
+    ended = [made.trial_of(seed, folder / "placement.png") for seed in SEEDS]
+    with made.logging(uri, folder, ended, params={"epochs": 3}) as log:
         log.artifact(folder / "report.html")
 
 
@@ -60,8 +52,8 @@ def killed_driver(uri: str, folder: Path, steps: int) -> None:
 
 @contextmanager
 def served(store: str, folder: Path) -> Iterator[str]:
-    port = free_port()
-    server = start_server(store, port, folder)
+    port = made.free_port()
+    server = made.start_server(store, port, folder)
     try:
         yield f"http://127.0.0.1:{port}"
     finally:
@@ -72,7 +64,7 @@ def served(store: str, folder: Path) -> Iterator[str]:
 # Of all steps of a driver, and of those of one that finds nothing missing.
 @pytest.mark.parametrize(("through", "first", "further"), [("sqlite", 300, 80), ("server", 55, 20)])
 def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path, through, first, further):
-    store = new_store(tmp_path / "store")
+    store = made.new_store(tmp_path / "store")
     limits = [first] + [further] * (KILLS - 1)
     if through == "sqlite":
         killed_often(store, store, tmp_path, limits)
@@ -82,7 +74,6 @@ def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path, through, f
 
 
 def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> None:
-
     processes = multiprocessing.get_context("forkserver")
     # What takes seconds to import, once for all drivers.
     heavy = ["mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking", "tracking.mlflow.log"]
@@ -99,8 +90,8 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
         driver.join(240)
         assert driver.exitcode == -signal.SIGKILL
     log_all(uri, run)
-    assert_logged_once(store, SEEDS)
-    parent = runs_of(store)["demo"]
+    made.assert_logged_once(store, SEEDS)
+    parent = made.runs_of(store)["demo"]
     assert parent.data.params == {"epochs": "3"}
     files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
     assert files == len(SEEDS) * ["placement.png"] + ["report.html"]

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import assert_logged_once, free_port, logging, trial_of, until
+from mlflow_runs_of import assert_logged_once, free_port, logged, logging, trial_of, until
 
 from tracking.mlflow.uri import absolute_uri
 
@@ -29,9 +29,8 @@ class Postgres:
         (folder / "data").mkdir(mode=0o700)
         if ACCOUNT:
             shutil.chown(folder / "data", ACCOUNT)
-        self._run(
-            "initdb", "-D", "data", "-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password"
-        ).wait(120)
+        own = ("-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password")
+        self._run("initdb", "-D", "data", *own).wait(120)
         self.start()
 
     def start(self) -> None:
@@ -60,16 +59,13 @@ class Postgres:
         path = shutil.which(program)
         assert path is not None
         with (self.folder / "log").open("ab") as log:
-            return subprocess.Popen(
-                [path, *arguments], cwd=self.folder, user=ACCOUNT, stdout=log, stderr=log
-            )
+            own = {"cwd": self.folder, "user": ACCOUNT, "stdout": log, "stderr": log}
+            return subprocess.Popen([path, *arguments], **own)
 
 
 @pytest.fixture(scope="module")
 def postgres():
-    pytest.importorskip(
-        "psycopg2", reason="psycopg2 is missing: pip install 'lidarplace[postgres]'"
-    )
+    pytest.importorskip("psycopg2", reason="psycopg2: pip install 'lidarplace[postgres]'")
     for program in ("initdb", "postgres"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not in PATH: install PostgreSQL's server")
@@ -113,7 +109,6 @@ def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
 def test_a_wrong_password_is_an_error_without_it(postgres, tmp_path):
     uri = postgres.uri.replace("s3c%40ret", "other")
     said: list[str] = []
-    with logging(uri, tmp_path, key="k3", say=said.append, patience_s=0.1):
-        pass
+    logged(uri, tmp_path, key="k3", say=said.append, patience_s=0.1)
     assert "password authentication failed" in said[0]
     assert "other@" not in said[0]

@@ -3,18 +3,8 @@
 import os
 import signal
 
+import mlflow_runs_of as made
 import pytest
-from mlflow_runs_of import (
-    assert_logged_once,
-    free_port,
-    logging,
-    new_store,
-    runs_of,
-    start_server,
-    trial,
-    trial_of,
-    until,
-)
 
 MORE = range(3, 12)
 
@@ -25,17 +15,17 @@ def kill(server):
 
 
 def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
-    uri = new_store(tmp_path / "store")
-    port = free_port()
+    uri = made.new_store(tmp_path / "store")
+    port = made.free_port()
     address = f"http://me:s3cret@127.0.0.1:{port}"
     report = tmp_path / "report.html"
     report.write_text("<p>report</p>")
     said: list[str] = []
 
     def log(seeds, patience_s=60.0, params=None):
-        ended = map(trial_of, seeds) if isinstance(seeds, range) else seeds
+        ended = map(made.trial_of, seeds) if isinstance(seeds, range) else seeds
         own = {"params": params or {"x": 1}, "say": said.append, "patience_s": patience_s}
-        return logging(address, tmp_path / "demo", [*ended], **own)
+        return made.logging(address, tmp_path / "demo", [*ended], **own)
 
     # Away at the start and never back.
     for patience_s in (0.3, 0.0):
@@ -48,28 +38,28 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
     said.clear()
 
     # There, killed in the middle, started again.
-    server = start_server(uri, port, tmp_path)
+    server = made.start_server(uri, port, tmp_path)
     try:
         with log(range(1, MORE.stop)) as interrupted:
             interrupted.artifact(report)
-            until(lambda: interrupted.undelivered <= len(MORE) - 5)
+            made.until(lambda: interrupted.undelivered <= len(MORE) - 5)
             kill(server)
-            until(lambda: bool(said))
+            made.until(lambda: bool(said))
             assert interrupted.undelivered
-            server = start_server(uri, port, tmp_path)
+            server = made.start_server(uri, port, tmp_path)
         assert (interrupted.undelivered, interrupted.refused) == (0, 0)
         assert [line.split(" is ")[1].split(",")[0] for line in said] == ["unreachable", "back"]
-        assert_logged_once(address, range(1, MORE.stop))
+        made.assert_logged_once(address, range(1, MORE.stop))
         assert len(list((tmp_path / "artifacts").rglob("report.html"))) == 1
 
         # A request and a file that the server does not take, and a sweep that it does not take.
         (tmp_path / "artifacts").rename(tmp_path / "moved")
         (tmp_path / "artifacts").write_text("a file where a folder should be")
-        bad = trial("bad", metrics={"no such\nname": 1.0})
-        with log([bad, trial("drawn", files=[report]), trial_of(MORE.stop)]) as refused:
+        bad = made.trial("bad", metrics={"no such\nname": 1.0})
+        with log([bad, made.trial("drawn", files=[report]), made.trial_of(MORE.stop)]) as refused:
             refused.artifact(report)
         assert (refused.undelivered, refused.refused) == (0, 3)
-        runs = runs_of(address)
+        runs = made.runs_of(address)
         for name in ("drawn", f"line · tiny · seed {MORE.stop}"):
             assert runs[name].info.status == "FINISHED"
         assert runs["drawn"].data.tags["lidarplace.refused"]

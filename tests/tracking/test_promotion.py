@@ -6,18 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
+from made_up_run import report_of
 
-from tracking.findings.promotion import (
-    FULL_TRAINING,
-    is_full,
-    promoted,
-    savings,
-    stage_ranks,
-    stages,
-)
-from tracking.findings.training_cost import summarise_cost, training_cost
+from tracking.findings import promotion
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
 from tracking.report.sections.promotion import promotion_section
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
@@ -36,16 +28,7 @@ def run(folder):
 
 @pytest.fixture(scope="module")
 def group(run):
-    return next(_groups(run))
-
-
-@pytest.fixture(scope="module")
-def page(folder):
-    return build_report(folder).read_text(encoding="utf-8")
-
-
-def _groups(run):
-    return promoted(run.promotions, run.trials, run.results, run.axes, run.sweep.promote)
+    return next(promotion.promoted(run))
 
 
 def _full(run, detector="tiny"):
@@ -55,51 +38,45 @@ def _full(run, detector="tiny"):
 
 def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
     assert group.title == "tiny"
-    assert group.stages == (
-        "rung 1: expected IG (Car)",
-        "rung 2: 3D AP @ 0.7 (Car), epochs = 2",
-        FULL_TRAINING,
-    )
+    rungs = ("rung 1: expected IG (Car)", "rung 2: 3D AP @ 0.7 (Car), epochs = 2")
+    assert group.stages == (*rungs, promotion.FULL_TRAINING)
     assert (group.placements, group.seeds) == (40, 2)
     assert set(group.trials["trial"]) == set(_full(run)["trial"])
-    own = run.results.query(
-        "detector == 'tiny' and `class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7"
-    )
+    of_car = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7"
+    own = run.results.query(f"detector == 'tiny' and {of_car}")
     means = own[own[EPOCHS] == FULL].groupby("placement")["value"].mean()
     assert group.ap.to_dict() == pytest.approx(means.to_dict())
     assert len(means) == 3
 
 
 def test_the_ap_of_all_classes_is_the_mean_of_those_with_ground_truth(run):
-    promotions = run.promotions.assign(**{"class": "all"})
-    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep.promote))
+    of_all = run.promotions.assign(**{"class": "all"})
+    group = next(promotion.promoted(replace(run, promotions=of_all)))
     own = run.results.query("detector == 'tiny' and metric == 'AP_R40_3D'")
     own = own[own[EPOCHS] == FULL].set_index(["class", "iou"])["value"]
-    best = group.ap.index
-    assert group.ap[best].mean() == pytest.approx(
-        (own["Car", 0.7].mean() + own["Pedestrian", 0.5].mean()) / 2
-    )
+    both = own["Car", 0.7].mean(), own["Pedestrian", 0.5].mean()
+    assert group.ap.mean() == pytest.approx(sum(both) / 2)
 
 
 def test_ranks_end_where_a_placement_was_pruned(group):
-    ranks = stage_ranks(group)
+    ranks = promotion.stage_ranks(group)
     assert ranks.notna().sum().tolist() == [40, 8, 3]
     for column in ranks:
         known = ranks[column].dropna()
         assert sorted(known) == list(range(1, len(known) + 1))
     assert (ranks[0] <= 8).equals(ranks[1].notna())
-    assert (ranks[1] <= 3).equals(ranks[FULL_TRAINING].notna())
+    assert (ranks[1] <= 3).equals(ranks[promotion.FULL_TRAINING].notna())
 
 
 def test_costs_and_savings_add_up(run, group):
-    costs = stages(group).set_index("stage")
+    costs = promotion.stages(group).set_index("stage")
     assert costs["placements"].tolist() == [40, 8, 3]
     assert costs["kept"].tolist() == [8, 3, 0]
     full = _full(run)["seconds"]
-    assert costs.loc[FULL_TRAINING, "seconds"] == pytest.approx(full.sum())
-    assert costs.loc[FULL_TRAINING, "seconds_each"] == pytest.approx(2 * full.mean())
+    assert costs.loc[promotion.FULL_TRAINING, "seconds"] == pytest.approx(full.sum())
+    assert costs.loc[promotion.FULL_TRAINING, "seconds_each"] == pytest.approx(2 * full.mean())
     own = run.trials[(run.trials["detector"] == "tiny") & (run.trials["status"] == "finished")]
-    found = savings(group)
+    found = promotion.savings(group)
     assert found["surrogates"] == pytest.approx(40 * 0.05)
     assert found["short"] == pytest.approx(own.loc[own[EPOCHS] == SHORT, "seconds"].sum())
     assert found["spent"] == pytest.approx(own["seconds"].sum() + 2)
@@ -108,7 +85,7 @@ def test_costs_and_savings_add_up(run, group):
 
 
 def test_agreement_with_the_full_training_by_hand(group):
-    table, ranks = stages(group), stage_ranks(group)
+    table, ranks = promotion.stages(group), promotion.stage_ranks(group)
     assert table["n"].tolist()[:2] == [3, 3]
     assert table.iloc[2][["n", "spearman", "first", "regret"]].isna().all()
     for i, row in enumerate(table.to_dict("records")[:2]):
@@ -126,7 +103,7 @@ def test_agreement_with_the_full_training_by_hand(group):
 
 def test_many_placements_have_p_values_too(tmp_path):
     run = RunFolder.read(write_promotion(tmp_path / "many", kept=(20, 10), seeds=(1,)))
-    table = stages(next(_groups(run))).iloc[:2]
+    table = promotion.stages(next(promotion.promoted(run))).iloc[:2]
     assert table["n"].tolist() == [10, 10]
     assert table["spearman_p"].between(0, 1).all()
 
@@ -135,9 +112,9 @@ def test_a_placement_without_a_value_has_no_rank(run):
     promotions = run.promotions.copy()
     lost = promotions.query("detector == 'tiny' and rung == 1 and rank == 8").index
     promotions.loc[lost, "value"] = np.nan
-    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep.promote))
-    assert stage_ranks(group)[1].notna().sum() == 7
-    table = stages(group)
+    group = next(promotion.promoted(replace(run, promotions=promotions)))
+    assert promotion.stage_ranks(group)[1].notna().sum() == 7
+    table = promotion.stages(group)
     assert table["without_value"].tolist() == [0, 1, 0]
     assert table["n"].tolist()[:2] == [3, 3]
     assert table["ranked"].tolist()[:2] == [40, 7]
@@ -158,25 +135,26 @@ def test_short_trainings_are_told_by_what_their_rung_sets():
     axes = [EPOCHS, "training.flip_y"]
     changes = ({}, {"training.flip_y": False})
     rungs = [Rung(by="s_mig", keep=2, set=own) for own in changes]
-    assert is_full(trials, axes, rungs).tolist() == [False, True, True, False]
-    assert is_full(trials, axes[:1]).tolist() == [False, True, True, True]
+    assert promotion.is_full(trials, axes, rungs).tolist() == [False, True, True, False]
+    assert promotion.is_full(trials, axes[:1]).tolist() == [False, True, True, True]
 
 
 def test_nothing_is_estimated_when_no_full_training_finished(run):
     trials = run.trials.copy()
     full = trials[EPOCHS] == FULL
     trials.loc[full & (trials["status"] == "finished"), ["status", "error"]] = "failed", "no memory"
-    results = run.results[run.results[EPOCHS] == SHORT]
-    groups = list(promoted(run.promotions, trials, results, run.axes, run.sweep.promote))
+    less = replace(run, trials=trials, results=run.results[run.results[EPOCHS] == SHORT])
+    groups = list(promotion.promoted(less))
     assert [len(group.ap) for group in groups] == [0, 0]
-    assert np.isnan(savings(groups[0])["without"])
-    assert stages(groups[0])["n"].isna().all()
-    section = promotion_section(Analysis(replace(run, trials=trials, results=results)))
+    assert np.isnan(promotion.savings(groups[0])["without"])
+    assert promotion.stages(groups[0])["n"].isna().all()
+    section = promotion_section(Analysis(less))
     assert any("No full training finished" in note for note in section.notes)
 
 
-def test_the_report_tells_what_was_saved_and_risked(run, page):
-    row = savings(next(_groups(run)))
+def test_the_report_tells_what_was_saved_and_risked(run, group, folder):
+    page = report_of(folder, "promotion", "placements").read_text(encoding="utf-8")
+    row = promotion.savings(group)
     share = 100 * row["saved"] / row["without"]
     assert f"tiny: Promotion spent {row['spent']:,.0f} s (" in page
     assert f"), {share:.0f} % less than the {row['without']:,.0f} s" in page
@@ -188,18 +166,3 @@ def test_the_report_tells_what_was_saved_and_risked(run, page):
     # Other placements are compared after the full training alone.
     assert "second, epochs = 10" in page
     assert "second, epochs = 2" not in page
-
-
-def test_short_trainings_are_compared_with_the_long_ones_of_the_same_placements(run):
-    cost = training_cost(run.results, run.curves, run.axes)
-    known = cost[cost["reference_ap"].notna()]
-    summary = summarise_cost(known, [EPOCHS])
-    assert (summary["trials"] == 3 * 2).all()
-    short = summary[summary[EPOCHS] == SHORT]
-    for row in short.to_dict("records"):
-        long = summary[
-            summary["reference"]
-            & (summary["class"] == row["class"])
-            & (summary["detector"] == row["detector"])
-        ]
-        assert row["error"] == pytest.approx(long["ap"].item() - row["ap"])

@@ -19,7 +19,7 @@ from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.command import app
 from tracking.report.sections.predictors import predictors_section
-from tracking.report.sections.where_time_went import where_time_went
+from tracking.report.sections.where_time_went import stage_times, where_time_went
 from tracking.run_folders.sweep import RunFolder
 
 VOID = {"meta", "link", "img", "br", "hr", "input", "base", "source"}
@@ -30,24 +30,19 @@ class Page(HTMLParser):
 
     def __init__(self, source: str) -> None:
         super().__init__()
-        self.loads: list[str] = []
-        self.links: list[str] = []
+        self.loads, self.links, self.words, self.tags, self.csp = [], [], [], [], ""
         self.scripts: list[tuple[dict[str, str | None], str]] = []
-        self.words: list[str] = []
-        self.tags: list[str] = []
-        self.csp = ""
-        self._inside: str | None = None
-        self._contents = False
+        self._inside, self._contents = None, False
         self.feed(source)
+        self.text, kind = " ".join(self.words), "application/json"
+        self.figures = [json.loads(text) for own, text in self.scripts if own.get("type") == kind]
 
     def handle_starttag(self, tag, attrs):
         attributes = dict(attrs)
         self.tags.append(tag)
-        addresses = [
-            str(attributes[name]) for name in ("src", "href", "data") if name in attributes
-        ]
+        own = [str(attributes[name]) for name in ("src", "href", "data") if name in attributes]
         # A link is followed by a click only.
-        (self.links if tag == "a" else self.loads).extend(addresses)
+        (self.links if tag == "a" else self.loads).extend(own)
         if attributes.get("http-equiv") == "Content-Security-Policy":
             self.csp = str(attributes["content"])
         if tag == "script":
@@ -68,70 +63,52 @@ class Page(HTMLParser):
             self.words.append(data)
 
     @property
-    def figures(self) -> list[dict]:
-        kind = "application/json"
-        return [
-            json.loads(text) for attributes, text in self.scripts if attributes.get("type") == kind
-        ]
-
-    @property
     def titles(self) -> list[str]:
         return [figure["layout"]["title"]["text"] for figure in self.figures]
 
-    @property
-    def text(self) -> str:
-        return " ".join(self.words)
-
 
 @pytest.fixture
-def built(reported_run) -> Path:
-    return reported_run / "report.html"
+def built(reported) -> Path:
+    return reported / "report.html"
 
 
 @pytest.fixture(scope="module")
-def page(reported_run) -> Page:
-    return Page((reported_run / "report.html").read_text(encoding="utf-8"))
+def page(reported) -> Page:
+    return Page((reported / "report.html").read_text(encoding="utf-8"))
 
 
 def test_every_placement_is_in_tables_maps_and_clouds(page):
+    layouts = [figure["layout"] for figure in page.figures]
+    axes = [layout.get("yaxis", {}).get("ticktext", []) for layout in layouts]
+    menus = [menu for layout in layouts for menu in layout.get("updatemenus", [])]
+    entries = [button["label"] for menu in menus for button in menu["buttons"]]
     for name in NAMES:
         assert name in page.words
         escaped = html.escape(name, quote=False)
         assert any(title.startswith(escaped) for title in page.titles)
-        axes = [figure["layout"].get("yaxis", {}).get("ticktext", []) for figure in page.figures]
         assert any(escaped in rows for rows in axes)
-        menus = [
-            b["label"]
-            for f in page.figures
-            for m in f["layout"].get("updatemenus", [])
-            for b in m["buttons"]
-        ]
-        assert escaped in menus
+        assert escaped in entries
 
 
 def test_it_is_one_file_that_loads_nothing(built, page):
     assert page.loads == []
     assert page.csp.startswith("default-src 'none'")
     assert not {"link", "img", "iframe", "base"} & {*page.tags}
-    assert not re.search(
-        r"@import|url\(", re.search(r"<style>(.*?)</style>", built.read_text(), re.S)[1]
-    )
+    style = re.search(r"<style>(.*?)</style>", built.read_text(), re.S)[1]
+    assert not re.search(r"@import|url\(", style)
     assert sum("Plotly.newPlot" in text and len(text) < 5000 for _, text in page.scripts) == 1
     assert built.stat().st_size < 15e6
     assert [path.name for path in built.parent.iterdir() if "part" in path.name] == []
 
 
 def test_the_sections_are_in_order(page):
-    titles = [
-        *("Highest mean for Car", "Which placement is best?", "Placements"),
-        *("Which placement is best for each class and setting?", "Can a surrogate be trusted?"),
-        "Does the placement matter?",
-        *("Rigs and traffic", "Coverage and residual entropy"),
-        *("One frame, as each placement sees it", "Objects: boxes and individuals"),
-        *("Objects by their distance", "Surrogates: error against run time"),
-        *("Surrogates: sampling error of the POG", "Where the time went"),
-        "Configuration and command",
-    ]
+    titles = ["Highest mean for Car", "Which placement is best?", "Placements"]
+    titles += ["Which placement is best for each class and setting?", "Can a surrogate be trusted?"]
+    titles += ["Does the placement matter?", "Rigs and traffic", "Coverage and residual entropy"]
+    titles += ["One frame, as each placement sees it", "Objects: boxes and individuals"]
+    titles += ["Objects by their distance", "Surrogates: error against run time"]
+    titles += ["Surrogates: sampling error of the POG", "Where the time went"]
+    titles += ["Configuration and command"]
     assert [word for word in page.words if word in titles] == titles
     assert not {"Promotion", "Do the surrogates agree?"} & {*page.words}
     assert "lidarplace run examples/grid.yaml" in page.words
@@ -158,10 +135,8 @@ def test_it_names_the_best_placement_and_the_weaknesses(built, page):
     means = own.groupby("placement")["value"].mean()
     headline = page.words[page.words.index("Highest mean for Car") :]
     assert next(word for word in headline if word in NAMES) == means.idxmax()
-    assert (
-        f"{means.max():.1f} ± {own.groupby('placement')['value'].std()[means.idxmax()]:.1f}"
-        in page.text
-    )
+    sd = own.groupby("placement")["value"].std()[means.idxmax()]
+    assert f"{means.max():.1f} ± {sd:.1f}" in page.text
     assert "Only 5 placements: no two-sided p-value can be below 0.017" in page.text
     assert "Two seeds" in page.text
     assert "Cyclist: no ground truth" in page.text
@@ -182,10 +157,9 @@ def test_a_name_cannot_become_a_tag(tmp_path):
 
 
 def test_axes_and_detectors_get_their_own_figures(tmp_path):
-    folder = write_run(
-        tmp_path / "axes", NAMES[:2], (1,), detectors=("tiny", "second"), densities=(40, 120)
-    )
-    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    detectors, densities = ("tiny", "second"), (40, 120)
+    folder = write_run(tmp_path / "axes", NAMES[:2], (1,), detectors, densities)
+    page = Page(report_of(folder, "best", "by_class").read_text(encoding="utf-8"))
     for group in ("tiny, density = 40", "tiny, density = 120", "second, density = 120"):
         assert any(title.startswith(f"Car · {group}") for title in page.titles)
         assert f"Highest mean for Car · {group}" in page.words
@@ -193,30 +167,21 @@ def test_axes_and_detectors_get_their_own_figures(tmp_path):
 
 
 def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
-    folder = tmp_path / "bare"
-    shutil.copytree(made_up_run, folder)
-    optional = (
-        "maps.npz",
-        "frame.npz",
-        *(
-            f"{t}.parquet"
-            for t in (
-                *("individuals", "accuracy", "sampling_error", "pog_resamples"),
-                *("tasks", "points", "distance"),
-            )
-        ),
-    )
+    folder = shutil.copytree(made_up_run, tmp_path / "bare")
+    names = ("individuals", "accuracy", "sampling_error", "pog_resamples", "tasks", "points")
+    optional = ("maps.npz", "frame.npz", *(f"{name}.parquet" for name in (*names, "distance")))
     for name in optional:
         (folder / name).unlink()
-    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    sections = ("individuals", "accuracy", "sampling_error", "where_time_went", "by_distance")
+    built = report_of(folder, "coverage", "clouds", *sections)
+    page = Page(built.read_text(encoding="utf-8"))
     for name in optional[1:]:
         assert name in page.text
     assert "The run folder has no maps of residual entropy." in page.text
 
 
 def test_studies_of_some_placements_say_of_which(made_up_run, built, tmp_path):
-    folder = tmp_path / "some"
-    shutil.copytree(made_up_run, folder)
+    folder = shutil.copytree(made_up_run, tmp_path / "some")
     for name in ("accuracy", "sampling_error", "pog_resamples"):
         table = pd.read_parquet(folder / f"{name}.parquet")
         table = table[table["placement"].isin(["line", "trapezoid"])]
@@ -227,41 +192,54 @@ def test_studies_of_some_placements_say_of_which(made_up_run, built, tmp_path):
     assert "Worked out for" not in built.with_suffix(".md").read_text(encoding="utf-8")
 
 
-def test_without_times_or_cores_there_is_no_efficiency(made_up_run):
-    run = RunFolder.read(made_up_run)
+def test_without_times_or_cores_there_is_no_efficiency(run):
     before = replace(run, tasks=run.tasks.assign(started=np.nan, ended=np.nan))
     assert where_time_went(Analysis(before)).notes[-1] == "No task ran, so no efficiency."
-    older = replace(run, sweep=run.sweep.model_copy(update={"cores": None}))
-    assert "does not say how many cores" in where_time_went(Analysis(older)).notes[-1]
-    assert not where_time_went(Analysis(older)).tables
+    sweep = run.sweep.model_copy(update={"cores": None})
+    older = where_time_went(Analysis(replace(run, sweep=sweep)))
+    assert "does not say how many cores" in older.notes[-1]
+    assert not older.tables
 
 
-def test_the_clock_is_that_of_the_last_command(made_up_run):
-    run = RunFolder.read(made_up_run)
+def test_the_clock_is_that_of_the_last_command(run):
     clock = "The last command took 1,234 s on the clock."
-    resumed = (
-        f"{clock} It found 1 of the 22 results in place, so this is not the time of the "
-        "whole sweep."
-    )
-    assert where_time_went(Analysis(run)).notes[0] == resumed
+    again = " It found 1 of the 22 results in place, so this is not the time of the whole sweep."
+    assert where_time_went(Analysis(run)).notes[0] == clock + again
     fresh = replace(run, tasks=run.tasks.assign(cached=False))
     assert where_time_went(Analysis(fresh)).notes[0] == clock
 
 
-def test_a_smaller_batch_is_a_warning(tmp_path):
-    folder = write_run(tmp_path / "reduced", names=["line", "center"], seeds=(1,))
-    tasks = pd.read_parquet(folder / "tasks.parquet")
-    tasks["batch_size_reduced"] = (tasks["stage"] == "train") & (tasks["label"] == "center")
-    tasks.to_parquet(folder / "tasks.parquet")
-    page = Page(report_of(folder).read_text(encoding="utf-8"))
-    assert "1 training ran with a smaller batch than configured" in page.text
-    assert "for lack of memory: center." in page.text
+@pytest.fixture
+def tasks():
+    """Two stages that overlap by a second, and a result that was there before."""
+    rows = [("pog", 1.0, 4.0, 1.5, 2e8), ("pog", 1.0, 3.0, 1.0, 3e8)]
+    rows += [("train", 3.0, 11.0, 8.0, np.nan), ("train", np.nan, np.nan, 5.0, np.nan)]
+    columns = ["stage", "started", "ended", "seconds", "peak_memory"]
+    return pd.DataFrame(rows, columns=columns)
 
 
-def test_a_sweep_of_surrogates_alone_ranks_placements(tmp_path):
-    names = [f"p{i:03d}" for i in range(60)]
+def test_stages_have_their_own_seconds_from_first_start_to_last_end(tasks):
+    table = stage_times(tasks).set_index("stage")
+    assert table.loc["pog"].tolist() == [2, 2.5, 3, (1.5 + 1) / 2, 3e8]
+    assert table.loc["train"].tolist()[:4] == [1, 8, 8, 0]
+    assert stage_times(tasks.iloc[3:]).empty
+
+
+def test_idle_time_counts_for_the_efficiency_of_the_whole(run, tasks):
+    own = tasks.assign(cached=tasks["started"].isna(), node="")
+    work = "3 tasks did 10 s of work on 2 cores in 11 s"
+    said = where_time_went(Analysis(replace(run, tasks=own))).notes[1]
+    assert said.startswith(f"{work}: parallel efficiency {10.5 / 22:.2f}, ")
+
+
+def test_a_sweep_of_surrogates_alone_ranks_placements_on_a_small_page(tmp_path):
+    names = [f"p{i:03d}" for i in range(500)]
     folder = write_run(tmp_path / "alone", names=names, detectors=())
-    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    built = build_report(folder)
+    page = Page(built.read_text(encoding="utf-8"))
+    assert built.stat().st_size < 15e6
+    assert sum(len(json.dumps(figure)) for figure in page.figures) < 3e6
+    assert page.tags.count("tr") < 1000
     surrogates = pd.read_parquet(folder / "surrogates.parquet")
     gain = surrogates.query("surrogate == 'expected_recall'")
     of_car = gain[gain["class"] == "Car"].set_index("placement")["value"]
@@ -269,7 +247,7 @@ def test_a_sweep_of_surrogates_alone_ranks_placements(tmp_path):
     assert next(word for word in verdict if word in names) == of_car.idxmax()
     assert "the sweep has no detector" in page.text
     caption = next(word for word in page.words if word.startswith("Car · H_POG"))
-    assert caption.endswith("the first 50 of 60 rows, the CSV file has all")
+    assert caption.endswith("the first 50 of 500 rows, the CSV file has all")
     table = page.words[page.words.index(caption) :]
     total = gain.groupby("placement")["value"].sum().sort_values(ascending=False)
     assert [word for word in table if word in names][:50] == total.index[:50].tolist()
@@ -278,74 +256,55 @@ def test_a_sweep_of_surrogates_alone_ranks_placements(tmp_path):
     assert f"{of_car[first]:,.1f} ({of_car.rank(ascending=False)[first]:.0f})" in table
     assert "Do the surrogates agree?" in page.words
     assert sum(title.endswith(" · covered") for title in page.titles) == 12
-    assert "12 of 60 placements are drawn." in page.text
+    assert "12 of 500 placements are drawn." in page.text
 
 
-@pytest.mark.parametrize("detectors", [("tiny",), ()])
-def test_a_sweep_with_one_placement_has_a_report(tmp_path, detectors):
-    folder = write_run(tmp_path / "one", names=["line"], detectors=detectors)
+def test_a_sweep_with_one_placement_has_a_report(tmp_path):
+    folder = write_run(tmp_path / "one", names=["line"])
     page = Page(build_report(folder).read_text(encoding="utf-8"))
-    what = "Highest mean for Car" if detectors else "Highest expected recall for Car"
-    assert page.words[page.words.index(what) :].count("line") > 0
-    said = "One placement" if detectors else "Fewer than 3 placements: no rank agreement"
-    assert said in page.text
-
-
-def test_a_page_of_500_placements_stays_small(tmp_path):
-    names = [f"p{i:04d}" for i in range(500)]
-    built = build_report(write_run(tmp_path / "many", names=names, detectors=()))
-    page = Page(built.read_text(encoding="utf-8"))
-    assert built.stat().st_size < 15e6
-    assert sum(len(json.dumps(figure)) for figure in page.figures) < 3e6
-    assert page.tags.count("tr") < 1000
+    assert "line" in page.words[page.words.index("Highest mean for Car") :]
+    assert "One placement" in page.text
 
 
 @pytest.mark.parametrize("has_columns", [True, False])
 def test_a_sweep_whose_trials_all_failed_has_a_report(made_up_run, tmp_path, has_columns):
-    folder = tmp_path / "failed"
-    shutil.copytree(made_up_run, folder)
-    for name in (
-        "results",
-        "surrogates",
-        "curves",
-        "expected_ig_by_q",
-        "accuracy",
-        "sampling_error",
-    ):
+    folder = shutil.copytree(made_up_run, tmp_path / "failed")
+    names = ("results", "surrogates", "curves", "expected_ig_by_q", "accuracy", "sampling_error")
+    for name in names:
         table = pd.read_parquet(folder / f"{name}.parquet").iloc[:0]
         (table if has_columns else pd.DataFrame()).to_parquet(folder / f"{name}.parquet")
-    trials = pd.read_parquet(folder / "trials.parquet")
-    trials.assign(status="failed", error="Traceback\nValueError: no points").to_parquet(
-        folder / "trials.parquet"
-    )
+    trials, tasks = (pd.read_parquet(folder / f"{name}.parquet") for name in ("trials", "tasks"))
+    trials = trials.assign(status="failed", error="Traceback\nValueError: no points")
+    trials.to_parquet(folder / "trials.parquet")
+    reduced = (tasks["stage"] == "train") & (tasks["label"] == "center")
+    tasks.assign(batch_size_reduced=reduced).to_parquet(folder / "tasks.parquet")
     page = Page(build_report(folder).read_text(encoding="utf-8"))
     assert "10 of 10 trials did not finish. The first error: ValueError: no points" in page.text
     assert "no detector was evaluated" in page.text
     assert "line · covered" in page.titles
+    assert "1 training ran with a smaller batch than configured" in page.text
+    assert "for lack of memory: center." in page.text
 
 
 def test_the_command_rebuilds_it_or_says_what_is_wrong(tmp_path):
     built = write_run(tmp_path / "run", names=["line"], detectors=()) / "report.html"
 
     def report(folder):
-        return CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
+        done = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
+        return done.exit_code, done.stdout.strip(), done.stderr
 
-    done = report(built.parent)
-    assert (done.exit_code, done.stdout.strip()) == (0, str(built))
-    assert built.is_file()
-    built.rename(built.with_suffix(".before"))
+    assert report(built.parent) == (0, str(built), "")
+    page = Page(built.read_text(encoding="utf-8"))
+    assert "line" in page.words[page.words.index("Highest expected recall for Car") :]
+    assert "Fewer than 3 placements: no rank agreement" in page.text
+    built.unlink()
     built.mkdir()
-    held = report(built.parent)
-    built.rmdir()
-    built.with_suffix(".before").rename(built)
-    assert (held.exit_code, held.stderr) == (2, f"{built}: Is a directory\n")
-    wrong = report(tmp_path)
-    assert wrong.exit_code == 2
-    assert f"{tmp_path}: not a run folder; missing config.yaml" in wrong.stderr
-    assert len(wrong.stderr.splitlines()) == 1
+    assert report(built.parent) == (2, "", f"{built}: Is a directory\n")
+    code, _, wrong = report(tmp_path)
+    assert (code, wrong.count("\n")) == (2, 1)
+    assert f"{tmp_path}: not a run folder; missing config.yaml" in wrong
     (tmp_path / ".lock").touch()
-    early = report(tmp_path)
-    assert early.exit_code == 2
-    assert "its sweep has not finished" in early.stderr
-    assert "lidarplace status FILE" in early.stderr
-    assert len(early.stderr.splitlines()) == 1
+    code, _, early = report(tmp_path)
+    assert (code, early.count("\n")) == (2, 1)
+    assert "its sweep has not finished" in early
+    assert "lidarplace status FILE" in early

@@ -1,43 +1,39 @@
 """What lies beside a report: Markdown, CSV files; and the limit of the page."""
 
 import re
-from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
+from made_up_run import NAMES
 from test_report import Page
 
+from tracking.figures.kit.style import figure
 from tracking.pages import page
 from tracking.pages.files_beside import write_csv_files
-from tracking.pages.section import Section, Table, slug
-from tracking.report.build import build_report
+from tracking.pages.page import SECTIONS_ALONE, write_page
+from tracking.pages.section import Section, Table, figure_title, slug
 
 
-@pytest.fixture
-def folder(reported_run) -> Path:
-    return reported_run
-
-
-def test_every_linked_csv_file_is_there_and_no_other(folder):
-    links = Page((folder / "report.html").read_text(encoding="utf-8")).links
+def test_every_linked_csv_file_is_there_and_no_other(reported):
+    links = Page((reported / "report.html").read_text(encoding="utf-8")).links
     linked = {link for link in links if not link.startswith("#")}
-    files = {f"tables/{file.name}" for file in (folder / "tables").glob("*.csv")}
+    files = {f"tables/{file.name}" for file in (reported / "tables").glob("*.csv")}
     assert linked == {"decision.html", "failures.html", *files}
-    assert (folder / "tables" / "mine.txt").is_file()
+    assert (reported / "tables" / "mine.txt").is_file()
     assert "tables/placements-car.csv" in linked
 
 
-def test_every_entry_of_the_contents_has_its_section(folder):
-    text = (folder / "report.html").read_text(encoding="utf-8")
+def test_every_entry_of_the_contents_has_its_section(reported):
+    text = (reported / "report.html").read_text(encoding="utf-8")
     anchors = [link[1:] for link in Page(text).links if link.startswith("#")]
     assert len(anchors) > 8
     assert all(text.count(f'id="{anchor}"') == 1 for anchor in anchors)
 
 
-def test_csv_files_hold_unrounded_numbers(folder):
-    table = pd.read_csv(folder / "tables" / "placements-car.csv").set_index("placement")
-    results = pd.read_parquet(folder / "results.parquet")
+def test_csv_files_hold_unrounded_numbers(reported):
+    table = pd.read_csv(reported / "tables" / "placements-car.csv").set_index("placement")
+    results = pd.read_parquet(reported / "results.parquet")
     own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
     means = own.groupby("placement")["value"].mean()
     assert set(table.index) == set(NAMES)
@@ -46,9 +42,9 @@ def test_csv_files_hold_unrounded_numbers(folder):
     assert "S-MIG (nats)" in table.columns
 
 
-def test_markdown_has_every_table_of_the_page(folder):
-    text = (folder / "report.md").read_text(encoding="utf-8")
-    shown = Page((folder / "report.html").read_text(encoding="utf-8"))
+def test_markdown_has_every_table_of_the_page(reported):
+    text = (reported / "report.md").read_text(encoding="utf-8")
+    shown = Page((reported / "report.html").read_text(encoding="utf-8"))
     # The verdicts are paragraphs there.
     assert len(re.findall(r"^\| :?---", text, re.M)) == shown.tags.count("table") - 1
     assert text.startswith("# grid\n")
@@ -58,17 +54,15 @@ def test_markdown_has_every_table_of_the_page(folder):
         assert "\n" not in line
 
 
-def test_markdown_tells_how_much_was_compared_as_the_page_does(folder):
-    extent = (
-        "5 placements, 10 trials, 400 training and 100 test frames with 840 boxes of 68 "
-        "individuals."
-    )
-    assert (folder / "report.md").read_text().split("\n\n")[1] == extent
-    assert f">{extent}<" in (folder / "report.html").read_text()
+def test_markdown_tells_how_much_was_compared_as_the_page_does(reported):
+    many = "400 training and 100 test frames with 840 boxes of 68 individuals."
+    extent = f"5 placements, 10 trials, {many}"
+    assert (reported / "report.md").read_text().split("\n\n")[1] == extent
+    assert f">{extent}<" in (reported / "report.html").read_text()
 
 
-def test_figures_are_named_for_those_who_do_not_see_them(folder):
-    text = (folder / "report.html").read_text(encoding="utf-8")
+def test_figures_are_named_for_those_who_do_not_see_them(reported):
+    text = (reported / "report.html").read_text(encoding="utf-8")
     labels = re.findall(r'role="figure" aria-label="([^"]*)"', text)
     assert len(labels) == len(Page(text).figures)
     assert all(labels)
@@ -77,15 +71,20 @@ def test_figures_are_named_for_those_who_do_not_see_them(folder):
 def test_a_page_that_would_be_too_large_leaves_its_heaviest_figures_out(
     tmp_path, monkeypatch, capsys
 ):
-    folder = write_run(tmp_path / "large", names=["line", "center"], points=4000)
-    whole = build_report(folder).stat().st_size
+    plots = [figure(name, 300).add_scatter(y=np.arange(n)) for name, n in (("a", 9), ("b", 99_999))]
+    section, target = Section("s", figures=plots), tmp_path / "page.html"
+
+    def write():
+        return write_page(target, SECTIONS_ALONE, [section], name="n").stat().st_size
+
+    whole = write()
     monkeypatch.setattr(page, "LARGEST_PAGE", whole - 50_000)
-    built = build_report(folder)
-    assert built.stat().st_size <= whole - 50_000
-    said = capsys.readouterr().err.strip()
-    assert len(said.splitlines()) == 1
+    assert write() <= whole - 50_000
+    assert [figure_title(plot) for plot in section.figures] == ["a"]
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
     assert "left out to stay below" in said
-    assert "Left out, so that the page stays below" in Page(built.read_text("utf-8")).text
+    assert "Left out, so that the page stays below" in Page(target.read_text("utf-8")).text
 
 
 def test_two_tables_of_one_name_get_a_file_each(tmp_path):
@@ -97,23 +96,15 @@ def test_two_tables_of_one_name_get_a_file_each(tmp_path):
     assert sorted(file.name for file in (tmp_path / "tables").iterdir()) == ["t-2.csv", "t.csv"]
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("placements", "Car", "a/../b"), "placements-car-a-..-b"),
-        (("../../x",), "x"),
-        (("ρ Pedestrian é",), "pedestrian-e"),
-    ],
-)
-def test_a_slug_is_a_safe_name(words, expected):
-    assert slug(*words) == expected
+def test_a_slug_is_a_safe_name():
+    assert slug("placements", "Car", "a/../b") == "placements-car-a-..-b"
+    assert (slug("../../x"), slug("ρ Pedestrian é")) == ("x", "pedestrian-e")
 
 
 def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     rows = (("a", "–", "1", "–"), ("b", "–", "–", "–"))
-    table = Table(
-        "t", ("rig", "sd", "mean", "p"), rows, frozenset({(0, 2), (1, 1)}), frozenset({0})
-    )
+    stressed = frozenset({(0, 2), (1, 1)})
+    table = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0}))
     shown = table.without_dashes()
     assert shown.head == ("rig", "mean")
     assert shown.rows == (("a", "1"), ("b", "–"))
@@ -123,11 +114,10 @@ def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     assert empty.without_dashes() == empty
 
 
-def test_all_but_the_answer_is_folded_away_with_its_figures_and_tables(folder):
-    text = (folder / "report.html").read_text(encoding="utf-8")
-    folds = dict(
-        re.findall(r'<details class="folded"><summary><h2[^>]*>([^<]*)<(.*?)</details>', text, re.S)
-    )
+def test_all_but_the_answer_is_folded_away_with_its_figures_and_tables(reported):
+    text = (reported / "report.html").read_text(encoding="utf-8")
+    fold = r'<details class="folded"><summary><h2[^>]*>([^<]*)<(.*?)</details>'
+    folds = dict(re.findall(fold, text, re.S))
     headings = re.findall(r"<h2[^>]*>([^<]*)<", text)
     assert headings[0] == "Which placement is best?"
     assert headings[1:] == list(folds)

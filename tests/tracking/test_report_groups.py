@@ -7,11 +7,10 @@ import pandas as pd
 import pytest
 from made_up_run import NAMES, report_of, write_run
 
-from tracking.findings.correlation import correlate
 from tracking.labels import points
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
-from tracking.report.sections.density import density_section
+from tracking.report.sections.ablations import density_section
 from tracking.report.sections.predictors import MOST_SENTENCES, predictors_section
 from tracking.report.sections.published import add_published_surrogates, published_density_table
 from tracking.report.sections.sensitivity import sensitivity_section
@@ -19,38 +18,29 @@ from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> RunFolder:
-    folder = write_run(
-        tmp_path_factory.mktemp("groups") / "run",
-        detectors=("second", "pointpillars"),
-        densities=(40, 80, 120),
-    )
+def found(tmp_path_factory) -> Analysis:
+    path = tmp_path_factory.mktemp("groups") / "run"
+    folder = write_run(path, detectors=("second", "pointpillars"), densities=(40, 120))
     table = pd.read_parquet(folder / "surrogates.parquet")
     table["value"] *= table["scene.density"] / 40
     table.to_parquet(folder / "surrogates.parquet", index=False)
-    return RunFolder.read(folder)
+    return Analysis(RunFolder.read(folder))
 
 
-def predictors(run: RunFolder) -> Section:
-    section = predictors_section(Analysis(run))
-    assert section is not None
-    return section
-
-
-def test_of_many_findings_the_first_are_listed(run):
-    section = predictors(run)
-    assert f"The first {MOST_SENTENCES} of 18 cases; the table has all." in section.notes
+def test_of_many_findings_the_first_are_listed(found):
+    section = predictors_section(found)
+    assert f"The first {MOST_SENTENCES} of 12 cases; the table has all." in section.notes
     # 5 placements: a perfect order has p = 2 / 5!, times the tests.
-    tests = int(correlate(run.results, run.surrogates, run.axes)["spearman_tests"].iloc[0])
+    tests = int(found.correlations["spearman_tests"].iloc[0])
     said = f" With 5 placements and {tests} tests not even a perfect order could be shown."
     assert all(note.endswith(said) for note in section.notes[:MOST_SENTENCES])
-    assert len({row[1] for row in section.tables[0].rows}) == 6
+    assert len({row[1] for row in section.tables[0].rows}) == 4
 
 
 def test_the_first_screen_has_the_answer_the_picture_then_all_verdicts(tmp_path):
     both, three = ("second", "pointpillars"), (40, 80, 120)
     folder = write_run(tmp_path / "run", NAMES[:3], (1,), detectors=both, densities=three)
-    page = report_of(folder, "best", "predictors").read_text(encoding="utf-8")
+    page = report_of(folder, "best", "sensitivity").read_text(encoding="utf-8")
     first = page[: page.index("<nav")]
     parts = ['<div class="card">', '<div class="plot"', 'class="table verdicts tall"']
     assert sorted(map(first.index, parts)) == [first.index(part) for part in parts]
@@ -63,28 +53,26 @@ def test_the_first_screen_has_the_answer_the_picture_then_all_verdicts(tmp_path)
         assert bool(cut) == (body.count("<tr>") - 1 > 24)
 
 
-def test_a_few_findings_name_detector_and_setting(run):
-    few = run.results[run.results["detector"] == "second"]
-    few = few[few["scene.density"] != 80]
-    notes = predictors(replace(run, results=few)).notes
-    cars = [note for note in notes if "Car, 3D AP" in note]
+def test_a_few_findings_name_detector_and_setting(found):
+    results = found.run.results
+    few = replace(found.run, results=results[results["detector"] == "second"])
+    cars = [note for note in predictors_section(Analysis(few)).notes if "Car, 3D AP" in note]
     assert len(cars) == 2 <= MOST_SENTENCES
     assert [note.split(" · ")[0] for note in cars] == ["density = 40", "density = 120"]
 
 
-def test_the_most_sensitive_is_named_with_its_setting(run):
-    section = sensitivity_section(Analysis(run))
+def test_the_most_sensitive_is_named_with_its_setting(found):
+    section = sensitivity_section(found)
     (said,) = (note for note in section.notes if note.startswith("Car: "))
-    assert "the most of 6 detectors and settings" in said
+    assert "the most of 4 detectors and settings" in said
     assert "density = " in said
 
 
-def test_density_has_a_column_for_each_and_the_papers_own(run):
-    section = density_section(Analysis(run))
+def test_density_has_a_column_for_each_and_the_papers_own(found):
+    section = density_section(found)
     car = [t for t in section.tables if t.caption.startswith("Car · 3D AP @ 0.7 (%) · ")]
     assert [t.caption.rsplit(" ", 1)[1] for t in car] == ["second", "pointpillars"]
-    head = ("placement", *(f"density {density}" for density in (40, 80, 120)), "change (points)")
-    assert car[0].head == head
+    assert car[0].head == ("placement", "density 40", "density 120", "change (points)")
     own = car[0].data.query("placement == 'line'").set_index("scene.density")["mean (%)"]
     row = next(row for row in car[0].rows if row[0] == "line")
     assert row[-1] == points(own[120] - own[40])
@@ -95,11 +83,9 @@ def test_the_papers_own_surrogates_meet_its_own_ap():
     section = Section("published")
     add_published_surrogates(section)
     table = section.tables[0].data
-    own = table.query(
-        "over == 'placements' and metric == 'AP_R40_3D' and detector == 'pv_rcnn'"
-    ).iloc[0]
+    own = table.query("over == 'placements' and metric == 'AP_R40_3D' and detector == 'pv_rcnn'")
     # Five pairs (S-MIG, AP): ranks 5 2 4 1 3 against 4 3 5 2 1.
-    assert (own["n"], own["spearman"]) == (5, pytest.approx(0.6))
+    assert own.iloc[0][["n", "spearman"]].tolist() == [5, pytest.approx(0.6)]
     dense = table[table["over"] == "densities"]
     assert set(dense["surrogate"]) == {"s_mig", "h_pog", "ig"}
     assert dense["spearman_p"].min() == pytest.approx(1 / 3)

@@ -73,9 +73,8 @@ def test_wrong_types_everywhere(tmp_path, sweep):
 
 @pytest.mark.parametrize("key", NEEDED)
 def test_a_key_that_is_missing_or_null_is_named(folder, sweep, key):
-    assert f"sweep.json: {key}: is missing" in refused(
-        folder, json.dumps({k: v for k, v in sweep.items() if k != key})
-    )
+    less = json.dumps({k: v for k, v in sweep.items() if k != key})
+    assert f"sweep.json: {key}: is missing" in refused(folder, less)
     assert f"sweep.json: {key}: found None" in refused(folder, json.dumps(sweep | {key: None}))
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
+from made_up_run import NAMES, report_of, write_run
 
 from tracking.findings.training_cost import (
     COST_AXES,
@@ -14,7 +14,6 @@ from tracking.findings.training_cost import (
     varied_cost_axes,
 )
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
 from tracking.report.sections.training_cost import training_cost_figure, training_cost_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -36,25 +35,17 @@ def test_error_is_what_the_longest_training_gains(run):
     assert (cost["reference"] == longest).all()
     assert (cost.loc[longest, "error"] == 0).all()
     # By hand for one trial.
-    row = cost.query(
-        "placement == 'line' and seed == 2 and `class` == 'Car' and `scene.density` == 80 and "
-        "`training.epochs` == 1 and `training.frame_share` == 0.25"
-    ).iloc[0]
-    own = run.results.query(
-        "placement == 'line' and seed == 2 and `class` == 'Car' and `scene.density` == 80 and "
-        "metric == 'AP_R40_3D' and iou == 0.7"
-    ).set_index(list(COST_AXES))["value"]
+    one = "placement == 'line' and seed == 2 and `class` == 'Car' and `scene.density` == 80"
+    short = "`training.epochs` == 1 and `training.frame_share` == 0.25"
+    row = cost.query(f"{one} and {short}").iloc[0]
+    own = run.results.query(f"{one} and metric == 'AP_R40_3D' and iou == 0.7")
+    own = own.set_index(list(COST_AXES))["value"]
     assert row["error"] == pytest.approx(own[4, 1.0] - own[1, 0.25])
 
 
 def test_the_longest_training_of_many():
-    table = pd.DataFrame(
-        {
-            "detector": ["a", "a", "a", "b", "b"],
-            COST_AXES[0]: [10, 5, 20, 5, 1],
-            COST_AXES[1]: [0.5, 1.0, 0.25, 0.5, 1.0],
-        }
-    )
+    trainings = {COST_AXES[0]: [10, 5, 20, 5, 1], COST_AXES[1]: [0.5, 1.0, 0.25, 0.5, 1.0]}
+    table = pd.DataFrame({"detector": ["a", "a", "a", "b", "b"], **trainings})
     # Of detector a all see as many frames, but one sees each of them.
     assert is_longest(table, COST_AXES).tolist() == [False, True, False, True, False]
     assert is_longest(table[["detector"]], ()).all()
@@ -110,7 +101,7 @@ def test_the_report_has_the_cost_of_training_where_it_varied(tmp_path, trainings
 
 def test_the_report_compares_placements_after_the_longest_training(tmp_path):
     folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=TRAININGS)
-    page = build_report(folder).read_text()
+    page = report_of(folder, "placements", "training_cost").read_text()
     assert "Training: error against run time" in page
     results = pd.read_parquet(folder / "results.parquet")
     longest = results[(results[COST_AXES[0]] == 4) & (results[COST_AXES[1]] == 1.0)]

@@ -18,8 +18,6 @@ class BestPlacement:
     """The placement of the highest mean over seeds, and the others behind it.
 
     Attributes:
-        best: its name.
-        mean: its mean of the metric.
         others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
             and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
         sure: index placement, best mean first: the probability that its expected metric is the
@@ -47,11 +45,8 @@ class BestPlacement:
     def differences(self, reference: str) -> pd.DataFrame:
         """All placements against one of them, in intervals that hold for all pairs at once.
 
-        Returns:
-            Index placement, best mean first: `difference` to `reference`, `low` and `high`.
-
-        Raises:
-            KeyError: `reference` has no value.
+        Index placement, best mean first: `difference` to `reference`, `low` and `high`. Raises
+        KeyError: `reference` has no value.
         """
         if reference not in self.sure.index:
             raise KeyError(reference)
@@ -84,27 +79,18 @@ def best_placement(
 
     The best is chosen from the same results. So its leads have intervals which hold for all pairs
     of placements at once, whichever is chosen afterwards (`tracking.statistics.all_pairs`). Seeds
-    are taken to scatter normally and alike under all placements. Where all of these have the same
-    seeds they are paired: what a seed adds to all alike is in no difference.
+    are taken to scatter normally and alike under all placements; the same seeds are paired. AP is
+    compared as the area under precision over recall where `left_out` has it: AP_R40 samples that
+    area, and its steps differ between placements by up to a point or two.
 
-    AP is compared as the area under precision over recall where `left_out` has it: AP_R40 samples
-    that area, and its steps differ between placements by up to a point or two.
+    `results` are rows of one class, detector, setting, metric, IoU and difficulty: placement, seed
+    and value, NaN where a training failed or there was no ground truth; `left_out` the same without
+    each unit of the test objects (`tracking.statistics.jackknife.sample_error`). `generalist`: a
+    seed is a detector that has judged all placements; with one of them the error of the test
+    objects is what is left, and what another generalist would say is not in it.
 
-    Args:
-        results: placement, seed, value: rows of one class, detector, setting, metric, IoU and
-            difficulty. NaN where a training failed or there was no ground truth.
-        left_out: the same without each unit of the test objects, see
-            `tracking.statistics.jackknife.sample_error`.
-        generalist: whether a seed is a detector that has judged all placements. With one of them
-            the error of the test objects is what is left; what another generalist would say is not
-            in it.
-
-    Returns:
-        None if there is no value. NaN for all that needs the spread over seeds if no placement has
-        two.
-
-    Raises:
-        ValueError: a placement has two values for a seed.
+    None if there is no value; NaN for all that needs the spread over seeds if no placement has two.
+    Raises ValueError: a placement has two values for a seed.
     """
     known = results[results["value"].notna()]
     if known.empty:
@@ -122,7 +108,9 @@ def best_placement(
     of_seeds = Noise.of(values)
     sample = None if left_out is None else sample_error(left_out, paired=True)
     ordered = None if sample is None else sample.among([*y.index])
-    noise = noise_of(values, sample, generalist)
+    noise = combined(of_seeds, sample)
+    if generalist and of_seeds.degrees == 0 and sample is not None and len(y) > 1:
+        noise = Noise(of_seeds.counts, sample.variance, math.floor(sample.degrees))
     pairs = AllPairs.of(means, of_seeds, ordered, alone=generalist)
     low, high = pairs.intervals(0).T
     table = {"mean": shown, "seeds": of_seeds.counts, "lead": means[0] - means}
@@ -157,17 +145,3 @@ def _as_area(y: pd.DataFrame, left_out: pd.DataFrame | None) -> pd.DataFrame:
     area = whole.pivot(index="placement", columns="seed", values="value")
     area = area.reindex(index=y.index, columns=y.columns).where(y.notna())
     return area if (area.notna() == y.notna()).to_numpy().all() else y
-
-
-def noise_of(values: NDArray[np.float64], sample: SampleError | None, generalist: bool) -> Noise:
-    """How means over seeds scatter by seeds and test objects, alike for all placements.
-
-    Args:
-        values: of placements by seeds, NaN where a seed is missing, shape (n, seeds).
-        sample: error by the choice of the test objects, where it is known.
-        generalist: as for `best_placement`.
-    """
-    of_seeds = Noise.of(values)
-    if generalist and of_seeds.degrees == 0 and sample is not None and len(values) > 1:
-        return Noise(of_seeds.counts, sample.variance, math.floor(sample.degrees))
-    return combined(of_seeds, sample)

@@ -16,16 +16,14 @@ SIGNIFICANT = 0.05
 
 @dataclass(frozen=True)
 class Predictors:
-    """The surrogates of one class, detector, setting and metric, the strongest first.
+    """The surrogates of one group, a value of each of `group_columns`, the strongest first.
 
     Attributes:
-        group: the value of each of `tracking.findings.paired.group_columns`.
         ranking: index surrogate: `spearman`, its `p` and family-wise `holm`, `rmse` and
             `rmse_of_mean` of predicting a placement left out; `same_as`, the surrogate before it
             that orders placements alike or reversed, or ""; `behind`, by how much its |rho| is
             below the first one's, with `behind_low` and `behind_high`, a 95 % interval for all at
-            once (`tracking.statistics.confidence_interval`) of the same without the seeds'
-            noise; NaN for the first, and for those that order as it does.
+            once without the seeds' noise; NaN for the first, and for those that order alike.
         predictor: the strongest whose `holm` is below 0.05 and that predicts a placement left out
             better than the mean of the others does; "" if there is none.
         sentence: the finding.
@@ -46,16 +44,9 @@ def best_surrogates(
 ) -> list[Predictors]:
     """Rank the surrogates of every group by the strength of their rank correlation.
 
-    Args:
-        results, surrogates, axes: see `tracking.findings.paired.paired`.
-        correlations: `tracking.findings.correlation.correlate` of the same.
-        left_out: `tracking.findings.correlation.leave_one_out` of the same.
-
-    Returns:
-        One per group in which some surrogate has a coefficient, in the order of `correlations`.
-
-    Raises:
-        ValueError: a column is missing, or a row occurs twice.
+    `correlations` and `left_out` are `correlate` and `leave_one_out` of `results`, `surrogates` and
+    `axes`, see `paired`, whose errors it raises. One per group in which some surrogate has a
+    coefficient, in the order of `correlations`.
     """
     keys = [*group_columns(axes), "surrogate"]
     estimates = correlations.merge(left_out[[*keys, "rmse", "rmse_of_mean"]], on=keys, how="left")
@@ -112,32 +103,25 @@ def _ranking(group: Paired, estimates: pd.DataFrame) -> pd.DataFrame:
 
 
 def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -> str:
-    name = "All objects" if group["class"] == "all" else str(group["class"])
-    about = f"{name}, {metric_label(str(group['metric']), float(str(group['iou'])))}"
+    objects = "All objects" if group["class"] == "all" else str(group["class"])
+    about = f"{objects}, {metric_label(str(group['metric']), float(str(group['iou'])))}"
     shown = predictor or str(ranking.index[0])
     row = ranking.loc[shown].to_dict()
     numbers = f"ρ = {signed(row['spearman'])}, p = {row['holm']:.2g} after correction"
-    if np.isnan(row["rmse"]):
-        error = "too few placements to leave one out"
-    else:
-        error = (
-            f"error of a placement left out {row['rmse']:.2g} points, "
-            f"of the mean {row['rmse_of_mean']:.2g}"
-        )
-    if not predictor:
-        return (
-            f"{about}: no surrogate is shown to predict it. The strongest is "
-            f"{surrogate_name(shown)} ({numbers}; {error})."
-        )
-    alike = ranking[(ranking["behind_low"] <= 0) & (ranking["same_as"] == "")].index
-    names = ", ".join(surrogate_name(str(other)) for other in alike)
-    # The others were compared with the first.
-    told = (
-        f"; not significantly better than {names}"
-        if names and predictor == ranking.index[0]
-        else ""
+    error = (
+        "too few placements to leave one out"
+        if np.isnan(row["rmse"])
+        else f"error of a placement left out {row['rmse']:.2g} points, of the mean "
+        f"{row['rmse_of_mean']:.2g}"
     )
-    return f"{about}: {surrogate_name(shown)} predicts it ({numbers}; {error}){told}."
+    name, evidence, told = surrogate_name(shown), f"({numbers}; {error})", ""
+    if not predictor:
+        return f"{about}: no surrogate is shown to predict it. The strongest is {name} {evidence}."
+    if predictor == ranking.index[0]:  # which the others were compared with
+        alike = ranking[(ranking["behind_low"] <= 0) & (ranking["same_as"] == "")].index
+        names = ", ".join(surrogate_name(str(other)) for other in alike)
+        told = names and f"; not significantly better than {names}"
+    return f"{about}: {name} predicts it {evidence}{told}."
 
 
 def _beyond_proof(estimates: pd.DataFrame) -> str:

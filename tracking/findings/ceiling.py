@@ -15,16 +15,8 @@ from tracking.statistics.jackknife import SampleError, combined, sample_error
 from tracking.statistics.reliability import Noise, reliability, reliability_of_mean, seed_mean
 
 _OF_NOISE = (
-    "n",
-    "seeds",
-    "agreement_of_seeds",
-    "ceiling_by_seeds",
-    "unit",
-    "agreement_of_halves",
-    "ceiling_by_objects",
-    "ceiling",
-    "ceiling_low",
-    "ceiling_high",
+    *("n", "seeds", "agreement_of_seeds", "ceiling_by_seeds", "unit", "agreement_of_halves"),
+    *("ceiling_by_objects", "ceiling", "ceiling_low", "ceiling_high"),
 )
 _OF_DETECTORS = ("agreement_of_detectors", "ceiling_by_detectors")
 
@@ -34,30 +26,23 @@ def ceilings(
 ) -> pd.DataFrame:
     """Spearman's rho that a surrogate without error or noise is expected to reach.
 
-    By what the metric's means are unsure of (`tracking.findings.ceiling`):
+    By what the metric's means are unsure of (docs/statistics.md):
 
-    - seeds: the variance over seeds. Where all placements have the same seeds two of these agree
-      by ICC(3), since what one adds to all alike is no noise, elsewhere by ICC(1); their mean is
-      more reliable by Spearman and Brown's formula;
+    - seeds: the variance over seeds. Two of them agree by ICC(3) where all placements have the
+      same, elsewhere by ICC(1); their mean is more reliable by Spearman and Brown's formula;
     - test objects: the jackknife's variance of a placement against the others, over routes or
       individuals (`tracking.statistics.jackknife`). Two halves of the test frames agree by Spearman
       and Brown's formula for half the length, of the same trainings;
     - both: the sum of the variances. What seeds do to single objects is in both, so this ceiling is
       a little too low rather than too high;
-    - detectors: if what they agree in is all that a surrogate can know, which has no detector, it
-      correlates with them by the root of the mean rho between two of them. They met the same test
-      objects, and may agree in what these did.
+    - detectors: if what they agree in is all that a surrogate can know, it correlates with them by
+      the root of the mean rho between two of them. They met the same test objects.
 
-    Args:
-        results: `results.parquet`, as for `tracking.findings.correlation.correlate`.
-        left_out: `left_out.parquet`; None: the chance of the test objects is unknown.
-
-    Returns:
-        One row per `group_columns` with two placements or more: `n` placements; `seeds`, their
-        mean number; `agreement_of_seeds` and `ceiling_by_seeds`; `unit`, what was left out;
-        `agreement_of_halves` and `ceiling_by_objects`; `ceiling`, by both as far as they are known,
-        with its 95 % interval `ceiling_low` and `ceiling_high`; `agreement_of_detectors` and
-        `ceiling_by_detectors`. NaN and "" where it cannot be known.
+    `left_out` is of the run folder; without it the chance of the test objects is unknown. One row
+    per `group_columns` with two placements or more: `n` placements; `seeds`, their mean number;
+    `unit`, what was left out; agreements and ceilings by seeds, by test objects (of halves of
+    these), by detectors; and `ceiling`, by seeds and objects as far as they are known, with its
+    95 % interval. NaN and "" where it cannot be known.
     """
     keys = group_columns(axes)
     errors = _sample_errors(left_out, keys)
@@ -87,10 +72,6 @@ def beside(
 
     A generalist met the same test objects as the detectors that it predicts, so what these did to
     both lowers nothing: its ceiling is that by seeds, without an interval.
-
-    Args:
-        correlations: `tracking.findings.correlation.correlate` of the same.
-        ceilings: see there.
     """
     keys, columns = group_columns(axes), ["ceiling", "ceiling_low", "ceiling_high"]
     table = correlations.merge(ceilings[[*keys, "ceiling_by_seeds", *columns]], on=keys, how="left")
@@ -148,12 +129,8 @@ def _sample_errors(
 def _between_detectors(
     means: dict[tuple[object, ...], pd.Series], detector: int
 ) -> dict[tuple[object, ...], float]:
-    """Mean rho between two detectors over their common placements, for each group.
-
-    Args:
-        means: over seeds, by group.
-        detector: its place in the group.
-    """
+    """Mean rho between two detectors over their common placements, for each group; `detector` is
+    its place in the group."""
     alike: dict[str, list[tuple[object, ...]]] = {}
     for key in means:
         rest = repr((*key[:detector], *key[detector + 1 :]))  # NaN differs from itself
@@ -174,13 +151,6 @@ def ceiling(reliable: ArrayLike, coefficient: str = "spearman") -> NDArray[np.fl
 
     Noise lowers a correlation by the root of the product of both reliabilities (attenuation,
     Spearman 1904), and a perfect predictor has neither noise nor error: sqrt(reliability), on the
-    scale of a normal population's Pearson correlation, from where it becomes the coefficient's.
-    It is what is expected: by luck a sample may exceed it.
-
-    Args:
-        reliable: in [0, 1], of any shape.
-
-    Returns:
-        The same shape, in [0, 1].
+    scale of a normal population's Pearson correlation. By luck a sample may exceed it.
     """
     return np.asarray(from_normal(np.sqrt(np.asarray(reliable, np.float64)), coefficient))

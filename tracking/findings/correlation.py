@@ -22,15 +22,9 @@ from tracking.statistics.straight_line import left_out_means, left_out_predictio
 
 FEW_PLACEMENTS = 6
 
-_ESTIMATES = tuple(
-    f"{coefficient}{suffix}"
-    for coefficient in COEFFICIENTS
-    for suffix in ("", "_low", "_high", "_p")
-)
-_ADJUSTED = tuple(
-    f"{coefficient}{suffix}"
-    for coefficient in COEFFICIENTS
-    for suffix in ("_holm", "_fdr", "_tests")
+_ESTIMATES, _ADJUSTED = (
+    tuple(f"{coefficient}{suffix}" for coefficient in COEFFICIENTS for suffix in suffixes)
+    for suffixes in (("", "_low", "_high", "_p"), ("_holm", "_fdr", "_tests"))
 )
 
 
@@ -43,25 +37,15 @@ def correlate(
     Intervals are 95 % ones of the correlation with the metric as expected over seeds; so they
     allow for the seeds' noise, which lowers the coefficient itself (`confidence_interval`).
     p-values are permutation tests, exact up to 8 placements, and adjusted for the number of tests
-    in the table. Surrogates that order placements alike, or reversed, are one test: S-MIG, IG,
-    covered and residual entropy within a class.
+    in the table. Surrogates that order placements alike, or reversed, are one test. Arguments and
+    errors are those of `tracking.findings.paired.paired`; `seed` is of the permutations.
 
-    Args:
-        results, surrogates, axes: see `tracking.findings.paired.paired`, also for class "all".
-        seed: of the permutations beyond 8 placements.
-
-    Returns:
-        One row per (class, detector, axes, metric, iou, difficulty, surrogate): `n` placements,
-        the smallest number of `seeds`, `reliability` of the means over seeds
-        (`tracking.statistics.reliability`), and for each of pearson, spearman and kendall the
-        value, `_low`, `_high` and `_p`; `_holm`, adjusted family-wise, `_fdr`, by false discovery
-        rate, and `_tests`, how many different tests both were adjusted for; `exact`, whether p is
-        from all permutations; `note`, why there is no number or what to keep in mind;
-        `pairs_tested`, how many rows of this table have a coefficient, to judge how many small
-        p-values chance alone would give.
-
-    Raises:
-        ValueError: a column is missing, or a row occurs twice.
+    One row per (class, detector, axes, metric, iou, difficulty, surrogate): `n` placements,
+    the smallest number of `seeds`, `reliability` of the means over seeds, and for each of
+    pearson, spearman and kendall the value, `_low`, `_high` and `_p`; `_holm`, adjusted
+    family-wise, `_fdr`, by false discovery rate, and `_tests`, how many different tests both
+    were adjusted for; `exact`, whether p is from all permutations; `note`, why there is no
+    number or what to keep in mind; `pairs_tested`, rows of this table with a coefficient.
     """
     rows: list[dict[str, object]] = []
     counted_as: dict[str, list[int]] = {coefficient: [] for coefficient in COEFFICIENTS}
@@ -155,19 +139,11 @@ def leave_one_out(
 ) -> pd.DataFrame:
     """Spearman's rho without each placement in turn, and the error of predicting it.
 
-    Args:
-        results, surrogates, axes: see `tracking.findings.paired.paired`.
-
-    Returns:
-        One row per (class, detector, axes, metric, iou, difficulty, surrogate), in the order of
-        `tracking.findings.correlation.correlate`: `n` placements; `spearman_min` and
-        `spearman_max`, the range of rho without one placement; `rmse`, in the unit of the metric,
-        of predicting each placement by the straight line of the surrogate through the others, and
-        `rmse_of_mean`, by their mean: a surrogate that says anything has the smaller `rmse`. NaN
-        with fewer than 4 placements or a constant; `note` says which.
-
-    Raises:
-        ValueError: a column is missing, or a row occurs twice.
+    The rows, arguments and errors of `correlate`: `n` placements; `spearman_min` and
+    `spearman_max`, the range of rho without one placement; `rmse`, in the unit of the metric, of
+    predicting each placement by the straight line of the surrogate through the others, and
+    `rmse_of_mean`, by their mean: a surrogate that says anything has the smaller `rmse`. NaN with
+    fewer than 4 placements or a constant; `note` says which.
     """
     rows: list[dict[str, object]] = []
     for group in paired(results, surrogates, axes):

@@ -35,13 +35,11 @@ MOST_TIMES = 10.0
 
 @dataclass(frozen=True)
 class Weakness:
-    """Why a comparison of placements is not sufficient evidence.
+    """Why a comparison of placements is not sufficient evidence: what is lacking, a word.
 
     Attributes:
-        kind: what is lacking, a word.
         classes: whose headlines it weakens; "all" is that of the recall of all objects.
-        clause: what is lacking, for a headline.
-        sentence: what is lacking and what follows, for a list.
+        clause, sentence: what is lacking, for a headline; and what follows, for a list.
         shortfall: how many times as much it takes, above 1; the larger, the heavier.
         remedy: key path of the configuration -> value that removes it.
     """
@@ -56,12 +54,8 @@ class Weakness:
 
 def weaknesses(run: RunFolder, group: Group) -> list[Weakness]:
     """Those of the headlines of a group, the heaviest first."""
-    found = [
-        *_few_seeds(run, group),
-        *_few_test_objects(run, group),
-        *_learned_little(run, group),
-        *_short_training(run, group),
-    ]
+    kinds = (_few_seeds, _few_test_objects, _learned_little, _short_training)
+    found = [own for find in kinds for own in find(run, group)]
     return sorted(found, key=lambda own: -own.shortfall)
 
 
@@ -74,11 +68,8 @@ def grade(found: Iterable[Weakness]) -> str:
 
 
 def remedy(command: str, found: Sequence[Weakness]) -> str:
-    """The command line that removes them; "" where none of them has a remedy.
-
-    Args:
-        command: the line that ran the sweep or the search.
-    """
+    """The command line that removes them; "" where none of them has a remedy. `command` is the line
+    that ran the sweep or the search."""
     keys = dict.fromkeys(key for weakness in found for key in weakness.remedy)
     most = {key: max(own.remedy[key] for own in found if key in own.remedy) for key in keys}
     pairs = [f"{key}={json.dumps(v, separators=(',', ':'))}" for key, v in most.items()]
@@ -96,13 +87,10 @@ def value_at(config: str, *keys: str) -> Any:
 def few_seeds(
     seeds: Mapping[str, set[int]], generalist: bool, key: str, classes: tuple[str, ...] = ()
 ) -> list[Weakness]:
-    """[] or that of placements which were judged with fewer than `LEAST_SEEDS`.
+    """[] or that of placements, one of which fewer `seeds` than `LEAST_SEEDS` judged.
 
-    Args:
-        seeds: those that judged each placement.
-        generalist: whether a seed is one detector for all placements.
-        key: path of the configuration that holds the seeds.
-        classes: as of a `Weakness`.
+    `generalist`: a seed is one detector for all placements. `key` is the path of the configuration
+    that holds the seeds.
     """
     fewest = min(map(len, seeds.values()), default=LEAST_SEEDS)
     if fewest >= LEAST_SEEDS:
@@ -162,15 +150,14 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
     few = counts.index[counts["routes"] < LEAST_ROUTES].drop("all", errors="ignore")
     for name, row in counts.loc[counts.index.isin([*run.classes, "all"])].iterrows():
         met, driven = row["individuals"], row["routes"]
-        of = "" if name == "all" else f" of {name}"
+        of, several = "" if name == "all" else f" of {name}", f"individual{'s' * (met != 1)}"
         if met < LEAST_INDIVIDUALS:
             ten = f", {MOST_FREQUENT} of which have {100 * row['share_of_ten']:.0f} % of the boxes"
             yield Weakness(
                 "individuals",
                 (str(name),),
-                f"only {met} individual{'s' * (met != 1)}{of} in the test frames "
-                f"(at least {LEAST_INDIVIDUALS})",
-                f"{name}: {row['boxes']:,} test boxes are {met} individual{'s' * (met != 1)}"
+                f"only {met} {several}{of} in the test frames (at least {LEAST_INDIVIDUALS})",
+                f"{name}: {row['boxes']:,} test boxes are {met} {several}"
                 f"{ten if met > MOST_FREQUENT else ''}: others may give another AP.",
                 LEAST_INDIVIDUALS / met,
                 _more_routes(run, routes, LEAST_INDIVIDUALS / met),
@@ -256,20 +243,18 @@ def _set(run: RunFolder, key: str, value: int | str) -> dict[str, Any]:
     return {f"grid.{key}": [value]} if key in run.axes else {key: value}
 
 
-def ray_counting_caution(share: float) -> str | None:
-    """What to know about `expected_ig` of this `linear_share`; None if there is nothing to say."""
+def ray_counting_caution(share: float) -> list[str]:
+    """What to know about `expected_ig` of this `linear_share`: [] or a sentence."""
     if not share > MOSTLY_LINEAR:
-        return None
-    return (
+        return []
+    return [
         f"Expected IG counts rays here: it is {100 * share:.0f} % of what it would be if every "
         "ray counted by itself, so a ray through voxels that others have seen is worth as much as "
         "one through new ones. More lidar.azimuth_steps (lidar.cloud_share thins the clouds alone),"
         " a greater surrogate.detection_probability or a coarser surrogate.resolution change that."
-    )
+    ]
 
 
 def largest_linear_share(surrogates: pd.DataFrame) -> float:
     """Of `surrogates.parquet`; NaN if there is no `expected_ig`, and of older run folders."""
-    if "linear_share" not in surrogates:
-        return float("nan")
-    return float(surrogates["linear_share"].max())
+    return float(surrogates.get("linear_share", pd.Series(dtype="float64")).max())

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,14 +32,9 @@ DIMENSIONS = ("direction", "distance", "occlusion", "height")
 
 @dataclass(frozen=True)
 class Failures:
-    """What two rigs found of the same objects.
-
-    A seed's detectors are compared with each other: found by one rig alone is what the detector of
-    a seed found under that rig, and that of the same seed missed under the other.
+    """What two rigs found of the same objects, of each seed the detectors under both rigs compared.
 
     Attributes:
-        rigs: the two placements.
-        classes: of the objects, in the order of the sweep.
         seeds: those that judged both.
         trials: of the lowest seed, by the rigs.
         objects: columns of `objects.parquet`, one setting of the axes, in their order.
@@ -78,37 +74,36 @@ class Failures:
     def counts(self) -> pd.DataFrame:
         """How many objects both, one alone and none of the rigs found: means over seeds.
 
-        Returns:
-            A row for all objects of a class, and for those in each bin of `DIMENSIONS`; of several
-            classes those of all together come first. Columns class; by, "" or the dimension; bin;
-            objects; individuals; both, first, second and neither, which sum to objects; and
-            `difference` in percent of the objects, first less second, with `low` and `high` of its
-            95 % interval, over seeds and over which routes and individuals there are. NaN where
-            that is unknown. Bins without an object have no row.
+        A row for all objects of a class (of several classes, "all" first) and for those in each bin
+        of `DIMENSIONS` that has any. Columns class; by, "" or the dimension; bin; objects;
+        individuals; both, first, second and neither, which sum to objects; `difference`, first less
+        second, percent of the objects, with its 95 % interval over seeds, routes and individuals,
+        NaN where unknown.
         """
         parts = {name: (self.objects["class"] == name).to_numpy() for name in self.classes}
         if len(parts) > 1:
             parts = {"all": np.ones(len(self.objects), bool)} | parts
-        rows = []
+        rows: list[dict[str, Any]] = []
         for name, of_class in parts.items():
-            rows.append({"class": name, "by": "", "bin": "", **self._count(of_class)})
-            for by, bins, number in self._binned():
-                rows += [
-                    {"class": name, "by": by, "bin": label, **self._count(here)}
-                    for i, label in enumerate(bins)
-                    if (here := of_class & (number == i)).any()
-                ]
+            bins = [("", "", of_class)]
+            for by, labels, number in self._binned():
+                bins += [(by, label, of_class & (number == i)) for i, label in enumerate(labels)]
+            rows += [
+                {"class": name, "by": by, "bin": label, **self._count(here)}
+                for by, label, here in bins
+                if here.any() or not by
+            ]
         return pd.DataFrame(rows)
 
     def _binned(self) -> Iterator[tuple[str, tuple[str, ...], NDArray[np.int64]]]:
         """Each dimension with the names of its bins, and the bin of every object."""
-        height = np.digitize(self.objects["height"], HEIGHTS_M[1:-1])
         from_the_left = sorted(range(len(SECTORS)), key=lambda sector: -bounds_of(sector)[0])
         place = np.argsort(from_the_left)[sector_of(self.objects)]
+        height = np.digitize(self.objects["height"], HEIGHTS_M[1:-1])
         yield "direction", tuple(SECTORS[sector] for sector in from_the_left), place
-        yield "distance", bin_names(EDGES_M), ring_of(self.objects)
+        yield "distance", _bin_names(EDGES_M), ring_of(self.objects)
         yield "occlusion", OCCLUSION, self.objects["occluded"].to_numpy(np.int64)
-        yield "height", bin_names(HEIGHTS_M), height
+        yield "height", _bin_names(HEIGHTS_M), height
 
     def _count(self, here: NDArray[np.bool_]) -> dict[str, float]:
         objects = int(here.sum())
@@ -157,8 +152,7 @@ class Failures:
         """Objects to show, one a frame: rows of `objects`, by turns what each rig alone found.
 
         A frame is worth the sum, over individuals that were not shown before, of the difference of
-        the shares by the share of the object that can be seen: what is in full view, and all seeds
-        found under the one rig and none under the other, tells most.
+        the shares by the share of the object that can be seen.
         """
         lead = (self.shares[0] - self.shares[1]) * self.objects["visibility"].to_numpy(np.float64)
         individual = self.objects.groupby(["scene", "object_id"], dropna=False).ngroup().to_numpy()
@@ -188,7 +182,7 @@ def _within_bounds(low: float, high: float) -> tuple[float, float]:
     return 100 * (middle - side) / (1 + shrink), 100 * (middle + side) / (1 + shrink)
 
 
-def bin_names(edges: tuple[float, ...]) -> tuple[str, ...]:
+def _bin_names(edges: tuple[float, ...]) -> tuple[str, ...]:
     """Bins between edges in metres, the last without end: "0–10 m", …, "over 50 m"."""
     between = [f"{low:g}–{high:g} m" for low, high in pairwise(edges[:-1])]
     return (*between, f"over {edges[-2]:g} m")
@@ -197,12 +191,8 @@ def bin_names(edges: tuple[float, ...]) -> tuple[str, ...]:
 def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | None:
     """Bring side by side what two placements of a run found.
 
-    Returns:
-        None if the run folder has no objects, or no seed judged both.
-
-    Raises:
-        ValueError: a value is missing in the tables, an object is duplicate or missing, or of
-            a class that the sweep does not have.
+    None if the run folder has no objects, or no seed judged both. Raises ValueError: a value or an
+    object is missing in the tables, duplicate, or of a class that the sweep does not have.
     """
     if run.objects is None or run.found is None or run.objects.empty:
         return None
@@ -231,10 +221,8 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
 
 def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
     """Raise ValueError that names file and column unless the tables fit each other."""
-    for contract, table, keys in (
-        (OBJECTS, objects, ["object"]),
-        (FOUND, found, ["trial", "object"]),
-    ):
+    both = ((OBJECTS, objects, ["object"]), (FOUND, found, ["trial", "object"]))
+    for contract, table, keys in both:
         file = run.path / contract.file
         for column in contract.columns:
             missing = table[column.name].isna()

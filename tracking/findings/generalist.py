@@ -34,13 +34,10 @@ CALIBRATION = ("bias", "bias_low", "bias_high", "slope", "slope_low", "slope_hig
 def judgements(run: RunFolder) -> pd.DataFrame:
     """The generalist's AP and recall as candidates next to the surrogates.
 
-    Means over its seeds at the headline's IoU, for placements that have a detector of their own,
-    too: trained from scratch or from the generalist's weights. They predict that of the same name.
-
-    Returns:
-        Columns placement, class, detector, the further axes of the run (`judge` that of the
-        placement's own detectors), surrogate (`JUDGEMENTS`) and value, percent. Empty without a
-        generalist or with nothing else.
+    Means over its seeds at the headline's IoU, which predict that of the same name. Columns
+    placement, class, detector, the further axes of the run (`judge` that of the placement's own
+    detectors), surrogate (`JUDGEMENTS`) and value, percent. Empty without a generalist or with
+    nothing else.
     """
     keys = ["placement", "detector", *run.axes]
     columns = [*keys, "class", "surrogate", "value"]
@@ -70,39 +67,28 @@ def with_judgements(run: RunFolder) -> pd.DataFrame:
 
 
 def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> dict[str, float] | None:
-    """The generalist's values against those of the placements' own detectors.
+    """The generalist's values against those of the placements' own detectors, means over seeds.
 
-    Args:
-        said, own: means over seeds, shape (n,).
-
-    Returns:
-        By `CALIBRATION`: bias, the mean difference, the generalist's less their own, with Student's
-        95 % interval over placements; and slope of the least-squares line of their own over the
-        generalist's: 1 if a point of the one is a point of the other. The generalist's noise lowers
-        it. None for fewer than 3 or without any spread.
+    By `CALIBRATION`: bias, the mean difference, the generalist's less their own, with Student's
+    95 % interval over placements; and slope of the least-squares line of their own over the
+    generalist's, whose noise lowers it. None for fewer than 3 or without any spread.
     """
     n = len(said)
     if n < 3 or np.ptp(said) == 0:
         return None
-    difference = said - own
+    difference, line = said - own, stats.linregress(said, own)
     half = stats.t.ppf(0.975, n - 1) * difference.std(ddof=1) / np.sqrt(n)
-    bias, line = difference.mean(), stats.linregress(said, own)
     wide = stats.t.ppf(0.975, n - 2) * line.stderr
-    of_line = (line.slope, line.slope - wide, line.slope + wide)
-    found = (bias, bias - half, bias + half, *of_line)
+    pairs = ((difference.mean(), half), (line.slope, wide))
+    found = [bound for value, to in pairs for bound in (value, value - to, value + to)]
     return dict(zip(CALIBRATION, map(float, found), strict=True))
 
 
 def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataFrame:
     """Placements that both judged, in the order of their own detectors' values.
 
-    Args:
-        means: `tracking.findings.summary.seed_means` of the run.
-        group: value of each of `tracking.findings.paired.group_columns`, `judge` that of the
-            placements' own detectors.
-
-    Returns:
-        Index placement: said and own, percent.
+    `means` are `tracking.findings.summary.seed_means` of the run, `group` has a value of each of
+    `group_columns`. Index placement: said and own, percent.
     """
     place = {key: value for key, value in group.items() if key != JUDGE}
     known = at(means[means["seeds"] > 0], place)
@@ -114,13 +100,8 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
 def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> pd.DataFrame:
     """How well the generalist predicts AP and recall of placements with a detector of their own.
 
-    Args:
-        means: `tracking.findings.summary.seed_means` of the run.
-        correlations: `tracking.findings.ceiling.beside` of the run and its `judgements`.
-
-    Returns:
-        The rows of `correlations` of the same metric at the headline's IoU, with
-        `CALIBRATION`, NaN for fewer than 3 placements.
+    The rows of `correlations` (`tracking.findings.ceiling.beside` of the run and its `judgements`)
+    of the same metric at the headline's IoU, with `CALIBRATION`, NaN for fewer than 3 placements.
     """
     same = correlations["surrogate"] == correlations["metric"].map(judgement_name)
     known = correlations[same & (correlations["n"] > 0)]
@@ -141,10 +122,3 @@ def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:
     finished = trials[trials["status"] == "finished"]
     own = finished.groupby(["detector", JUDGE], sort=False)["seconds"]
     return own.agg(trials="size", seconds="median").reset_index()
-
-
-def training_seconds(tasks: pd.DataFrame | None) -> pd.Series:
-    """Of every generalist, which is trained once for all placements."""
-    if tasks is None or tasks.empty:
-        return pd.Series(dtype="float64")
-    return tasks.loc[tasks["stage"] == "pretrain", "seconds"]

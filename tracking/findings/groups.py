@@ -20,11 +20,9 @@ MOST_NAMES = 24
 
 @dataclass(frozen=True)
 class Group:
-    """One detector at one setting of the further axes.
+    """One detector, "" for surrogates alone, at one setting of the further axes, by key path.
 
     Attributes:
-        detector: its name, "" for surrogates alone.
-        setting: value of every further axis, by key path.
         judge: which detector evaluates its placements, see `judge` of the configuration.
         varies: whether the sweep has other groups, so that a title must name this one.
     """
@@ -72,10 +70,7 @@ def judges(table: pd.DataFrame, judge: str) -> pd.Series:
 
 
 def pictured(run: RunFolder) -> str:
-    """Of which setting maps, frames and clouds are, "at density = 40"; "" where there is one.
-
-    Run folders of before do not say it.
-    """
+    """Of which setting maps, frames and clouds are, "at density = 40"; "" where there is one."""
     known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
     varied = {a: v for a, v in known.items() if run.surrogates[a].nunique() > 1}
     return f"at {setting_label(varied, varied)}" if varied else ""
@@ -106,25 +101,18 @@ def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, 
 
 def groups(run: RunFolder) -> Iterator[Group]:
     """All groups with a result, in the order of the results; without any, those of surrogates."""
-    if run.results.empty:
-        own = [axis for axis in run.axes if axis in run.surrogates.columns]
-        table = run.surrogates[own].assign(detector="")
-    else:
-        table = run.results[["detector", *run.axes]]
-    found = table.drop_duplicates().to_dict("records")
+    table = run.surrogates.assign(detector="") if run.results.empty else run.results
+    own = [axis for axis in run.axes if axis in table.columns]
+    found = table[["detector", *own]].drop_duplicates().to_dict("records")
     for row in found:
         detector = str(row.pop("detector"))
         setting = {str(axis): value for axis, value in row.items()}
-        judge = str(setting.get(JUDGE, run.sweep.judge))
-        yield Group(detector, setting, judge, len(found) > 1)
+        yield Group(detector, setting, str(setting.get(JUDGE, run.sweep.judge)), len(found) > 1)
 
 
 def verdicts(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
-    """The worst case of each requirement under each placement at one setting of the axes.
-
-    Rows of `lidarplace.requirements.tables.worst_cases` behind the placement; none if nothing was
-    required.
-    """
+    """The worst case of each requirement under each placement at one setting of the axes, by
+    `lidarplace.requirements.tables.worst_cases`; none if nothing was required."""
     cases = run.requirements
     if cases is None or cases.empty:
         return pd.DataFrame(columns=["placement", "requirement", "met"])
@@ -145,13 +133,12 @@ def copies(run: RunFolder) -> dict[str, str]:
     seen: dict[object, str] = {}
     found = {}
     for name, mounts in run.placements.items():
-        own = run.surrogates[run.surrogates["placement"] == name].drop(columns=["placement"])
+        own = run.surrogates[run.surrogates["placement"] == name]
         if own.empty:  # its LiDARs are unknown
             continue
-        values = own.drop(columns=["seconds"], errors="ignore").astype(str)
+        values = own.drop(columns=["placement", "seconds"], errors="ignore").astype(str)
         same = (mounts, tuple(sorted(values.itertuples(index=False, name=None))))
-        first = seen.setdefault(same, name)
-        if first != name:
+        if (first := seen.setdefault(same, name)) != name:
             found[name] = first
     return found
 
@@ -159,19 +146,19 @@ def copies(run: RunFolder) -> dict[str, str]:
 def without(run: RunFolder, names: set[str]) -> RunFolder:
     """The run as if these placements had not been in it.
 
-    Two equal rigs are no two draws of placements: counted twice they would make a correlation look
+    Equal rigs are no two draws of placements: counted twice they would make a correlation look
     surer than it is, and each would keep the other from being the best.
     """
     if not names:
         return run
-    gone = set(run.trials.loc[run.trials["placement"].isin(names), "trial"])
+    trials = run.trials.loc[run.trials["placement"].isin(names), "trial"]
+    gone = {"placement": names, "trial": set(trials)}
     kept: dict[str, Any] = {}
     for field in fields(run):
         table = getattr(run, field.name)
         if isinstance(table, pd.DataFrame):
-            if "placement" in table.columns:
-                kept[field.name] = table[~table["placement"].isin(names)].reset_index(drop=True)
-            elif "trial" in table.columns:
-                kept[field.name] = table[~table["trial"].isin(gone)].reset_index(drop=True)
+            key = next((key for key in gone if key in table.columns), None)
+            if key is not None:
+                kept[field.name] = table[~table[key].isin(gone[key])].reset_index(drop=True)
     placements = {name: rig for name, rig in run.placements.items() if name not in names}
     return replace(run, placements=placements, **kept)

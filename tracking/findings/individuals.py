@@ -7,30 +7,18 @@ MOST_FREQUENT = 10
 
 
 def count_individuals(individuals: pd.DataFrame) -> pd.DataFrame:
-    """Boxes and individuals of every split and class.
+    """Boxes and individuals of every split and class, training first, at one setting of the axes.
 
-    Args:
-        individuals: split, scene, route, class, object_id, boxes: a row an object of a route, of
-            one setting of the axes.
-
-    Returns:
-        Columns split, class, routes (in which there is an object of the class), boxes,
-        individuals (a road user that several routes met is one) and share_of_ten (of the boxes,
-        those of the `MOST_FREQUENT` individuals that have most, in [0, 1]). Training first.
+    Columns split, class, routes (with an object of the class), boxes, individuals (a road user that
+    several routes met is one) and share_of_ten (of the boxes, those of the `MOST_FREQUENT`
+    individuals that have most, in [0, 1]).
     """
     rows = []
-    for (split, name), own in individuals.groupby(["split", "class"], sort=False):
+    for key, own in individuals.groupby(["split", "class"], sort=False):
         boxes = own.groupby(["scene", "object_id"])["boxes"].sum()
-        rows.append(
-            {
-                "split": split,
-                "class": name,
-                "routes": len(own[["scene", "route"]].drop_duplicates()),
-                "boxes": int(boxes.sum()),
-                "individuals": len(boxes),
-                "share_of_ten": float(boxes.nlargest(MOST_FREQUENT).sum() / boxes.sum()),
-            }
-        )
+        routes, whole = len(own[["scene", "route"]].drop_duplicates()), int(boxes.sum())
+        most = float(boxes.nlargest(MOST_FREQUENT).sum() / whole)
+        rows.append((*key, routes, whole, len(boxes), most))
     columns = ["split", "class", "routes", "boxes", "individuals", "share_of_ten"]
     counts = pd.DataFrame(rows, columns=columns)
     return counts.sort_values(["split", "class"], ascending=[False, True], ignore_index=True)

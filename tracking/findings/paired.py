@@ -11,13 +11,10 @@ from lidarplace.pog.surrogates.table import SURROGATES
 
 @dataclass(frozen=True)
 class Paired:
-    """All surrogates and one metric, for one class, detector and setting of the axes.
+    """All surrogates and one metric of one group, a value of each of `group_columns`.
 
-    Attributes:
-        group: the value of each of `group_columns`.
-        surrogates: a row a placement, a column a surrogate; may hold other placements than `metric`
-            and missing values.
-        metric: a row a placement, a column a seed; every row holds a number.
+    `surrogates` have a row a placement, may have other placements than `metric`, and missing
+    values; `metric` has a row a placement and a column a seed, and a number in every row.
     """
 
     group: dict[str, object]
@@ -47,18 +44,10 @@ def paired(
 ) -> Iterator[Paired]:
     """Every group of `results` with its surrogates, sorted by `group_columns`.
 
-    Results of class "all" (recall over all objects) meet the surrogates summed over classes, the
-    paper's sum, for those that are additive. `m_sog` is a mean and `covered_voxels` the same number
-    for every class: neither has a sum with a meaning.
-
-    Args:
-        results: one row per (placement, class, detector, seed, axes, metric, iou, difficulty).
-        surrogates: one row per (placement, class, surrogate) and those of detector and axes that it
-            depends on; a missing value in such a column stands for any value.
-        axes: further axes of the grid, columns of `results`.
-
-    Raises:
-        ValueError: a column is missing, or a row occurs twice.
+    Results of class "all" (recall over all objects) meet the surrogates `with_sums`. A missing
+    value in a column of detector or axes of `surrogates` stands for any value; `axes` are further
+    axes of the grid, columns of `results`. Raises ValueError: a column is missing, or a row occurs
+    twice.
     """
     keys = group_columns(axes)
     _need(results, ["placement", "seed", "value", *keys], "results")
@@ -80,8 +69,9 @@ def paired(
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     """`surrogates` with rows of class "all" added: those that are additive summed over classes.
 
-    A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
-    those of detector and `axes` that are columns.
+    `m_sog` is a mean and `covered_voxels` the same number for every class: neither has a sum with a
+    meaning. A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate,
+    value and those of detector and `axes` that are columns.
     """
     depends = _depends(surrogates, axes)
     single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
@@ -126,8 +116,6 @@ def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
 
 
 def _need(table: pd.DataFrame, columns: list[str], source: str) -> None:
-    missing = [column for column in columns if column not in table.columns]
-    if missing:
-        raise ValueError(
-            f"{source} has no column {', '.join(missing)}; found {', '.join(map(str, table))}"
-        )
+    if missing := [column for column in columns if column not in table.columns]:
+        found = ", ".join(map(str, table))
+        raise ValueError(f"{source} has no column {', '.join(missing)}; found {found}")

@@ -28,11 +28,10 @@ class Promoted:
     """The rungs and the full trainings of one detector at one setting of the further axes.
 
     Attributes:
-        title: detector and setting.
         stages: what each rung ranked by, "rung 1: expected IG (Car)"; FULL_TRAINING is the last.
         rungs: rows of `promotions.parquet`.
         trials: the full trainings that finished, rows of `trials.parquet`.
-        seeds: seeds of the full trainings that were planned.
+        seeds: how many seeds of the full trainings were planned.
         ap: by placement, mean over seeds of the headline AP after full training, percent; of the
             class of the last rung, for "all" the mean over classes.
     """
@@ -57,18 +56,13 @@ def fully_trained(run: RunFolder) -> RunFolder:
 
 
 def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()) -> pd.Series:
-    """Whether each row belongs to the longest training and of none that a rung shortened.
-
-    Args:
-        table: trials or results, with the columns `axes`.
-        rungs: `promote` of `sweep.json`: what each rung sets, by key path.
-    """
+    """Whether each row of trials or results belongs to the longest training and to none that a rung
+    of `promote` shortened."""
     full = is_longest(table, axes)
     for rung in rungs:
         setting = {k: v for k, v in rung.set.items() if k in table and table[k].nunique() > 1}
         if setting:
-            same = [table[key] == _cell(value) for key, value in setting.items()]
-            full &= ~np.logical_and.reduce(same)
+            full &= ~np.logical_and.reduce([table[k] == _cell(v) for k, v in setting.items()])
     return full
 
 
@@ -77,37 +71,26 @@ def _cell(value: object) -> object:
     return value if isinstance(value, (int, float, str)) else json.dumps(value)
 
 
-def promoted(
-    promotions: pd.DataFrame,
-    trials: pd.DataFrame,
-    results: pd.DataFrame,
-    axes: Sequence[str],
-    rungs: Sequence[Rung],
-) -> Iterator[Promoted]:
-    """The groups of `promotions`, in its order.
-
-    Args:
-        promotions: `promotions.parquet`; those of `axes` that no rung sets are columns.
-        trials: `trials.parquet`, with the short trainings.
-        results: `results.parquet`, with those of the short trainings.
-        rungs: `promote` of `sweep.json`.
-    """
-    full_trials = trials[is_full(trials, axes, rungs) & (trials["detector"] != "")]
+def promoted(run: RunFolder) -> Iterator[Promoted]:
+    """The groups of `run.promotions`, in its order; `run` has the short trainings, too."""
+    promotions, trials, results, axes = run.promotions, run.trials, run.results, run.axes
+    if promotions is None:
+        return
+    full_trials = trials[is_full(trials, axes, run.sweep.promote) & (trials["detector"] != "")]
     own = [axis for axis in axes if axis in promotions.columns]
     for values, part in promotions.groupby(["detector", *own], dropna=False, sort=False):
         place = dict(zip(("detector", *own), values, strict=True))
         planned = at(full_trials, place)
         finished = planned[planned["status"] == "finished"]
         part = part.sort_values(["rung", "rank"], kind="stable")
+        of_full = results[results["trial"].isin(finished["trial"])]
         yield Promoted(
             title=detector_label(own, place),
             stages=(*_stage_names(part, results), FULL_TRAINING),
             rungs=part,
             trials=finished,
             seeds=planned["seed"].nunique(),
-            ap=_headline_ap(
-                results[results["trial"].isin(finished["trial"])], str(part["class"].iloc[-1])
-            ),
+            ap=_headline_ap(of_full, str(part["class"].iloc[-1])),
         )
 
 
@@ -134,10 +117,9 @@ def _stage_names(rungs: pd.DataFrame, results: pd.DataFrame) -> Iterator[str]:
 def stage_ranks(group: Promoted) -> pd.DataFrame:
     """Rank of every placement, 1 the best: a row a placement, a column a rung, the last one the
     full training. NaN where a placement did not come that far or has no value."""
-    known = group.rungs[group.rungs["value"].notna()]
-    ranks = known.pivot(index="placement", columns="rung", values="rank").astype("float64")
-    ranks = ranks.reindex(group.rungs["placement"].unique())
-    ranks = ranks.reindex(columns=sorted(group.rungs["rung"].unique()))
+    ranks = group.rungs.pivot(index="placement", columns="rung", values="rank").astype("float64")
+    valued = group.rungs.pivot(index="placement", columns="rung", values="value").notna()
+    ranks = ranks.where(valued).reindex(group.rungs["placement"].unique())
     ranks.columns = pd.RangeIndex(len(ranks.columns))
     return ranks.assign(**{FULL_TRAINING: group.ap.rank(ascending=False, method="min")})
 
@@ -148,13 +130,12 @@ def stages(group: Promoted) -> pd.DataFrame:
     Only these have both ranks. Earlier stages chose them, so their range is restricted: the
     agreement among them says little about the placements that were pruned.
 
-    Returns:
-        One row a stage: stage; placements; without_value; kept, 0 for the full training; seconds,
-        of all of its tasks; seconds_each, the mean over placements, of the full training with all
-        seeds of one. Of rungs, where a full training finished: n placements with both; spearman,
-        its two-sided spearman_p (see `_p_value`) and kendall; ranked, how many the rung ranked;
-        best_rank, its rank of the best after full training; first, what it ranks highest of the n;
-        regret, AP that the first is below the best.
+    One row a stage: stage; placements; without_value; kept, 0 for the full training; seconds,
+    of all of its tasks; seconds_each, the mean over placements, of the full training with all
+    seeds of one. Of rungs, where a full training finished: n placements with both; spearman,
+    its two-sided spearman_p (see `_p_value`) and kendall; ranked, how many the rung ranked;
+    best_rank, its rank of the best after full training; first, what it ranks highest of the n;
+    regret, AP that the first is below the best.
     """
     rungs = group.rungs.assign(without_value=group.rungs["value"].isna()).groupby("rung")
     table = rungs.agg(
@@ -202,8 +183,7 @@ def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
 def _p_value(a: pd.Series, b: pd.Series) -> float:
     """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones.
 
-    From all permutations up to `LARGEST_EXACT` pairs. Beyond, thousands of placements may have
-    both ranks: then scipy's, by the t distribution.
+    From all permutations up to `LARGEST_EXACT` pairs, beyond that scipy's, by the t distribution.
     """
     if len(a) < 3 or a.nunique() == 1 or b.nunique() == 1:
         return np.nan
@@ -217,11 +197,8 @@ def savings(group: Promoted) -> dict[str, float]:
 
     Without promotion every placement of the first rung would have had the surrogates of all
     surrogate rungs and a full training for every seed, at the mean seconds of those that were
-    done. Point clouds are counted on neither side.
-
-    Returns:
-        surrogates, short and full, seconds spent, and their sum, spent; without, seconds, NaN if no
-        full training finished; saved, without less spent.
+    done. Point clouds are counted on neither side. Keys surrogates, short and full, their sum
+    spent; without, NaN if no full training finished; saved, without less spent.
     """
     of_surrogates = group.rungs["setting"] == ""
     seconds = group.rungs.loc[of_surrogates].groupby("rung")["seconds"]

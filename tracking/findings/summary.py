@@ -31,22 +31,15 @@ def seed_means(
     Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
     same (class, detector, axes, metric, iou, difficulty), as if seeds scattered alike under all of
     them: two or three seeds alone do not show their spread. With `left_out` the choice of the test
-    objects adds its own variance (`tracking.statistics.jackknife`).
+    objects adds its own variance (`tracking.statistics.jackknife`); it is all that the intervals of
+    a single generalist hold. `judge` is of all results, where it is no axis.
 
-    Args:
-        left_out: `RunFolder.left_out`; None: intervals are over seeds alone.
-        judge: of all results, where it is no axis. The test objects are all that the intervals of
-            a single generalist hold.
-
-    Returns:
-        One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
-        (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`;
-        `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
-        and `high`, in [0, 100]; and `half`, half the interval of the mean against other placements
-        that were tested on the same frames, and as a rule have the same seeds: two of them add in
-        squares.
-        All three are NaN where no placement has two seeds, unless a generalist judged them. Rows
-        whose value is NaN for every seed have 0 seeds.
+    One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
+    (n - 1; NaN for one seed), `seeds` with a value, the smallest number of `ground_truths`;
+    `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
+    and `high`, in [0, 100]; and `half`, half the interval of the mean against other placements
+    that were tested on the same frames: two of them add in squares. All three are NaN where no
+    placement has two seeds, unless a generalist judged them.
     """
     groups = group_columns(axes)
     means = (
@@ -63,16 +56,7 @@ def seed_means(
     seeds = _errors(means, results[results["value"].notna()], groups, _by_seeds)
     known = means["seeds"].where(means["seeds"] > 0)
     alone = seeds["single_degrees"].isna() & judges(means, judge).isin(ONE_FOR_ALL)
-    half = {
-        name: _half(
-            seeds[f"{name}_variance"] / known,
-            seeds[f"{name}_degrees"],
-            errors[f"{name}_variance"],
-            errors[f"{name}_degrees"],
-            alone,
-        )
-        for name in ("single", "paired")
-    }
+    half = {name: _half(seeds, errors, name, known, alone) for name in ("single", "paired")}
     return means.assign(
         sample_sd=np.sqrt(errors["single_variance"]),
         low=(means["mean"] - half["single"]).clip(lower=0.0),
@@ -81,19 +65,23 @@ def seed_means(
     )
 
 
+def for_comparison(means: pd.DataFrame) -> pd.DataFrame:
+    """`seed_means` whose bounds are those against other placements on the same frames."""
+    low = (means["mean"] - means["half"]).clip(lower=0)
+    return means.assign(low=low, high=(means["mean"] + means["half"]).clip(upper=100))
+
+
 def _half(
-    variance: pd.Series,
-    degrees: pd.Series,
-    other: pd.Series,
-    other_degrees: pd.Series,
-    alone: pd.Series,
+    seeds: pd.DataFrame, errors: pd.DataFrame, name: str, count: pd.Series, alone: pd.Series
 ) -> pd.Series:
     """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite.
 
-    Where `alone` says so, it is of the other one.
+    Of a mean over `count` seeds, and of the test objects; these alone where `alone` says so.
     """
+    other, other_degrees = errors[f"{name}_variance"], errors[f"{name}_degrees"]
     known = alone & other.notna()
-    variance, degrees = variance.mask(known, 0.0), degrees.mask(known, np.inf)
+    variance = (seeds[f"{name}_variance"] / count).mask(known, 0.0)
+    degrees = seeds[f"{name}_degrees"].mask(known, np.inf)
     whole = variance + other.fillna(0)
     parts = variance**2 / degrees + (other**2 / other_degrees).fillna(0)
     freedom = (whole**2 / parts.where(parts > 0)).fillna(degrees)
@@ -107,14 +95,8 @@ def _errors(
     groups: list[str],
     of: Callable[[pd.DataFrame, bool], tuple[float, float]],
 ) -> pd.DataFrame:
-    """Variance and degrees of freedom of every row of `means`, as `of` has them; NaN: unknown.
-
-    Columns `single_variance` and `single_degrees` of a row alone, `paired_variance` and
-    `paired_degrees` against others.
-
-    Args:
-        of: of the rows of a group of `table`, and whether against others.
-    """
+    """Variance and degrees of freedom of every row of `means`: `single_` of a row alone, `paired_`
+    against others. `of` has them of the rows of a group of `table`; NaN where unknown."""
     names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
     if table is None or table.empty:
         return pd.DataFrame(np.nan, index=means.index, columns=names)
@@ -142,27 +124,19 @@ def _by_objects(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
 
 
 def surrogates_of(
-    surrogates: pd.DataFrame,
-    setting: dict[str, object],
-    object_class: str,
-    columns: str = "surrogate",
-    values: str = "value",
+    surrogates: pd.DataFrame, setting: dict[str, object], object_class: str
 ) -> pd.DataFrame:
     """Surrogates of one class at one setting of the axes: placements as rows.
 
     A missing value in an axis column stands for any value.
     """
     own = matching(surrogates, {"class": object_class, **setting})
-    return own.pivot(index="placement", columns=columns, values=values)
+    return own.pivot(index="placement", columns="surrogate", values="value")
 
 
 def deciding_surrogate(surrogates: pd.DataFrame) -> str:
-    """What orders placements without results, the highest first.
-
-    Expected recall, which predicts own detectors best (docs/findings.md), or covered entropy, or
-    expected IG, or expected points: all of them only rise when a LiDAR is added, which S-MIG does
-    not. Then any that was computed.
-    """
+    """What orders placements without results, the highest first: of `DECIDING`, which only rise
+    when a LiDAR is added and predict own detectors best, or any that was computed."""
     computed = in_order(surrogates.loc[surrogates["value"].notna(), "surrogate"].unique())
     return next((name for name in (*DECIDING, *computed) if name in computed), next(iter(DECIDING)))
 
@@ -177,14 +151,12 @@ def by_surrogate(surrogates: pd.DataFrame) -> list[str]:
 def summary_table(run: RunFolder) -> pd.DataFrame:
     """A table of a sweep that fits a terminal, best placement first.
 
-    Without results, those of `_surrogate_summary`. With results:
-
-    One row per placement, or per (placement, detector, axes) where these vary. Columns: `seeds`;
-    S-MIG and expected IG of the first class; `covered entropy`, summed over classes; of the first
-    class 3D AP at its KITTI IoU (which orders the rows), its `sd` over seeds, BEV AP at every IoU,
-    3D AP over IoUs and mean overlap; BEV AP of the other classes at their IoU; `recall` of all
-    objects; how many `requirements` are met. Percent, means over seeds.
-    A column that the sweep has no number for is left out.
+    Without results, that of `_surrogate_summary`. Else one row per placement, or per (placement,
+    detector, axes) where these vary. Columns: `seeds`; S-MIG and expected IG of the first class;
+    `covered entropy`, summed over classes; of the first class 3D AP at its KITTI IoU (which orders
+    the rows), its `sd` over seeds, BEV AP at every IoU, 3D AP over IoUs and mean overlap; BEV AP of
+    the other classes at their IoU; `recall` of all objects; how many `requirements` are met.
+    Percent, means over seeds. A column that the sweep has no number for is left out.
     """
     if run.results.empty:
         return _surrogate_summary(run)
@@ -192,10 +164,8 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
     detectors = run.results["detector"].unique()
     varying = [axis for axis in run.axes if run.results[axis].nunique(dropna=False) > 1]
     keys = ["placement", *(["detector"] if len(detectors) > 1 else []), *varying]
-
-    columns: list[tuple[str, str, str, float]] = []
-    main_iou = headline_iou(run.results, first)
-    columns.append(_column(first, HEADLINE_METRIC, main_iou))
+    columns = [_column(first, HEADLINE_METRIC, headline_iou(run.results, first))]
+    best = columns[0][0]
     further = [name for name in RANKING if not METRICS[name].headline]
     beside = [name for name in further if METRICS[name].of_one_iou]
     for iou in sorted(run.results.loc[run.results["class"] == first, "iou"].unique()):
@@ -222,12 +192,11 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
         for title, name, metric, iou in columns:
             match = (group["class"] == name) & (group["metric"] == metric) & (group["iou"] == iou)
             row[title] = group.loc[match, "value"].mean()
-            if title == columns[0][0]:
+            if title == best:
                 row["sd"] = group.loc[match, "value"].std()
         row["requirements"] = met(verdicts(run, setting)).get(row["placement"])
         rows.append(row)
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
-    best = columns[0][0]
     if best in table.columns:
         table = table.sort_values(best, ascending=False, kind="stable", na_position="last")
     return table.reset_index(drop=True)
@@ -244,18 +213,14 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
     """The best TERMINAL_ROWS placements of each setting by `deciding_surrogate`.
 
     Columns: placement; the axes that surrogates vary over; that surrogate of every class, if there
-    are several; it, covered entropy and S-MIG summed over classes, shares of objects averaged. What
-    was not computed is left out.
+    are several; it, covered entropy and S-MIG over classes. What was not computed is left out.
     """
     order = by_surrogate(run.surrogates)
     if not order:
         return pd.DataFrame(columns=["placement"])
     decides = deciding_surrogate(run.surrogates)
-    varying = [
-        axis
-        for axis in run.axes
-        if axis in run.surrogates.columns and run.surrogates[axis].nunique() > 1
-    ]
+    known_axes = [axis for axis in run.axes if axis in run.surrogates.columns]
+    varying = [axis for axis in known_axes if run.surrogates[axis].nunique() > 1]
     settings = run.surrogates[varying].drop_duplicates().to_dict("records") if varying else [{}]
     tables = []
     for row in settings:
@@ -273,7 +238,6 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
             columns[title] = of_classes.mean(axis=1) if SURROGATES[surrogate].of_objects else total
         columns["requirements"] = met(verdicts(run, setting)).reindex(order)
         table = pd.DataFrame(columns).dropna(axis="columns", how="all")
-        best = surrogate_short(decides)
-        table = table.sort_values(best, ascending=False, kind="stable")
+        table = table.sort_values(surrogate_short(decides), ascending=False, kind="stable")
         tables.append(table.head(TERMINAL_ROWS))
     return pd.concat(tables, ignore_index=True)

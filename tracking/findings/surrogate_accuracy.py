@@ -26,54 +26,38 @@ def relative_errors(table: pd.DataFrame) -> pd.DataFrame:
     to the absolute reference, >= 0; NaN where that is 0.
     """
     keys = ["placement", "class", "surrogate"]
-    how = ["method", "azimuth_steps", "frames"]
-    reference = table.loc[table["reference"], [*keys, *how, "comparable"]]
-    exact = table.merge(reference[[*keys, *how]])[[*keys, "resolution", "comparable"]]
-    result = table.merge(
-        reference[[*keys, "comparable"]].rename(columns={"comparable": "reference_value"}), on=keys
-    ).merge(exact.rename(columns={"comparable": "_exact"}), on=[*keys, "resolution"])
-    value, best = result["comparable"], result["reference_value"]
-    result["relative_error"] = (value - best).abs() / best.abs().replace(0, np.nan)
-    same = result.pop("_exact")
-    result["method_error"] = (value - same).abs() / same.abs().replace(0, np.nan)
+    reference = table.loc[table["reference"]]
+    exact = table.merge(reference[[*keys, "method", "azimuth_steps", "frames"]])
+    values = reference[[*keys, "comparable"]].rename(columns={"comparable": "reference_value"})
+    same = exact[[*keys, "resolution", "comparable"]].rename(columns={"comparable": "_exact"})
+    result = table.merge(values, on=keys).merge(same, on=[*keys, "resolution"])
+    for error, to in (("relative", result["reference_value"]), ("method", result.pop("_exact"))):
+        distance = (result["comparable"] - to).abs()
+        result[f"{error}_error"] = distance / to.abs().replace(0, np.nan)
     return result
 
 
 def summarise(errors: pd.DataFrame) -> pd.DataFrame:
-    """One row per class, surrogate and VARIANT, over placements.
-
-    Columns: placements; reference; median and worst of relative_error and method_error; spearman
-    and kendall, the rank agreement of the placements with the reference; seconds and pog_seconds,
-    medians.
-    """
-    rows = []
-    keys = ["class", "surrogate", *VARIANT]
-    for key, group in errors.groupby(keys, sort=False):
-        rho, tau = rank_agreement(group["comparable"], group["reference_value"])
-        rows.append(
-            dict(zip(keys, key, strict=True))
-            | {
-                "placements": len(group),
-                "reference": bool(group["reference"].all()),
-                "median_error": group["relative_error"].median(),
-                "worst_error": group["relative_error"].max(),
-                "median_method_error": group["method_error"].median(),
-                "worst_method_error": group["method_error"].max(),
-                "spearman": rho,
-                "kendall": tau,
-                "seconds": group["seconds"].median(),
-                "pog_seconds": group["pog_seconds"].median(),
-            }
-        )
-    return pd.DataFrame(rows)
+    """One row per class, surrogate and VARIANT, over placements: median and worst errors, rank
+    agreement with the reference, median seconds."""
+    groups = errors.groupby(["class", "surrogate", *VARIANT], sort=False)
+    found = groups.agg(
+        placements=("comparable", "size"),
+        reference=("reference", "all"),
+        median_error=("relative_error", "median"),
+        worst_error=("relative_error", "max"),
+        median_method_error=("method_error", "median"),
+        worst_method_error=("method_error", "max"),
+    )
+    rows = [rank_agreement(own["comparable"], own["reference_value"]) for _, own in groups]
+    ranks = pd.DataFrame(rows, found.index, ["spearman", "kendall"])
+    seconds = groups[["seconds", "pog_seconds"]].median()
+    return pd.concat([found, ranks, seconds], axis=1).reset_index()
 
 
 def varied(summary: pd.DataFrame) -> pd.Series:
     """What each row of one class and surrogate varies: resolution, frames or its method's rays."""
     best = summary[summary["reference"]].iloc[0]
-    exact = (summary["method"] == best["method"]) & (
-        summary["azimuth_steps"] == best["azimuth_steps"]
-    )
-    what = summary["method"] + ", azimuth steps"
-    what = what.mask(exact, best["method"] + ", resolution")
+    exact = summary[["method", "azimuth_steps"]].eq(best[["method", "azimuth_steps"]]).all(axis=1)
+    what = (summary["method"] + ", azimuth steps").mask(exact, best["method"] + ", resolution")
     return what.mask(exact & (summary["frames"] < best["frames"]), best["method"] + ", frames")

@@ -18,12 +18,10 @@ def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
 
 
 def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
-    """Whether each row belongs to the longest training of its detector and setting of the other
-    axes.
+    """Whether each row belongs to the longest training of its detector and setting of other axes.
 
     The longest sees most frames, epochs × share of the frames; of equal ones it is the one with
-    more different frames. Not by the clock, which is noisy. All are the longest where the sweep
-    varies none of COST_AXES.
+    more different frames. Not by the clock, which is noisy.
     """
     own = [axis for axis in COST_AXES if axis in results]
     keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in own))]
@@ -37,14 +35,9 @@ def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
 def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
     """AP of every trial against the longest training of its placement, detector and seed.
 
-    Args:
-        results: `results.parquet`.
-        curves: `curves.parquet`, with the metric "seconds" of every epoch.
-
-    Returns:
-        One row a trial and class with AP: trial, placement, detector, seed, axes, class, iou, ap
-        (percent); seconds, of all its epochs; reference, whether it is the longest training;
-        reference_ap, and error, reference_ap less ap: NaN where the longest training failed.
+    One row a trial and class with AP: trial, placement, detector, seed, axes, class, iou, ap
+    (percent); seconds, of all its epochs; reference, whether it is the longest training;
+    reference_ap, and error, reference_ap less ap: NaN where the longest training failed.
     """
     iou = {name: headline_iou(results, name) for name in results["class"].unique()}
     own = results[
@@ -66,26 +59,17 @@ def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[st
 def summarise_cost(cost: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
     """One row per class, detector and setting of the axes, the longest training first.
 
-    Columns: trials; seconds, the median; ap, error and error_sd over placements and seeds;
-    kendall, the rank agreement of the placements' means over seeds with the longest training;
-    reference.
+    Medians of seconds, means of AP and error with its sd over placements and seeds; kendall, the
+    rank agreement of the placements' means over seeds with the longest training.
     """
-    rows = []
-    keys = ["class", "detector", *axes]
-    for key, group in cost.groupby(keys, sort=False, dropna=False):
-        means = group.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
-        rows.append(
-            dict(zip(keys, key, strict=True))
-            | {
-                "trials": len(group),
-                "seconds": group["seconds"].median(),
-                "ap": group["ap"].mean(),
-                "error": group["error"].mean(),
-                "error_sd": group["error"].std(),
-                "kendall": rank_agreement(means["ap"], means["reference_ap"])[1],
-                "reference": bool(group["reference"].all()),
-            }
-        )
-    return pd.DataFrame(rows).sort_values(
+    rows, keys = [], ["class", "detector", *axes]
+    for key, own in cost.groupby(keys, sort=False, dropna=False):
+        means = own.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
+        of_error = (own["error"].mean(), own["error"].std())
+        tau = rank_agreement(means["ap"], means["reference_ap"])[1]
+        measured = (len(own), own["seconds"].median(), own["ap"].mean(), *of_error)
+        rows.append((*key, *measured, tau, bool(own["reference"].all())))
+    columns = [*keys, "trials", "seconds", "ap", "error", "error_sd", "kendall", "reference"]
+    return pd.DataFrame(rows, columns=columns).sort_values(
         ["class", "detector", "seconds"], ascending=[True, True, False], ignore_index=True
     )

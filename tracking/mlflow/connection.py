@@ -4,7 +4,7 @@ import logging
 import os
 import socket
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,7 @@ class Away(Exception):
 def connect(uri: str) -> Any:
     """An MLflow client. Fails at once where MLflow itself would try for minutes.
 
-    Raises:
-        ValueError: a package is missing.
-        Exception: see `is_away`.
+    Raises as `is_away` says, and ValueError if a package is missing.
     """
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
     os.environ["MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT"] = "true"
@@ -35,28 +33,17 @@ def connect(uri: str) -> Any:
     os.environ.setdefault("PGCONNECT_TIMEOUT", "10")
     from mlflow import MlflowClient  # heavy, and reads the environment when imported
 
-    # A connection that is lost is reported in one line, without a password; the steps of creating a
-    # database and of watching the machine are no news for a reader of the sweep's output.
+    # A lost connection is reported in one line, without a password; other steps are no news.
     for logger in ("mlflow.store.db.utils", "mlflow.system_metrics", "alembic"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
-    if (database := sqlite_file(uri)) is not None:
-        if database.exists():
-            regular(database)
-        else:
-            _create(database)
+    database = sqlite_file(uri)
+    if database is not None and database.exists():
+        regular(database)
+    elif database is not None:
+        _create(database)
     if not is_server(uri):
         _try_database(uri)
     return MlflowClient(tracking_uri=uri)
-
-
-def every(search: Callable[..., Any], *asked: Any, **how: Any) -> list[Any]:
-    """All that a search of MLflow's finds, which it returns page by page."""
-    page = search(*asked, **how)
-    found = list(page)
-    while page.token:
-        page = search(*asked, **how, page_token=page.token)
-        found += page
-    return found
 
 
 def _create(database: Path) -> None:
@@ -125,11 +112,8 @@ def is_away(error: Exception, uri: str) -> bool:
         return False
     if isinstance(error, HTTPError) and error.response is not None:  # of an artifact
         return error.response.status_code in (401, 403)
-    lost = (
-        *(OperationalError, InterfaceError),
-        *(ConnectionError, TimeoutError, socket.gaierror, RequestException),
-    )
-    if any(isinstance(cause, lost) for cause in _causes(error)):
+    lost = (OperationalError, InterfaceError, ConnectionError, TimeoutError, socket.gaierror)
+    if any(isinstance(cause, (*lost, RequestException)) for cause in _causes(error)):
         return True
     if not isinstance(error, MlflowException) or not is_server(uri):
         return False
@@ -138,10 +122,7 @@ def is_away(error: Exception, uri: str) -> bool:
 
 
 def is_server_error(error: Exception) -> bool:
-    """Whether the server answered 500, as it does if it cannot write an artifact.
-
-    While its database is away it answers 503.
-    """
+    """Whether the server answered 500, as it does if it cannot write an artifact (503: away)."""
     from urllib3.exceptions import ResponseError
 
     return reason(error) == ResponseError.SPECIFIC_ERROR.format(status_code=500)

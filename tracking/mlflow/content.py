@@ -19,16 +19,10 @@ class ParentRun:
 
     Attributes:
         key: distinguishes this sweep from others of the experiment; the same when it is resumed.
-        name: of the experiment and of the run.
         tags: of this run and of those of the trials.
-        note: text of the run's page, Markdown.
-        about: text of the experiment's page, Markdown.
+        note, about: texts of the run's page and of the experiment's, Markdown.
         columns: what the experiment's page shows of every run, by MLflow's names, such as
-            "metrics.seconds"; the first orders the runs.
-        ascending: whether the lowest of the first column is on top, else the highest.
-
-    Raises:
-        ValueError: the key has odd characters.
+            "metrics.seconds"; the first orders the runs, the lowest on top if `ascending`.
     """
 
     key: str
@@ -49,12 +43,8 @@ class ParentRun:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Data that a trial was trained or tested on: a name for it, no copy.
-
-    Attributes:
-        source: where it comes from.
-        profile: how much it is.
-    """
+    """Data that a trial was trained or tested on: a name for it, where it comes from, how much it
+    is; no copy."""
 
     name: str
     digest: str
@@ -65,17 +55,12 @@ class Dataset:
 
 @dataclass(frozen=True)
 class TrialRun:
-    """The run of a trial.
+    """The run of a trial, shown as `name`, such as "line · pointpillars_tiny · seed 1".
 
     Attributes:
-        name: shown in the UI, such as "line · pointpillars_tiny · seed 1".
-        metrics: one value each; those that are not finite are left out. "seconds" is also the
-            duration of the run.
+        metrics: one value each; "seconds" is also the duration of the run.
         ended: when, milliseconds since 1970.
         curve: epoch, metric, value; the epoch becomes MLflow's step.
-        tags: to filter by.
-        datasets: what it was trained and tested on.
-        files: its artifacts.
     """
 
     name: str
@@ -98,12 +83,9 @@ class TrialRun:
 
 @dataclass(frozen=True)
 class EndedTrial:
-    """A trial that has ended, and how to find out what its run is to hold.
+    """A trial that has ended, by a key that is the same when the sweep is resumed.
 
-    Attributes:
-        key: distinguishes the trial from others of the sweep; the same when the sweep is resumed.
-        describe: is called if MLflow has not got it all.
-        error: why the trial failed.
+    `describe` is called if MLflow has not got all that its run is to hold.
     """
 
     key: str
@@ -112,15 +94,14 @@ class EndedTrial:
 
 
 def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, float]:
-    """Metrics of one trial by their names in MLflow.
+    """Metrics of one trial by their names in MLflow: `AP_R40_3D.Car.0.70`, `mean_overlap.Car`.
 
-    Args:
-        results: rows of this trial: `AP_R40_3D.Car.0.70`, `mean_overlap.Car`; may be empty.
-        surrogates: rows of its placement at its setting of the further axes:
-            `surrogate.s_mig.Car`.
+    `results` are rows of this trial; `surrogates` of its placement at its setting of the further
+    axes: `surrogate.s_mig.Car`.
     """
     named = {
-        f"{row['metric']}.{row['class']}" + _at(row["iou"]): float(row["value"])
+        f"{row['metric']}.{row['class']}"
+        + ("" if row["iou"] == EVERY_IOU else f".{row['iou']:.2f}"): float(row["value"])
         for row in results.to_dict("records")
     }
     columns = (surrogates[name].tolist() for name in ("surrogate", "class", "value"))
@@ -131,21 +112,14 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
 
 
 def requirement_metrics(cases: pd.DataFrame) -> dict[str, float]:
-    """Metrics of what is required of a placement, by their names in MLflow.
+    """Metrics of `lidarplace.requirements.tables.case_table`, by their names in MLflow.
 
     `requirement.NAME` is what there is in the worst case, in terms of what is needed: 1 is just
     enough; `requirements_failed` counts those that have less. Characters of a name that MLflow
     takes in none are underscores.
-
-    Args:
-        cases: rows of `lidarplace.requirements.tables.case_table`.
     """
     worst = worst_cases(cases, [])
     shares = (worst["value"] / worst["at_least"]).tolist()
     names = (re.sub(r"[^\w .-]", "_", name) for name in worst["requirement"])
     found = {f"requirement.{name}": share for name, share in zip(names, shares, strict=True)}
     return found | {"requirements_failed": float((~worst["met"]).sum())}
-
-
-def _at(iou: float) -> str:
-    return "" if iou == EVERY_IOU else f".{iou:.2f}"

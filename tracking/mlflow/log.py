@@ -37,20 +37,15 @@ class SweepLog:
             log.follow(lambda: [EndedTrial("3f2a", describe)])
             log.artifact(run / "report.html")
 
-    The parent is RUNNING in the `with` block. At its end the parent is FINISHED; FAILED after an
-    exception, KILLED after Ctrl-C.
+    The parent is RUNNING in the `with` block, then FINISHED; FAILED after an exception, KILLED
+    after Ctrl-C. For a `uri` of `sqlite:///FILE` the folder is made, and artifacts go to
+    `artifacts` next to the file; for other databases to `artifacts` in `folder`. `say` prints a
+    line for the user; called from another thread too. `patience_s` is how long the end of the
+    block waits while nothing can be delivered.
 
-    Args:
-        uri: MLflow's tracking URI. For `sqlite:///FILE` the folder is made, and artifacts go to
-            `artifacts` next to the file; for other databases to `artifacts` in `folder`.
-        folder: of the sweep.
-        say: prints a line for the user; called from another thread too.
-        patience_s: how long the end of the `with` block waits while nothing can be delivered.
-
-    Raises:
-        ValueError: the URI cannot hold runs. From the `with` statement: the server is there, but
-            the experiment was deleted, or a parameter is not what it was when the sweep began.
-            From its end: see `hold`.
+    Raises ValueError: the URI cannot hold runs. From the `with` statement: the server is there, but
+    the experiment was deleted, or a parameter is not what it was when the sweep began. From its
+    end: see `hold`.
     """
 
     def __init__(
@@ -129,18 +124,15 @@ class SweepLog:
             raise self._broken
 
     def follow(self, trials: Callable[[], Iterable[EndedTrial]]) -> None:
-        """Log all that `trials` reports as ended, from now to the end of the block.
-
-        Another thread calls it again and again, and `describe` of what it returns.
-        """
+        """Log all that `trials` reports as ended, from now to the end of the block; another thread
+        calls it again and again, and `describe` of what it returns."""
         self._trials = trials
 
     def hold(self) -> None:
         """Ask for no more trials before the end of the block: their results are read elsewhere.
 
-        Raises:
-            Exception: what prevented the report of a trial, after which no more are asked for. The
-                end of the block raises it, too.
+        Raises what prevented the report of a trial; no more are asked for, and the end of the block
+        raises it, too.
         """
         with self._reading:
             self._held = True
@@ -155,23 +147,18 @@ class SweepLog:
         self._files[path, folder] = partial(self._runs.write_file, path, folder)
 
     def page(self) -> str:
-        """The experiment's page below a server's address; empty while the server was never there.
-
-        Columns and order are those of the parent run.
-        """
+        """The experiment's page below a server's address; empty while it was never there."""
         return self._runs.page()
 
     def _work(self) -> None:
         """The thread."""
         try:
             self._runs.open()
-        except ValueError as error:
-            if not self._tried.is_set():
+        except (ValueError, Away) as error:
+            if isinstance(error, ValueError) and not self._tried.is_set():
                 self._mistake = error
                 self._tried.set()
                 return
-            self._went_away(error)
-        except Away as error:
             self._went_away(error)
         self._tried.set()
         pause = FIRST_PAUSE_S

@@ -19,28 +19,17 @@ VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 def view(columns: Sequence[str], ascending: bool, parent: str) -> str:
     """The state of the page's table, as MLflow's UI keeps it: columns, order, what is unfolded.
 
-    Args:
-        columns: by MLflow's names, such as "metrics.seconds"; the first orders.
-        ascending: whether the lowest value is on top, else the highest.
-        parent: id of the run whose children are shown.
+    `columns` are by MLflow's names, such as "metrics.seconds"; the first orders. The children of
+    the run whose id `parent` is are shown.
     """
-    ids = [_column(name) for name in columns]
+    ids = [f"{kind}.`{key}`" for kind, key in (name.split(".", 1) for name in columns)]
     names = "attributes.`Run Name`"
-    return json.dumps(
-        {
-            "selectedColumns": ids,
-            "columnOrder": [names, *ids],
-            "columnWidths": {names: 300} | {i: _PIXELS * len(i) for i in ids},
-            "orderByKey": ids[0],
-            "orderByAsc": ascending,
-            "searchFilter": "",
-            "startTime": "ALL",
-            "lifecycleFilter": "Active",
-            "modelVersionFilter": "All Runs",
-            "datasetsFilter": [],
-            "runsExpanded": {parent: True},
-        }
-    )
+    widths = {names: 300} | {i: _PIXELS * len(i) for i in ids}
+    shown = {"selectedColumns": ids, "columnOrder": [names, *ids], "columnWidths": widths}
+    order = {"orderByKey": ids[0], "orderByAsc": ascending, "runsExpanded": {parent: True}}
+    every = {"searchFilter": "", "startTime": "ALL", "datasetsFilter": []}
+    every |= {"lifecycleFilter": "Active", "modelVersionFilter": "All Runs"}
+    return json.dumps({**shown, **order, **every})
 
 
 def page_of(experiment: str, has_view: bool) -> str:
@@ -49,19 +38,12 @@ def page_of(experiment: str, has_view: bool) -> str:
     return f"/#/experiments/{experiment}/runs{query}"
 
 
-def _column(name: str) -> str:
-    kind, key = name.split(".", 1)
-    return f"{kind}.`{key}`"
-
-
 VERSION_TAG = "lidarplace.version"
 
 
 def source_tags() -> dict[str, str]:
-    """Tags of MLflow for this process, and the version of lidarplace.
-
-    In a checkout with git the commit, and whether files differ from it.
-    """
+    """Tags of MLflow for this process, the version, and in a checkout the commit and whether files
+    differ from it."""
     from mlflow.tracking.context.default_context import DefaultRunContext
     from mlflow.utils.mlflow_tags import MLFLOW_GIT_COMMIT, MLFLOW_GIT_DIRTY
 

@@ -66,11 +66,8 @@ def draw_rig(
 
 
 def draw_pr_curves(path: Path, title: str, curves: pd.DataFrame) -> None:
-    """Write a PNG of precision over recall, a panel a class.
-
-    Args:
-        curves: class, metric, iou, recall, precision; percent.
-    """
+    """Write a PNG of precision over recall, a panel a class; `curves` has class, metric, iou,
+    recall, precision, percent."""
     classes = list(dict.fromkeys(curves["class"]))
     figure = _figure(max(3.4 * len(classes), 5.0), 3.6)
     for axis, name in zip(figure.subplots(1, len(classes), squeeze=False)[0], classes, strict=True):

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
-from tracking.mlflow.connection import (
-    Away,
-    connect,
-    every,
-    is_away,
-    is_forbidden,
-    is_server_error,
-    reason,
-)
+from tracking.mlflow.connection import Away, connect, is_away, is_forbidden, is_server_error, reason
 from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow.uri import is_server
@@ -42,11 +34,8 @@ class SweepRuns:
     completed: what is there of it is not logged again. So everything may be written again.
 
     All methods that write raise Away when it may or may not be written, after which `open` finds
-    out, and anything else for what MLflow does not take.
-
-    Args:
-        uri: absolute.
-        artifacts: where a new experiment keeps artifacts if MLflow writes to a database itself.
+    out, and anything else for what MLflow does not take. `uri` is absolute; a new experiment keeps
+    its files in `artifacts` if MLflow writes to a database itself.
     """
 
     def __init__(self, uri: str, parent: ParentRun, artifacts: Path) -> None:
@@ -69,9 +58,7 @@ class SweepRuns:
     def open(self) -> None:
         """Find, or make, the experiment and the parent run, which is RUNNING; find the trials.
 
-        Raises:
-            ValueError: the server cannot take this sweep.
-            Away: there is no connection now.
+        Raises ValueError: the server cannot take this sweep; Away: there is no connection now.
         """
         try:
             self._client = connect(self._uri)
@@ -82,11 +69,10 @@ class SweepRuns:
             self._parent = self._one_parent([r for r in runs if TRIAL_TAG not in r.data.tags])
             self._describe()
             self._watch_machine()
-        except ValueError:
-            self._client = None
-            raise
         except Exception as error:
             self._client = None
+            if isinstance(error, ValueError):
+                raise
             if is_away(error, self._uri) and not is_forbidden(error):
                 raise Away(reason(error)) from error
             raise ValueError(f"{public_url(self._uri)}: {reason(error)}") from error
@@ -103,11 +89,10 @@ class SweepRuns:
         is FINISHED without its files.
         """
         with self._connected():
-            run = self._trials.get(trial.key)
-            if run is None:
-                run = self._trials[trial.key] = self._create_trial(trial, content)
-            else:
+            if (run := self._trials.get(trial.key)) is not None:
                 run = self._client.get_run(run.info.run_id)
+            else:
+                run = self._trials[trial.key] = self._create_trial(trial, content)
             status, refused = self._fill(run, trial, content)
             if refused is not None:
                 why = hide_secrets(reason(refused), self._uri)
@@ -139,11 +124,8 @@ class SweepRuns:
 
     @contextmanager
     def _connected(self, files: bool = False) -> Iterator[None]:
-        """Raise Away, and hold the connection for lost, where the block may succeed later.
-
-        Args:
-            files: whether it writes files, for which a server's answer 500 is a refusal.
-        """
+        """Raise Away, and hold the connection for lost, where the block may succeed later; a
+        server's answer 500 is a refusal where it writes `files`."""
         try:
             yield
         except Away:
@@ -157,8 +139,7 @@ class SweepRuns:
     def _watch_machine(self) -> None:
         """Let MLflow's monitor log system metrics of the parent run.
 
-        Its thread ends where MLflow is away, so each connection gets a new one, which goes on after
-        the last step.
+        Its thread ends where MLflow is away: each connection gets a new one, which goes on.
         """
         from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
 
@@ -185,13 +166,15 @@ class SweepRuns:
 
     def _find_runs(self) -> list[Any]:
         """All runs of this sweep, the parent among them, oldest first."""
-        return every(
-            self._client.search_runs,
-            [self._experiment],
-            filter_string=f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'",
-            max_results=1000,
-            order_by=["attributes.start_time ASC"],
-        )
+        how = {"filter_string": f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'", "max_results": 1000}
+        how["order_by"] = ["attributes.start_time ASC"]
+        page = self._client.search_runs([self._experiment], **how)
+        found = list(page)
+        while page.token:
+            how["page_token"] = page.token
+            page = self._client.search_runs([self._experiment], **how)
+            found += page
+        return found
 
     def _one_each(self, runs: list[Run]) -> dict[str, Run]:
         """The run of each trial. A server that answered too late may have made a second one."""
@@ -245,24 +228,14 @@ class SweepRuns:
         run_id, there = run.info.run_id, self._points_of(run)
         if trial.error is None and ERROR_TAG in run.data.tags:
             self._client.delete_tag(run_id, ERROR_TAG)
-        self._client.log_batch(
-            run_id,
-            [
-                Metric(name, value, run.info.start_time, step)
-                for name, step, value in content.points()
-                if (name, step) not in there
-            ],
-            [
-                Param(name, value)
-                for name, value in _texts(content.params).items()
-                if run.data.params.get(name) != value
-            ],
-            [
-                RunTag(name, value)
-                for name, value in _tags_of(trial, content).items()
-                if run.data.tags.get(name) != value
-            ],
-        )
+        metrics = [
+            Metric(name, value, run.info.start_time, step)
+            for name, step, value in content.points()
+            if (name, step) not in there
+        ]
+        params = _new(_texts(content.params), run.data.params)
+        tags = _new(_tags_of(trial, content), run.data.tags)
+        self._client.log_batch(run_id, metrics, _each(Param, params), _each(RunTag, tags))
         if content.datasets:
             self._client.log_inputs(run_id, [_input(dataset) for dataset in content.datasets])
 
@@ -287,18 +260,14 @@ class SweepRuns:
                     f"{params[name]}: a resumed sweep cannot change it, give it another name"
                 )
         tags = {**own.tags} | ({NOTE_TAG: own.note} if own.note else {})
-        self._client.log_batch(
-            run.info.run_id,
-            params=[Param(name, params[name]) for name in params if name not in run.data.params],
-            tags=[RunTag(k, v) for k, v in tags.items() if run.data.tags.get(k) != v],
-        )
+        new = _each(Param, _new(params, run.data.params)), _each(RunTag, _new(tags, run.data.tags))
+        self._client.log_batch(run.info.run_id, params=new[0], tags=new[1])
         page = {NOTE_TAG: own.about} if own.about else {}
         if own.columns:
             page[VIEW_TAG] = view(own.columns, own.ascending, run.info.run_id)
         there = self._client.get_experiment(self._experiment).tags
-        for name, value in page.items():
-            if there.get(name) != value:
-                self._client.set_experiment_tag(self._experiment, name, value)
+        for name, value in _new(page, there).items():
+            self._client.set_experiment_tag(self._experiment, name, value)
         if run.info.status != "RUNNING":
             self._client.update_run(run.info.run_id, status="RUNNING")
 
@@ -327,16 +296,20 @@ def _texts(values: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in values.items()}
 
 
+def _new(values: Mapping[str, str], there: Mapping[str, str]) -> dict[str, str]:
+    """Those of the values that are not there."""
+    return {name: value for name, value in values.items() if there.get(name) != value}
+
+
+def _each(kind: Callable[[str, str], Any], values: Mapping[str, str]) -> list[Any]:
+    return [kind(name, value) for name, value in values.items()]
+
+
 def _input(dataset: Dataset) -> Any:
     from mlflow.entities import Dataset as MlflowDataset
     from mlflow.entities import DatasetInput, InputTag
     from mlflow.utils.mlflow_tags import MLFLOW_DATASET_CONTEXT
 
-    described = MlflowDataset(
-        name=dataset.name,
-        digest=dataset.digest,
-        source_type="lidarplace",
-        source=json.dumps(dataset.source),
-        profile=json.dumps(dataset.profile),
-    )
-    return DatasetInput(described, [InputTag(MLFLOW_DATASET_CONTEXT, dataset.context)])
+    about = {"source": json.dumps(dataset.source), "profile": json.dumps(dataset.profile)}
+    own = MlflowDataset(dataset.name, dataset.digest, source_type="lidarplace", **about)
+    return DatasetInput(own, [InputTag(MLFLOW_DATASET_CONTEXT, dataset.context)])

@@ -8,10 +8,8 @@ from lidarplace.files.secret_urls import check_whole, public_url
 
 
 def absolute_uri(uri: str) -> str:
-    """`uri` with the driver of its database, and a file as an absolute path for later.
-
-    Raises ValueError: MLflow cannot keep runs there.
-    """
+    """`uri` with the driver of its database, and a file as an absolute path for later; ValueError
+    if MLflow cannot keep runs there."""
     if "://" not in uri or uri.startswith("file:"):
         raise ValueError(
             f"MLflow keeps runs in a database or on a server, for example sqlite:///runs/mlflow.db "
@@ -36,12 +34,9 @@ def is_server(uri: str) -> bool:
 
 
 def ui_command(uri: str, page: str = "") -> str:
-    """What opens the experiments in a browser: a command line, of a server its address.
+    """What opens the experiments in a browser: a command line, of a server the address of `page`.
 
     The password of a database is masked, the user has to write it.
-
-    Args:
-        page: below the server's address.
     """
     if is_server(uri):
         return public_url(uri).rstrip("/") + page

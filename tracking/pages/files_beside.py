@@ -16,8 +16,7 @@ FOLDER = "tables"
 def write_csv_files(folder: Path, sections: Sequence[Section]) -> None:
     """Write every table that has data to `folder`/NAME.csv, and remove other CSV files there.
 
-    Each file appears in one step. Two tables of one name get a number each, which the tables of
-    `sections` then have in their names too.
+    Two tables of one name get a number each, also in `sections`.
     """
     folder.mkdir(exist_ok=True)
     taken: set[str] = set()
@@ -47,10 +46,8 @@ def write_markdown(
 ) -> Path:
     """Write sentences, tables and the names of figures to `target`; return it.
 
-    Args:
-        first: blocks of Markdown below the title.
-        last: verbatim texts at the end, by heading.
-        page: file name of the HTML page, which has the figures.
+    `first` are blocks of Markdown below the title, `last` verbatim texts at the end by heading,
+    `page` the file name of the HTML page, which has the figures.
     """
     blocks = [f"# {escaped(title)}", *first]
     for section in sections:

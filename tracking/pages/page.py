@@ -25,15 +25,9 @@ LARGEST_PAGE = 15_000_000
 def write_page(target: Path, template: Path, sections: Sequence[Section], **values: Any) -> Path:
     """Render `template`, which extends `page.html`, with `values` into `target`; return it.
 
-    Plotly's program is in the page, nothing is loaded from a network. The file appears in one step,
-    so that a reader never meets half a page. The heaviest figures of a page beyond `LARGEST_PAGE`
-    are left out; its sections, and a line on stderr, then say which.
-
-    Args:
-        target: the file.
-        template: of jinja, or `SECTIONS_ALONE`; values that it shows are escaped.
-        sections: their figures and notes are changed if the page would be too large.
-        values: what the template names next to them.
+    Plotly's program is in the page, nothing is loaded from a network. The heaviest figures of a
+    page beyond `LARGEST_PAGE` are left out; its `sections`, and a line on stderr, then say which.
+    `template` is of jinja, or `SECTIONS_ALONE`; values that it shows are escaped.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
@@ -45,19 +39,16 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
     drawn = {id(figure): figure_json(figure) for section in sections for figure in section.figures}
 
     def render() -> bytes:
-        return (
-            environment.get_template(template.name)
-            .render(
-                **values,
-                sections=sections,
-                folder=FOLDER,
-                plotlyjs=get_plotlyjs(),
-                themes=json.dumps({"light": theme(False), "dark": theme(True)}),
-                as_json=lambda figure: drawn[id(figure)],
-                figure_title=figure_title,
-            )
-            .encode()
+        page = environment.get_template(template.name).render(
+            **values,
+            sections=sections,
+            folder=FOLDER,
+            plotlyjs=get_plotlyjs(),
+            themes=json.dumps({"light": theme(False), "dark": theme(True)}),
+            as_json=lambda figure: drawn[id(figure)],
+            figure_title=figure_title,
         )
+        return page.encode()
 
     page = render()
     if len(page) > LARGEST_PAGE:
@@ -72,26 +63,21 @@ def _leave_out(
     sections: Sequence[Section], drawn: dict[int, str], excess: int, target: Path
 ) -> None:
     """Take the heaviest figures out of `sections`, at least `excess` bytes of them."""
-    by_weight = sorted(
-        (
-            (len(drawn[id(figure)].encode()), section, figure)
-            for section in sections
-            for figure in section.figures
-        ),
-        key=lambda entry: -entry[0],
-    )
-    gone = []
-    for size, section, figure in by_weight:
+    by_weight = [
+        (len(drawn[id(figure)].encode()), section, figure)
+        for section in sections
+        for figure in section.figures
+    ]
+    gone, limit = [], f"{LARGEST_PAGE / 1e6:.0f} MB"
+    for size, section, figure in sorted(by_weight, key=lambda entry: -entry[0]):
         if excess <= 0:
             break
         section.figures = [other for other in section.figures if other is not figure]
         title = f"{figure_title(figure)} ({size / 1e6:.1f} MB)"
-        note = f"Left out, so that the page stays below {LARGEST_PAGE / 1e6:.0f} MB: {title}."
-        section.notes.append(note)
+        section.notes.append(f"Left out, so that the page stays below {limit}: {title}.")
         gone.append(title)
         # The note is in the page too.
-        excess += len(note.encode()) + 100 - size
-    limit = f"{LARGEST_PAGE / 1e6:.0f} MB"
+        excess += len(section.notes[-1].encode()) + 100 - size
     say(f"{target}: left out to stay below {limit}: {'; '.join(gone)}", sys.stderr)
 
 

@@ -1,6 +1,5 @@
 """Requirements on pages: which rig meets which, and the ground where one fails."""
 
-import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from lidarplace.requirements.tables import Ground
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.style import figure, lidar_colour, text
-from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE
+from tracking.figures.kit.style import TOLD, figure, lidar_markers, text
+from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE, axes_from_above, map_height
 from tracking.labels import digits
 from tracking.pages.section import Column, Section, Table, words
 from tracking.run_folders.arrays import Grounds
@@ -40,11 +39,8 @@ def counted(worst: pd.DataFrame) -> str:
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:
-    """A row for each of `worst_cases`, what fails is stressed; `further` attributes as they are.
-
-    Args:
-        rig: columns that distinguish rigs.
-    """
+    """A row for each of `worst_cases`, what fails is stressed; `rig` are columns that distinguish
+    rigs, `further` attributes as they are."""
     columns = [
         *(words(name) for name in rig),
         words("requirement"),
@@ -74,13 +70,10 @@ def _place(row: Mapping[Any, Any]) -> str:
 
 def in_short(row: Mapping[Any, Any]) -> str:
     """A verdict in a cell: what is there of what is needed."""
-    verdict = "pass" if row["met"] else "FAIL"
-    said = f"{verdict}: {row['value']:.3g} of {_needed(row)}"
-    return (
-        said
-        if row["met"]
-        else "; ".join([said, ", ".join(filter(None, [row["case"], _place(row)]))])
-    )
+    said = f"{'pass' if row['met'] else 'FAIL'}: {row['value']:.3g} of {_needed(row)}"
+    if row["met"]:
+        return said
+    return "; ".join([said, ", ".join(filter(None, [row["case"], _place(row)]))])
 
 
 def draw_failures(
@@ -93,10 +86,8 @@ def draw_failures(
 ) -> None:
     """Add pictures of what rigs fail, as far as their grounds are kept, and say what they show.
 
-    Args:
-        worst: rows of `lidarplace.requirements.tables.worst_cases`.
-        rig: column that distinguishes rigs.
-        order: rigs, those to draw first in front; `mounts` by their names.
+    `worst` are rows of `lidarplace.requirements.tables.worst_cases`, `rig` is the column that
+    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig.
     """
     failing = [
         (name, row, ground)
@@ -126,19 +117,17 @@ def requirement_map(
 ) -> go.Figure:
     """What every place has, in terms of what it needs, in the worst of all cases.
 
-    The colours end at nothing and at twice the need. A cross marks the worst position of the worst
-    case.
-
-    Args:
-        worst: the worst case, a row of `lidarplace.requirements.tables.worst_cases`.
-        rig: its name.
-        body: `lidarplace.mounting.outline.outline` of the vehicle.
+    The colours end at nothing and at twice the need. A cross marks the worst position of the case
+    `worst`, a row of `lidarplace.requirements.tables.worst_cases`. `body` is
+    `lidarplace.mounting.outline.outline` of the vehicle.
     """
     needed, measure = float(worst["at_least"]), worst["measure"]
     x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
     verdict = "met" if worst["met"] else "FAILED"
     title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
-    plot = figure(title, height=_height(x, y))
+    plot = figure(title, height=map_height((np.ptp(y) + 2.0) / (np.ptp(x) + 4.0), 220, 560))
+    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "2 ≤"]}
+    of_need = f"%{{customdata:.3g}} {measure} of {needed:g}"
     plot.add_heatmap(
         x=x,
         y=y,
@@ -147,61 +136,29 @@ def requirement_map(
         zmin=0.0,
         zmax=2.0,
         colorscale=_COLOURS,
-        colorbar={
-            "title": {"text": html.escape("of need")},
-            "tickvals": [0, 1, 2],
-            "ticktext": ["0", "1", "2 ≤"],
-            "thickness": 10,
-            "x": 1.03,
-            "len": 1.0,
-        },
-        hovertemplate="x %{x:.2f}, y %{y:.2f} m<br>"
-        f"%{{customdata:.3g}} {measure} of {needed:g}<extra></extra>",
+        colorbar={**bar, "thickness": 10, "x": 1.03, "len": 1.0},
+        hovertemplate=f"x %{{x:.2f}}, y %{{y:.2f}} m<br>{of_need}<extra></extra>",
         hoverongaps=False,
     )
     plot.add_scatter(x=body[:, 0], y=body[:, 1], **VEHICLE_OUTLINE)
-    _add_lidars(plot, mounts)
-    plot.add_scatter(
-        x=[worst["x"]],
-        y=[worst["y"]],
-        mode="markers",
-        marker={
-            "symbol": "x",
-            "size": 11,
-            "color": "#ffffff",
-            "line": {"color": "#000000", "width": 1.5},
-        },
-        hovertext=f"worst: {worst['at_worst']:.3g} {measure}, {text(worst['case'])}",
-        hoverinfo="text",
-        showlegend=False,
-    )
-    reach = np.concatenate([body, [[x[0], y[0]], [x[-1], y[-1]]]])
-    (x0, y0), (x1, y1) = np.nanmin(reach, axis=0) - 0.3, np.nanmax(reach, axis=0) + 0.3
-    plot.update_xaxes(title="x, forward (m)", range=[x0, x1], constrain="domain", showgrid=False)
-    plot.update_yaxes(
-        title="y, left (m)", range=[y0, y1], scaleanchor="x", constrain="domain", showgrid=False
-    )
-    return plot
-
-
-def _height(x: NDArray[np.float64], y: NDArray[np.float64]) -> int:
-    """What fits the shape of the ground in a narrow column."""
-    shape = (np.ptp(y) + 2.0) / (np.ptp(x) + 4.0)
-    return int(np.clip(98 + 265 * shape, 220, 560))
-
-
-def _add_lidars(plot: go.Figure, mounts: Sequence[Mount]) -> None:
     plot.add_scatter(
         x=[mount.x for mount in mounts],
         y=[mount.y for mount in mounts],
         mode="markers",
-        marker={
-            "symbol": "diamond",
-            "size": 8,
-            "color": [lidar_colour(number) for number in range(len(mounts))],
-            "line": {"color": "#ffffff", "width": 1},
-        },
+        marker=lidar_markers(len(mounts), 8),
         hovertext=[f"LiDAR {number + 1}, {mount.z:g} m up" for number, mount in enumerate(mounts)],
-        hoverinfo="text",
-        showlegend=False,
+        **TOLD,
     )
+    edge = {"color": "#000000", "width": 1.5}
+    plot.add_scatter(
+        x=[worst["x"]],
+        y=[worst["y"]],
+        mode="markers",
+        marker={"symbol": "x", "size": 11, "color": "#ffffff", "line": edge},
+        hovertext=f"worst: {worst['at_worst']:.3g} {measure}, {text(worst['case'])}",
+        **TOLD,
+    )
+    reach = np.concatenate([body, [[x[0], y[0]], [x[-1], y[-1]]]])
+    (x0, y0), (x1, y1) = np.nanmin(reach, axis=0) - 0.3, np.nanmax(reach, axis=0) + 0.3
+    axes_from_above(plot, [x0, x1], [y0, y1])
+    return plot

@@ -17,6 +17,7 @@ import plotly.graph_objects as go
 from tracking.figures.kit.style import SOFT_BREAK
 from tracking.labels import (
     DASH,
+    detector_label,
     digits,
     interval,
     metric_label,
@@ -32,13 +33,8 @@ MOST_ROWS = 50
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table and how its cells are made from rows of the data.
-
-    Attributes:
-        head: its name.
-        cell: the text for a row, by the names of the data's columns.
-        words: whether it holds words, the others hold numbers.
-    """
+    """A column of a table: its head, the text for a row by the names of the data's columns, and
+    whether it holds words; the others hold numbers."""
 
     head: str
     cell: Callable[[Mapping[Any, Any]], str]
@@ -67,10 +63,8 @@ def coefficient(head: str, key: str) -> Column:
 
 
 def in_points(head: str, keys: tuple[str, str, str], form: str) -> Column:
-    """Points with their interval in brackets, by the keys of value, low and high.
-
-    Where the format has a sign it is a difference, which may be not significant.
-    """
+    """Points with their interval in brackets, by the keys of value, low and high; a difference,
+    which may be not significant, where the format has a sign."""
 
     def cell(row: Mapping[Any, Any]) -> str:
         value, low, high = (row[key] for key in keys)
@@ -88,14 +82,16 @@ METRIC = Column("metric", lambda row: metric_label(row["metric"], row["iou"]), w
 SURROGATE = words("surrogate", show=surrogate_name)
 
 
+def of_group(axes: Sequence[str]) -> list[Column]:
+    """Class, detector with its setting of the axes, and metric."""
+    return [words("class"), Column("detector", partial(detector_label, axes), True), METRIC]
+
+
 @dataclass(frozen=True)
 class Table:
     """Text cells under a caption; many rows are shown in a box that scrolls.
 
     Attributes:
-        caption: one line above the table.
-        head: names of the columns.
-        rows: cells, as many in each row as in `head`.
         best: (row, column) of cells to stress.
         words: columns of words, the others hold numbers.
         wide: its head is not broken into lines.
@@ -123,7 +119,7 @@ class Table:
     ) -> Table:
         """A row for every one of `rows`; `further` attributes as they are.
 
-        The CSV file, if it has a `name`, holds `rows` where there are no `data`, with `units`.
+        The CSV file, if it has a `name`, holds `rows` or `data`, with `units`.
         """
         if "name" in further:
             further["data"] = with_units(further.get("data", rows), units or {})
@@ -137,11 +133,8 @@ class Table:
 
     def without_dashes(self) -> Table:
         """Without columns that have a dash in every row. The CSV file has all of them."""
-        kept = [
-            i
-            for i in range(len(self.head))
-            if not self.rows or any(r[i] != DASH for r in self.rows)
-        ]
+        whole = range(len(self.head))
+        kept = [i for i in whole if not self.rows or any(r[i] != DASH for r in self.rows)]
         place = {old: new for new, old in enumerate(kept)}
         return replace(
             self,
@@ -155,10 +148,9 @@ class Table:
         """The first `most` rows; the caption then says so. The CSV file has all of them."""
         if len(self.rows) <= most:
             return self
-        caption = (
-            f"{self.caption} · the first {most} of {len(self.rows):,} rows, the CSV file has all"
-        )
+        more = f"the first {most} of {len(self.rows):,} rows, the CSV file has all"
         best = frozenset(cell for cell in self.best if cell[0] < most)
+        caption = f"{self.caption} · {more}"
         return replace(self, caption=caption, rows=self.rows[:most], best=best)
 
 
@@ -177,9 +169,8 @@ def slug(*words: str) -> str:
 class Section:
     """A heading with sentences, figures in `columns` and tables below it.
 
-    A `folded` one shows its heading until it is opened, or printed. One that is on `top` stands
-    without its heading on the first screen, if the page has a place for it there. `links` lead to
-    other files, by address, and stand below the sentences.
+    A `folded` one shows its heading until it is opened, or printed. One on `top` is without its
+    heading on the first screen. `links` are words by address, below the sentences.
     """
 
     title: str

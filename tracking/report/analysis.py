@@ -24,8 +24,7 @@ from tracking.run_folders.sweep import RunFolder
 class Analysis:
     """What every section is made from; each finding is computed once, when it is asked for.
 
-    Attributes:
-        whole: all placements, trained fully or not.
+    `whole` has all placements, trained fully or not.
     """
 
     whole: RunFolder
@@ -42,13 +41,11 @@ class Analysis:
 
     @cached_property
     def means(self) -> pd.DataFrame:
-        """`seed_means`."""
         run = self.run
         return seed_means(run.results, run.axes, run.left_out, run.sweep.judge)
 
     @cached_property
     def ceilings(self) -> pd.DataFrame:
-        """`ceilings`."""
         return ceilings(self.run.results, self.run.left_out, self.run.axes)
 
     @cached_property
@@ -59,12 +56,10 @@ class Analysis:
 
     @cached_property
     def errors(self) -> pd.DataFrame:
-        """`leave_one_out`."""
         return leave_one_out(self.run.results, self.surrogates, self.run.axes)
 
     @cached_property
     def predicted(self) -> list[Predictors]:
-        """`best_surrogates`."""
         own = (self.run.results, self.surrogates, self.correlations, self.errors)
         return best_surrogates(*own, self.run.axes)
 
@@ -88,5 +83,4 @@ class Analysis:
 
     @cached_property
     def pair(self) -> Failures | None:
-        """`compared_failures`."""
         return compared_failures(self.run, self.rankings)

@@ -17,14 +17,14 @@ from tracking.report.analysis import Analysis as Analysis
 from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
 from tracking.report.failures import write_failures
-from tracking.report.headline import Verdict, surrogate_verdicts, verdicts
+from tracking.report.headline import surrogate_verdicts, verdicts
 from tracking.report.recommendation import answer, recommendations
+from tracking.report.sections.ablations import density_section, tilts_section
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section, by_class_section
 from tracking.report.sections.ceiling import reliability_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
-from tracking.report.sections.density import density_section
 from tracking.report.sections.failures import FILE as FAILURES
 from tracking.report.sections.failures import failures_section
 from tracking.report.sections.generalist import generalist_section
@@ -41,12 +41,12 @@ from tracking.report.sections.recorded_clouds import recorded_clouds_section
 from tracking.report.sections.requirements import requirements_section
 from tracking.report.sections.sampling_error import sampling_error_section
 from tracking.report.sections.sensitivity import sensitivity_section
-from tracking.report.sections.tilts import tilts_section
 from tracking.report.sections.training_cost import training_cost_section
 from tracking.report.sections.where_time_went import reduced_batches, where_time_went
 from tracking.run_folders.sweep import RunFolder
 
 _log = logging.getLogger(__name__)
+_PAGES = {"decision.html": "Decision", "report.html": "Research report"}
 
 
 def build_report(run: Path) -> Path:
@@ -54,10 +54,7 @@ def build_report(run: Path) -> Path:
 
     `report.html` and, with results, `decision.html` and `failures.html` are one file each that
     loads nothing from a network, see `tracking.pages.page`. `report.md` and `tables/` hold the
-    tables of the report, rounded and raw.
-
-    Raises:
-        ValueError: `run` is no run folder, see `RunFolder.read`.
+    tables of the report, rounded and raw. Raises ValueError: `run` is no run folder.
     """
     complete = RunFolder.read(run)
     same = copies(complete)
@@ -99,7 +96,10 @@ def build_report(run: Path) -> Path:
         warnings=warnings,
         sweep=json.dumps(facts, indent=2, default=str),
     )
-    first = [escaped(extent), *map(_in_markdown, stated)]
+    first = [escaped(extent)]
+    for card in stated:
+        told = f"{card.metric}: {card.lead}. {card.sure}".rstrip()
+        first.append(f"**{escaped(card.heading)}: {escaped(card.best)}.** {escaped(told)}")
     if said is not None and len(said.leads) > 1:
         first.append(f"**{escaped(said.sure)}**")
     if said is not None and said.command:
@@ -112,35 +112,16 @@ def build_report(run: Path) -> Path:
     return page
 
 
-SECTIONS: Registry[Callable[[Analysis], Section | None]] = Registry(
-    "lidarplace.sections",
-    {
-        "best": best_section,
-        "placements": placements_section,
-        "by_class": by_class_section,
-        "requirements": requirements_section,
-        "agreement": agreement_section,
-        "promotion": promotion_section,
-        "predictors": predictors_section,
-        "reliability": reliability_section,
-        "generalist": generalist_section,
-        "recorded_clouds": recorded_clouds_section,
-        "published": published_section,
-        "sensitivity": sensitivity_section,
-        "tilts": tilts_section,
-        "density": density_section,
-        "rigs": rigs_section,
-        "coverage": coverage_section,
-        "clouds": clouds_section,
-        "individuals": individuals_section,
-        "by_distance": by_distance_section,
-        "by_sector": by_sector_section,
-        "failures": failures_section,
-        "accuracy": accuracy_section,
-        "sampling_error": sampling_error_section,
-        "training_cost": training_cost_section,
-        "where_time_went": where_time_went,
-    },
+_Make = Callable[[Analysis], Section | None]
+_OURS: tuple[_Make, ...] = (best_section, placements_section, by_class_section)
+_OURS += (requirements_section, agreement_section, promotion_section, predictors_section)
+_OURS += (reliability_section, generalist_section, recorded_clouds_section, published_section)
+_OURS += (sensitivity_section, tilts_section, density_section, rigs_section, coverage_section)
+_OURS += (clouds_section, individuals_section, by_distance_section, by_sector_section)
+_OURS += (failures_section, accuracy_section, sampling_error_section, training_cost_section)
+_OURS += (where_time_went,)
+SECTIONS: Registry[_Make] = Registry(
+    "lidarplace.sections", {make.__name__.removesuffix("_section"): make for make in _OURS}
 )
 """The page from top to bottom; what other packages add comes after ours."""
 
@@ -170,34 +151,27 @@ def _write_failures(
     run: RunFolder, pair: Failures | None, section: Section | None, extent: str
 ) -> None:
     """The page of the rigs that are compared, or none of an earlier run."""
-    target = run.path / FAILURES
     if pair is None or section is None:
-        target.unlink(missing_ok=True)
+        (run.path / FAILURES).unlink(missing_ok=True)
         return
-    links = {"decision.html": "Decision", "report.html": "Research report"}
     frames = run.failures
     if frames is not None and not frames.are_of(pair.rigs, pair.objects["object"]):
         frames = None
-    write_failures(target, pair, frames, section, run.roi, run.sweep.body, extent, links)
-
-
-def _in_markdown(card: Verdict) -> str:
-    said = " ".join([f"{card.metric}: {card.lead}.", card.sure]).rstrip()
-    return f"**{escaped(card.heading)}: {escaped(card.best)}.** {escaped(said)}"
+    file = run.path / FAILURES
+    write_failures(file, pair, frames, section, run.roi, run.sweep.body, extent, _PAGES)
 
 
 def _extent(run: RunFolder) -> str:
     """How much was compared, in one line."""
     pruned = int((run.trials["status"] == "pruned").sum())
-    shown = pictured(run)
     frames = run.sweep.frames
     parts = [
         f"{len(run.placements)} placements, {len(run.trials)} trials",
-        *([f"{pruned} of them pruned by promotion"] if pruned else []),
+        f"{pruned} of them pruned by promotion" if pruned else "",
         f"{frames.train} training and {frames.test} test frames{_met(run)}",
-        *([shown] if shown else []),
+        pictured(run),
     ]
-    return f"{', '.join(parts)}."
+    return f"{', '.join(filter(None, parts))}."
 
 
 def _met(run: RunFolder) -> str:

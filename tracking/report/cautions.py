@@ -1,5 +1,7 @@
 """What makes the numbers of a report weak, one plain sentence each."""
 
+from collections.abc import Iterator
+
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution, weaknesses
 from tracking.findings.groups import groups
 from tracking.run_folders.sweep import RunFolder
@@ -19,22 +21,14 @@ LEAST_P = 0.001
 def cautions(run: RunFolder) -> list[str]:
     """All of them: what failed, why no headline is sure yet, the rest."""
     failed = _failed(run)
+    counted = ray_counting_caution(largest_linear_share(run.surrogates))
     if run.results.empty:
         detectors = (run.trials["detector"] != "").any()
         reason = "no detector was evaluated" if detectors else "the sweep has no detector"
         alone = f"No results: {reason}. Surrogates alone do not show AP."
-        weak = [*_few_pog_frames(run), *_counted_rays(run)]
-        return [*failed, alone, *weak, *run.sweep.cautions]
-    return [
-        *failed,
-        *_missing(run),
-        *_weaknesses(run),
-        *_few_placements(run),
-        *_few_frames(run),
-        *_few_objects(run),
-        *_counted_rays(run),
-        *run.sweep.cautions,
-    ]
+        return [*failed, alone, *_few_pog_frames(run), *counted, *run.sweep.cautions]
+    kinds = (_missing, _weaknesses, _few_placements, _few_frames, _few_objects)
+    return [*failed, *(said for find in kinds for said in find(run)), *counted, *run.sweep.cautions]
 
 
 def _failed(run: RunFolder) -> list[str]:
@@ -71,36 +65,31 @@ def _weaknesses(run: RunFolder) -> list[str]:
 def _few_placements(run: RunFolder) -> list[str]:
     """By the group that has fewest, as placements are compared within groups."""
     counts = run.results.groupby(["detector", *run.axes], dropna=False)["placement"].nunique()
-    said = _few(int(counts.min()))
-    return [f"In the smallest group: {text}" for text in said] if counts.nunique() > 1 else said
-
-
-def _few(n: int) -> list[str]:
-    if n == 1:
-        return ["One placement: there is nothing to compare it with."]
-    if n < 3:
-        return [f"{n} placements: a correlation needs at least 3."]
+    n, said = int(counts.min()), "weak correlations go unseen."
     if n >= MANY_PLACEMENTS:
         return []
     if smallest_p(n) > LEAST_P:
-        return [f"Only {n} placements: no two-sided p-value can be below {smallest_p(n):.2g}."]
-    return [f"Only {n} placements: weak correlations go unseen."]
+        said = f"no two-sided p-value can be below {smallest_p(n):.2g}."
+    said = f"Only {n} placements: {said}"
+    if n < 3:
+        said = f"{n} placements: a correlation needs at least 3."
+    if n == 1:
+        said = "One placement: there is nothing to compare it with."
+    return [f"In the smallest group: {said}" if counts.nunique() > 1 else said]
 
 
-def _few_frames(run: RunFolder) -> list[str]:
+def _few_frames(run: RunFolder) -> Iterator[str]:
     train, test = run.sweep.frames.train, run.sweep.frames.test
-    said = []
     if train < FEW_FRAMES and not run.sweep.detections:
-        said.append(
+        yield (
             f"Only {train} training frame{'s' * (train != 1)}: a detector learns little from so "
             "few, and the surrogates use the same frames."
         )
     if test < FEW_FRAMES:
-        said.append(
+        yield (
             f"Only {test} test frame{'s' * (test != 1)}: other frames may give another AP and "
             "another order."
         )
-    return said
 
 
 def _few_pog_frames(run: RunFolder) -> list[str]:
@@ -114,18 +103,10 @@ def _few_pog_frames(run: RunFolder) -> list[str]:
     ]
 
 
-def _counted_rays(run: RunFolder) -> list[str]:
-    said = ray_counting_caution(largest_linear_share(run.surrogates))
-    return [said] if said else []
-
-
-def _few_objects(run: RunFolder) -> list[str]:
-    said = []
+def _few_objects(run: RunFolder) -> Iterator[str]:
     own = run.results[run.results["class"].isin(run.classes)]
-    counts = own.groupby("class")["ground_truths"].min()
-    for name, count in counts.items():
+    for name, count in own.groupby("class")["ground_truths"].min().items():
         if count == 0:
-            said.append(f"{name}: no ground truth in the test frames, so no AP.")
+            yield f"{name}: no ground truth in the test frames, so no AP."
         elif count < FEW_GROUND_TRUTHS:
-            said.append(f"{name}: only {count} ground truths in the test frames.")
-    return said
+            yield f"{name}: only {count} ground truths in the test frames."

@@ -18,8 +18,8 @@ from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.solids import edges, headings
 from lidarplace.viewing.vehicle import vehicle_surface
-from tracking.figures.kit.style import OUTLINE, text
-from tracking.figures.kit.vehicle_lines import vehicle_in_space
+from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, text
+from tracking.figures.kit.vehicle_lines import add_lines, vehicle_in_space
 from tracking.findings.failures import Failures
 from tracking.labels import digits
 from tracking.pages.page import figure_json, write_page
@@ -49,14 +49,10 @@ def write_failures(
     extent: str,
     links: Mapping[str, str],
 ) -> Path:
-    """Write the page to `target`.
+    """Write the page to `target`, and links to other pages, by address.
 
-    Args:
-        frames: of the same two rigs; None where there are none to show.
-        section: `tracking.report.sections.failures.counted_failures`, whose tables are written.
-        vehicle: carries them; None for a sedan.
-        extent: how much was compared, in one line.
-        links: to other pages, by address.
+    `frames` are of the same two rigs, `section` is `counted_failures`, whose tables are written;
+    `extent` is how much was compared, in one line.
     """
     first, second = found.rigs
     return write_page(
@@ -111,11 +107,9 @@ def _shown(found: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
 def _fate(found: Failures, row: int) -> str:
     """How many seeds found an object under each rig, and the points on it."""
     seeds = len(found.seeds)
+    each = zip(found.rigs, found.shares[:, row], found.points[:, row], strict=True)
     return "; ".join(
-        f"{rig}: {round(share * seeds)} of {seeds}{_points(count)}"
-        for rig, share, count in zip(
-            found.rigs, found.shares[:, row], found.points[:, row], strict=True
-        )
+        f"{rig}: {round(share * seeds)} of {seeds}{_points(count)}" for rig, share, count in each
     )
 
 
@@ -132,11 +126,9 @@ def frame_in_space(
 ) -> go.Figure:
     """Points in the boxes of objects have the colour of what became of them, others are grey.
 
-    Args:
-        objects: of the frame: class, points and the columns of `GEOMETRY`.
-        shares: of the seeds that found each, shape (objects,).
-        points: x, y, z, shape (n, 3).
-        detections: boxes and scores, shape (d, 8).
+    `objects` of the frame have class, points and the columns of `GEOMETRY`, `shares` of the seeds
+    found each, shape (objects,); `points` have shape (n, 3), `detections` are boxes and scores,
+    shape (d, 8).
     """
     plot = go.Figure(layout={"template": None, "margin": dict.fromkeys("lrtb", 0)})
     boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
@@ -148,8 +140,8 @@ def frame_in_space(
         _add_points(plot, points[of_point == number], shade, 2.2)
         own = fate == number
         lines = np.concatenate([edges(boxes[own]), headings(boxes[own]).reshape(-1, 3)])
-        _add_lines(plot, lines, shade, 4)
-    _add_lines(plot, edges(detections[:, :7]), DETECTION, 2)
+        add_lines(plot, lines, shade, 4, showlegend=False)
+    add_lines(plot, edges(detections[:, :7]), DETECTION, 2, showlegend=False)
     roof = boxes[:, :3] + boxes[:, 5:6] * [0, 0, 0.5]
     plot.add_scatter3d(
         **xyz(roof),
@@ -159,8 +151,7 @@ def frame_in_space(
             f"{text(own['class'])}<br>found by {share:.0%} of the seeds{_points(own['points'])}"
             for own, share in zip(objects.to_dict("records"), shares, strict=True)
         ],
-        hoverinfo="text",
-        showlegend=False,
+        **TOLD,
     )
     return plot
 
@@ -178,16 +169,5 @@ def _add_points(plot: go.Figure, points: NDArray[np.float32], shade: str, size: 
         **xyz(points),
         mode="markers",
         marker={"size": size, "color": shade, "line": {"width": 0}},
-        hoverinfo="skip",
-        showlegend=False,
-    )
-
-
-def _add_lines(plot: go.Figure, line: NDArray[np.floating[Any]], shade: str, width: float) -> None:
-    plot.add_scatter3d(
-        **xyz(line),
-        mode="lines",
-        line={"color": shade, "width": width},
-        hoverinfo="skip",
-        showlegend=False,
+        **QUIET,
     )

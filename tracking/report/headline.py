@@ -4,16 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
-from lidarplace.base.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.evidence import Weakness, grade, weaknesses
 from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.findings.summary import deciding_surrogate, surrogates_of
-from tracking.kitti_iou import headline_iou, judged
+from tracking.kitti_iou import headline_label, judged
 from tracking.labels import (
-    metric_label,
     not_significant,
     percent,
     plus_minus,
@@ -34,8 +31,7 @@ class Verdict:
         group: title of the group, "" if there is no other.
         best: the placement, or several that are equal, or that there is none.
         lead: its value, and how far it is ahead of which.
-        sure: how sure that is; no surer than its weakest link.
-        weaknesses: why it is not sure yet, the heaviest first.
+        sure: how sure that is; no surer than the heaviest of `weaknesses`, the first.
     """
 
     what: str
@@ -57,18 +53,10 @@ def verdicts(run: RunFolder, group: Group, ranked: Mapping[str, BestPlacement]) 
     found, every = [], weaknesses(run, group)
     for name, best in ranked.items():
         weak = tuple(own for own in every if name in own.classes)
-        metric, iou = headline_metric(name), headline_iou(run.results, name)
-        found.append(
-            Verdict(
-                f"{'Highest mean' if weak else 'Best'} for {class_label(name)}",
-                group.title if group.varies else "",
-                metric_label(metric, iou),
-                some(best.equal),
-                _lead(best),
-                _sure(best, weak),
-                weak,
-            )
-        )
+        what = f"{'Highest mean' if weak else 'Best'} for {class_label(name)}"
+        of, metric = group.title if group.varies else "", headline_label(run.results, name)
+        lead, sure = _lead(best), _sure(best, weak)
+        found.append(Verdict(what, of, metric, some(best.equal), lead, sure, weak))
     return found
 
 
@@ -113,10 +101,9 @@ def _sure(best: BestPlacement, weak: Sequence[Weakness]) -> str:
     if len(best.equal) > 1:
         return "No placement is ahead."
     sure = f"{percent(best.sure.iloc[0])} likely to be the best of {len(best.sure)}"
-    tied = best.tied
-    if not tied:
+    if not best.tied:
         return f"{sure}, and significantly better than all others."
-    return f"{sure}; not significantly better than {some(tied)}."
+    return f"{sure}; not significantly better than {some(best.tied)}."
 
 
 def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
@@ -137,21 +124,9 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
         elif len(ranked) > 1 and ranked.iloc[1] > 0:
             ahead = 100 * (ranked.iloc[0] / ranked.iloc[1] - 1)
             lead += f", {ahead:.2g} % ahead of {ranked.index[1]}, of {len(ranked):,} placements"
-        found.append(
-            Verdict(
-                f"Highest {surrogate_name(decides)} for {name}",
-                group.title if group.varies else "",
-                surrogate_name(decides),
-                "no placement is ahead" if level else best,
-                lead,
-                _without_entropy(table, name),
-            )
-        )
+        nothing = "h_pog" in table.columns and bool((table["h_pog"] == 0).all())
+        why = f"H_POG is 0: no {name} was seen, or always in the same voxels." if nothing else ""
+        what, of = f"Highest {surrogate_name(decides)} for {name}", group.title * group.varies
+        ahead_of = "no placement is ahead" if level else best
+        found.append(Verdict(what, of, surrogate_name(decides), ahead_of, lead, why))
     return found
-
-
-def _without_entropy(table: pd.DataFrame, name: str) -> str:
-    """Why there is nothing to gain, if so."""
-    if "h_pog" not in table.columns or not (table["h_pog"] == 0).all():
-        return ""
-    return f"H_POG is 0: no {name} was seen, or always in the same voxels."

@@ -4,15 +4,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lidarplace.base.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.evidence import grade, remedy
 from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import Group, copies, groups, without
 from tracking.findings.groups import verdicts as verdicts_of
 from tracking.findings.promotion import fully_trained
-from tracking.kitti_iou import headline_iou
-from tracking.labels import metric_label, some
+from tracking.kitti_iou import headline_label
+from tracking.labels import some
 from tracking.report.headline import Verdict, class_label, headline_ranking, verdicts
 from tracking.run_folders.sweep import RunFolder
 
@@ -22,12 +21,10 @@ MOST_RIGS = 6
 
 @dataclass(frozen=True)
 class Recommendation:
-    """What a group recommends.
+    """What a group recommends, by its `headline_ranking`, `ranked`.
 
-    Attributes:
-        by: the class whose headline metric decides: the only one by its AP, several by the recall
-            of all objects together, "all".
-        ranked: `headline_ranking` of the group, by class.
+    `by` is the class whose headline metric decides: the only one by its AP, several by the recall
+    of all objects together, "all".
     """
 
     group: Group
@@ -52,7 +49,7 @@ class Recommendation:
 
     def metric(self, run: RunFolder) -> str:
         """What decides, at the beginning of a sentence."""
-        label = metric_label(headline_metric(self.by), headline_iou(run.results, self.by))
+        label = headline_label(run.results, self.by)
         of = f" of {class_label(self.by)}" if len(self.ranked) > 1 else ""
         return f"{label[0].upper()}{label[1:]}{of}"
 
@@ -80,17 +77,16 @@ def recommended(whole: RunFolder) -> tuple[RunFolder, list[Recommendation]]:
 
 
 def recommendations(
-    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
+    rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]],
 ) -> list[Recommendation]:
     """Those of all groups with results, in their order."""
-    return [
-        Recommendation(group, _deciding(ranked), ranked) for group, ranked in rankings if ranked
-    ]
-
-
-def _deciding(ranked: Mapping[str, BestPlacement]) -> str:
-    classes = [name for name in ranked if name != "all"]
-    return classes[0] if len(classes) == 1 or "all" not in ranked else "all"
+    found = []
+    for group, ranked in rankings:
+        if ranked:
+            classes = [name for name in ranked if name != "all"]
+            by = classes[0] if len(classes) == 1 or "all" not in ranked else "all"
+            found.append(Recommendation(group, by, ranked))
+    return found
 
 
 @dataclass(frozen=True)
@@ -104,7 +100,6 @@ class Answer:
         sure: how sure that is, and whether the groups agree.
         command: what to run for more evidence; "" if there is enough.
         beside: of the first group, what is said of the classes that do not decide.
-        enough: whether the evidence has none of the known weaknesses.
     """
 
     grade: str
@@ -174,14 +169,12 @@ def compared_failures(
 ) -> Failures | None:
     """What the recommended rig and the next one behind it found, where both is known.
 
-    Args:
-        run: distinct rigs, trained as long as they get.
-        rankings: groups with their `headline_ranking`.
+    `run` has distinct rigs, trained as long as they get; `rankings` are groups with their
+    `headline_ranking`.
     """
-    for group, ranked in rankings:
-        for found in recommendations([(group, ranked)]):
-            return failures(run, group, found.compared) if found.compared else None
-    return None
+    first = next(iter(recommendations(rankings)), None)
+    compared = first and first.compared
+    return failures(run, first.group, compared) if first and compared else None
 
 
 def failures_to_show(folder: Path) -> Failures | None:

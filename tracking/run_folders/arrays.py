@@ -22,16 +22,13 @@ Shapes = Mapping[str, tuple[int | None, ...]]
 
 @dataclass(frozen=True)
 class ArrayFile:
-    """A NumPy archive: a field that is an array under its name, those of a mapping as `field/key`,
-    and so on inwards.
+    """A NumPy archive: a field that is an array under its name, those of a mapping as `field/key`.
 
-    `SHAPES` has the axes of the arrays of each field, None for one of any length; those of `TEXT`
-    hold text, the others real numbers.
+    `SHAPES` has the axes of the arrays of each field, None for one of any length.
     """
 
     FILE: ClassVar[str]
     SHAPES: ClassVar[Shapes]
-    TEXT: ClassVar[tuple[str, ...]] = ()
 
     def write(self, folder: Path) -> None:
         """Write all arrays in one step."""
@@ -45,11 +42,10 @@ class ArrayFile:
         if not is_there(path):
             return None
         arrays = read_npz(path)
+        kinds = {field.name: str(field.type) for field in fields(cls)}
         found = {
-            field.name: within(arrays, field.name)
-            if str(field.type).startswith("dict")
-            else arrays.get(field.name)
-            for field in fields(cls)
+            name: within(arrays, name) if kind.startswith("dict") else arrays.get(name)
+            for name, kind in kinds.items()
         }
         if missing := [name for name, value in found.items() if value is None]:
             raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
@@ -59,10 +55,11 @@ class ArrayFile:
 
     def _check(self, path: Path) -> None:
         """Raise ValueError unless all arrays have the shapes and kinds of the class."""
+        of_text = {field.name for field in fields(self) if "np.str_" in str(field.type)}
         for name, array in _flat(vars(self)):
             field = name.partition("/")[0]
             wanted = self.SHAPES[field]
-            if field not in self.TEXT:
+            if field not in of_text:
                 check_numbers(name, array, len(wanted), path)
             elif array.dtype.kind != "U":
                 raise ValueError(f"{path}: {name} must hold text, found {array.dtype}")
@@ -133,7 +130,6 @@ class Frame(ArrayFile):
         "points": (None, 4),
         "lidar": (None,),
     }
-    TEXT: ClassVar[tuple[str, ...]] = ("labels",)
 
     boxes: NDArray[np.float64]
     labels: NDArray[np.str_]
@@ -171,7 +167,6 @@ class FailureFrames(ArrayFile):
         "points": (None, 3),
         "detections": (None, 8),
     }
-    TEXT: ClassVar[tuple[str, ...]] = ("rigs",)
 
     rigs: NDArray[np.str_]
     objects: NDArray[np.int64]
@@ -207,13 +202,11 @@ class UnseenMaps(ArrayFile):
 
     @classmethod
     def read(cls, folder: Path) -> UnseenMaps:
-        """Without any map if they are not in `folder`. Raises ValueError that names file and
-        array."""
-        found = super().read(folder)
-        unseen = {} if found is None else dict(_flat(found.unseen))
+        """Without any map if they are not in `folder`. Raises ValueError as that of others."""
+        found = super().read(folder) or cls({}, {})
+        unseen = dict(_flat(found.unseen))
         classes = dict.fromkeys(name.partition("/")[0] for name in unseen)
-        by_class = {name: within(unseen, name) for name in classes}
-        return cls({} if found is None else found.pog, by_class)
+        return cls(found.pog, {name: within(unseen, name) for name in classes})
 
 
 @dataclass(frozen=True)
@@ -236,7 +229,6 @@ class Grounds(ArrayFile):
         "y": (None,),
         "least": _PLANE,
     }
-    TEXT: ClassVar[tuple[str, ...]] = ("names",)
 
     body: NDArray[np.float64]
     names: NDArray[np.str_]

@@ -1,5 +1,4 @@
-"""What a sweep or a search says of itself in a file of JSON: written from its model, and read as
-it or refused."""
+"""What a sweep or a search says of itself in a file of JSON: written from its model, and read."""
 
 from __future__ import annotations
 
@@ -32,10 +31,7 @@ class ResultFile(Part):
     FILE: ClassVar[str]
 
     def write(self, folder: Path) -> None:
-        """Write the keys that were given, in the order of the model, in one step.
-
-        NaN and infinity, which JSON does not know, become null.
-        """
+        """Write the keys that were given in one step; null for NaN and infinity."""
         plain = json.loads(self.model_dump_json(by_alias=True, exclude_unset=True))
         with replacing(folder / self.FILE) as partial:
             partial.write_text(json.dumps(plain, indent=1), encoding="utf-8")
@@ -47,13 +43,7 @@ class ResultFile(Part):
 
 
 def read_result_file(path: Path, model: type[Model]) -> Model:
-    """Read `path`.
-
-    Raises:
-        ValueError: it is no JSON, or a key is missing or not as it must be; one line that names
-            the file and the key.
-        OSError: it cannot be read.
-    """
+    """Read `path`. Raises ValueError, one line that names the file and the key, or OSError."""
     try:
         return model.model_validate_json(regular(path).read_bytes())
     except ValidationError as error:

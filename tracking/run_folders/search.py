@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import count, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from tracking.run_folders.search_json import Rig, SearchResult
 from tracking.run_folders.search_tables import TABLES, TRIALS
 from tracking.run_folders.table import Column, DType
 
+_ANGLES = ("roll", "pitch", "yaw")
 _OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")
 
 
@@ -26,19 +28,11 @@ class SearchFolder:
     """Everything that a search left in `path`.
 
     `search.json` and `trials.parquet` must be there; the others are None or empty when the search
-    did not make them.
+    did not make them. `docs/run_folder.md` says what they hold.
 
     Attributes:
-        search: `search.json`.
         config: text of the configuration, "" if it is not there.
-        roi: the region of interest.
-        trials: one row a trial, sorted by number; violations <= 0 are kept constraints; it is not
-            `possible` where two LiDARs would sit in one place.
-        bound: how the upper bound fell with the seconds; greedy: its steps.
-        robustness: values of rigs in other cases.
-        requirements: what becomes of them under rigs; grounds: where they fail.
-        chosen: what a generalist measured on other traffic; verified: what detectors measured that
-            were trained for each rig.
+        trials: sorted by number.
         pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
         unseen: by class and rig, what of it stays unseen.
     """
@@ -67,25 +61,19 @@ class SearchFolder:
 
     def rig_of(self, trial: pd.Series) -> Rig | None:
         """The rig of a row of `trials`, without values with all rays; None without a LiDAR."""
-        mounts: list[tuple[float, ...]] = []
-        models: list[str] = []
-        zones: list[str | None] = []
-        while pd.notna(trial.get(f"lidar_{len(mounts) + 1}.model")):
-            own = f"lidar_{len(mounts) + 1}."
-            where = [float(trial[f"{own}{axis}_m"]) for axis in "xyz"]
-            angles = [float(trial[f"{own}{angle}_deg"]) for angle in ("roll", "pitch", "yaw")]
-            mounts.append((*where, *np.radians(angles)))
-            models.append(trial[f"{own}model"])
-            zone = trial[f"{own}zone"]
-            zones.append(None if pd.isna(zone) else zone or None)
-        if not mounts:
+        numbers = takewhile(lambda n: pd.notna(trial.get(f"lidar_{n}.model")), count(1))
+        lidars = [f"lidar_{n}." for n in numbers]
+        if not lidars:
             return None
+        positions = [[float(trial[f"{own}{axis}_m"]) for axis in "xyz"] for own in lidars]
+        angles = [[float(trial[f"{own}{name}_deg"]) for name in _ANGLES] for own in lidars]
+        zones = [trial[f"{own}zone"] for own in lidars]
         searched = {o.name: trial[f"value.{o.name}"] for o in self.search.objectives}
         return Rig(
             role="found",
-            mounts=mounts,
-            models=models,
-            zones=zones,
+            mounts=np.hstack([positions, np.radians(angles)]).tolist(),
+            models=[trial[f"{own}model"] for own in lidars],
+            zones=[None if pd.isna(zone) else zone or None for zone in zones],
             values={},
             searched=searched,
             measures={},
@@ -96,16 +84,12 @@ class SearchFolder:
     def read(cls, path: Path) -> SearchFolder:
         """Read the run folder `path`.
 
-        Raises:
-            ValueError: `path` is no folder of a search, or a file lacks a key, column or array
-                that it must have.
+        Raises ValueError: it is no folder of a search, or a file lacks what it must have.
         """
         path = Path(path)
-        missing = [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]
-        if missing:
-            raise ValueError(
-                f"{path}: not the run folder of a search; missing {', '.join(missing)}"
-            )
+        if missing := [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]:
+            said = f"missing {', '.join(missing)}"
+            raise ValueError(f"{path}: not the run folder of a search; {said}")
         search = SearchResult.read(path)
         config = path / "config.yaml"
         maps = UnseenMaps.read(path)

@@ -81,8 +81,6 @@ class Rig(Part):
     """A placement with what it measures, as JSON that is readable without this project.
 
     Attributes:
-        role: found by the sampler, by greedy, or one of the paper's eight.
-        feasible: it keeps every constraint.
         mounts: x, y, z in metres, roll, pitch, yaw in radians.
         models, zones: names, one a mount.
         values: by objective, with all rays; None or absent if it was not evaluated.
@@ -131,8 +129,7 @@ class Bound(Part):
         by_gains: the bound from marginal gains alone, which `value` may tighten.
         greedy: value of the greedy rig.
         candidates: number of candidate mounts.
-        gap_percent: how far `best_value`, of the first of `best`, is below `value`, in percent
-            of `value`.
+        gap_percent: how far `best_value`, of the first of `best`, is below `value`.
         reason: why there is no bound.
     """
 

@@ -7,86 +7,70 @@ from tracking.run_folders.sweep_tables import REQUIREMENTS as OF_SWEEPS
 from tracking.run_folders.table import Column, Table
 
 _RIG = Column("rig", "str", "its name")
-
+_BOUNDS = ("low", "high")
 _VALUE = Column("value.OBJECTIVE", "float64", "as the search computes it")
 _VIOLATION = Column(
     "violation.CONSTRAINT", "float64", "in the constraint's unit; kept if 0 or less"
 )
-TRIALS = Table(
+TRIALS = Table.of(
     "trials",
     "a trial",
-    (
-        Column("number", "int64", "from 0"),
-        Column("state", "str", "Optuna's: `COMPLETE`, `PRUNED` or `FAIL`"),
-        Column("feasible", "bool", "whether every constraint is kept"),
-        Column("possible", "bool", "whether no two LiDARs sit in one place"),
-        _VALUE,
-        _VIOLATION,
-        Column(
-            "enough.requirement.NAME", "float64", "share of positions with enough", needed=False
-        ),
-        Column("seconds", "float64", "of the evaluation, s"),
-        Column("failure", "str", "why it has no value", needed=False),
-        Column("lidars", "int64", "how many the rig has", needed=False),
-        Column("lidar_N.model", "str", "of LiDAR N, from 1", needed=False),
-        Column("lidar_N.zone", "str", "where it sits; empty where it is fixed", needed=False),
-        Column("lidar_N.x_m", "float64", "m; and `y_m`, `z_m`", needed=False),
-        Column("lidar_N.roll_deg", "float64", "degrees; and `pitch_deg`, `yaw_deg`", needed=False),
-    ),
+    Column("number", "int64", "from 0"),
+    Column("state", "str", "Optuna's: `COMPLETE`, `PRUNED` or `FAIL`"),
+    Column("feasible", "bool", "whether every constraint is kept"),
+    Column("possible", "bool", "whether no two LiDARs sit in one place"),
+    _VALUE,
+    _VIOLATION,
+    Column("enough.requirement.NAME", "float64", "share of positions with enough", needed=False),
+    Column("seconds", "float64", "of the evaluation, s"),
+    Column("failure", "str", "why it has no value", needed=False),
+    Column("lidars", "int64", "how many the rig has", needed=False),
+    Column("lidar_N.model", "str", "of LiDAR N, from 1", needed=False),
+    Column("lidar_N.zone", "str", "where it sits; empty where it is fixed", needed=False),
+    Column("lidar_N.x_m", "float64", "m; and `y_m`, `z_m`", needed=False),
+    Column("lidar_N.roll_deg", "float64", "degrees; and `pitch_deg`, `yaw_deg`", needed=False),
     needed=True,
 )
 """With capitals for what depends on the search, see `trials_of`."""
-BOUND = Table(
+BOUND = Table.of(
     "bound",
     "a step of the upper bound",
-    (
-        Column("seconds", "float64", "since it was begun, s"),
-        Column("bound", "float64", "of the first objective"),
-        Column("kind", "str", "what gave it"),
-    ),
+    Column("seconds", "float64", "since it was begun, s"),
+    Column("bound", "float64", "of the first objective"),
+    Column("kind", "str", "what gave it"),
 )
-GREEDY = Table(
+GREEDY = Table.of(
     "greedy",
     "a step of greedy choice, with columns of the LiDARs as `trials` has them",
-    (
-        Column("step", "int64", "from 1"),
-        Column("gain", "float64", "of the objective"),
-        Column("value", "float64", "after the step"),
-    ),
+    Column("step", "int64", "from 1"),
+    Column("gain", "float64", "of the objective"),
+    Column("value", "float64", "after the step"),
 )
-ROBUSTNESS = Table(
+ROBUSTNESS = Table.of(
     "robustness",
     "an objective of a rig in one case",
-    (
-        _RIG,
-        Column("case", "str", "`as designed`, mounts that are off, a LiDAR that fails, a scene"),
-        Column("objective", "str", "its name"),
-        Column("draws", "int64", "of the case"),
-        Column("value", "float64", "mean over the draws"),
-        Column("worst", "float64", "of the draws"),
-        Column("share", "float64", "the value by that of the rig as designed"),
-    ),
+    _RIG,
+    Column("case", "str", "`as designed`, mounts that are off, a LiDAR that fails, a scene"),
+    Column("objective", "str", "its name"),
+    Column("draws", "int64", "of the case"),
+    Column("value", "float64", "mean over the draws"),
+    Column("worst", "float64", "of the draws"),
+    Column("share", "float64", "the value by that of the rig as designed"),
 )
-VERIFIED = Table(
+VERIFIED = Table.of(
     "verified",
     "a metric of a rig that detectors were trained for",
-    (
-        _RIG,
-        Column("role", "str", "`found`, `greedy` or `paper`"),
-        Column("class", "str", "object class; `all` for all objects"),
-        Column("metric", "str", "as in a sweep's results"),
-        Column(
-            "iou", "float64", "the least overlap of a detection that counts; 0: of no single one"
-        ),
-        Column("value", "float64", "mean over seeds, percent"),
-        Column("low", "float64", "of its 95 % interval"),
-        Column("high", "float64", "of its 95 % interval"),
-        Column("seeds", "int64", "that have a value"),
-        Column("difference", "float64", "to the best of the paper's eight, by seed"),
-        Column("difference_low", "float64", "of its 95 % interval"),
-        Column("difference_high", "float64", "of its 95 % interval"),
-        Column("surrogate", "float64", "the first objective; missing where that is measured"),
-    ),
+    _RIG,
+    Column("role", "str", "`found`, `greedy` or `paper`"),
+    Column("class", "str", "object class; `all` for all objects"),
+    Column("metric", "str", "as in a sweep's results"),
+    Column("iou", "float64", "the least overlap of a detection that counts; 0: of no single one"),
+    Column("value", "float64", "mean over seeds, percent"),
+    *(Column(bound, "float64", "of its 95 % interval") for bound in _BOUNDS),
+    Column("seeds", "int64", "that have a value"),
+    Column("difference", "float64", "to the best of the paper's eight, by seed"),
+    *(Column(f"difference_{bound}", "float64", "of its 95 % interval") for bound in _BOUNDS),
+    Column("surrogate", "float64", "the first objective; missing where that is measured"),
 )
 
 CHOSEN = replace(

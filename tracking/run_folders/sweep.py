@@ -27,9 +27,8 @@ _LOCK = ".lock"
 class RunFolder:
     """Everything that a sweep left in `path`.
 
-    `config.yaml`, `sweep.json` and the tables that `sweep_tables` calls needed must be there. The
-    others are None when the sweep did not make them. A sweep of surrogates alone has no results,
-    and trials whose detector is "".
+    `config.yaml`, `sweep.json` and the needed tables must be there; what the sweep did not make is
+    None. A sweep of surrogates alone has no results, and trials whose detector is "".
 
     Attributes:
         config: text of the resolved configuration.
@@ -76,10 +75,8 @@ class RunFolder:
     def read(cls, path: Path) -> RunFolder:
         """Read the run folder `path`.
 
-        Raises:
-            ValueError: `path` is no run folder, its sweep has not finished, a required file is
-                missing, or a file lacks a column, key or array that it must have, or has text where
-                numbers belong.
+        Raises ValueError: it is no run folder, its sweep has not finished, or a file is missing or
+            lacks what it must have.
         """
         path = Path(path)
         needed = [table.file for table in TABLES if table.needed]
@@ -98,10 +95,9 @@ class RunFolder:
         # An axis over placements, detectors or seeds is one of the fixed columns already.
         fixed = {column.name for column in RESULTS.columns}
         axes = tuple(a for a in sweep.axes if a in trials.columns and a not in fixed)
-        tables: dict[str, Any] = {TRIALS.name: trials}
-        for table in TABLES:
-            if table is not TRIALS:
-                tables[table.name] = table.read_if_there(path, axes)
+        others = [table for table in TABLES if table is not TRIALS]
+        tables: dict[str, Any] = {t.name: t.read_if_there(path, axes) for t in others}
+        tables[TRIALS.name] = trials
         for table in (SURROGATES, TRIALS):
             names = tables[table.name]["placement"]
             unknown = names[~names.isin(sweep.placements)]
@@ -115,9 +111,8 @@ class RunFolder:
             KNOWN.get(str(name))
         for name in tables[RESULTS.name]["metric"].unique():
             METRICS.get(str(name))
-        found = tables["results"].columns
-        missing_axes = [axis for axis in axes if axis not in found]
-        if missing_axes:
+        found = tables[RESULTS.name].columns
+        if missing_axes := [axis for axis in axes if axis not in found]:
             raise ValueError(
                 f"{path / RESULTS.file} has no column {', '.join(missing_axes)}, an axis of "
                 f"{TRIALS.file}; found {', '.join(map(str, found))}"

@@ -16,12 +16,12 @@ _DETECTOR = Column("detector", "str", "its name; empty without one", unknown="")
 _SEED = Column("seed", "int64", "seed of the training")
 _CLASS = Column("class", "str", "object class")
 _SURROGATE = Column("surrogate", "str", "its name in the configuration")
+_OF_SURROGATE = (_PLACEMENT, _CLASS, _SURROGATE)
 _METHOD = Column("method", "str", "method of coverage or of rays: `cone`, `dda`, `bresenham`")
+_PERCENT = Column("value", "float64", "percent", finite=True)
 _FROM = Column("from_m", "float64", "inner bound of the ring around the vehicle, m")
-_TO = Column("to_m", "float64", "outer bound, m")
-
+_RING = (_FROM, Column("to_m", "float64", "outer bound, m"))
 _METRICS = [f"`{name}`" for name in METRICS]
-
 _OF_TRIAL = (
     _TRIAL,
     _PLACEMENT,
@@ -32,292 +32,236 @@ _OF_TRIAL = (
     Column("iou", "float64", "the least overlap of a detection that counts; 0: of no single one"),
 )
 
-RESULTS = Table(
+RESULTS = Table.of(
     "results",
     "an evaluation's metric of a class",
-    (
-        *_OF_TRIAL,
-        Column("difficulty", "str", "of the objects; `all` here"),
-        Column("value", "float64", "percent", finite=True),
-        Column("ground_truths", "int64", "boxes of the ground truth that count"),
-    ),
+    *_OF_TRIAL,
+    Column("difficulty", "str", "of the objects; `all` here"),
+    _PERCENT,
+    Column("ground_truths", "int64", "boxes of the ground truth that count"),
     needed=True,
     axes=_EVERY_AXIS,
     key=("placement", "detector", "seed", "class", "metric", "iou", "difficulty"),
 )
-SURROGATES = Table(
+SURROGATES = Table.of(
     "surrogates",
     "a surrogate of a class",
-    (
-        _PLACEMENT,
-        _CLASS,
-        _SURROGATE,
-        Column("value", "float64", "in the surrogate's unit", finite=True),
-        Column("method", "str", f"{_METHOD.doc}; `raycast` at objects", needed=False),
-        Column(
-            "seconds",
-            "float64",
-            "duration for all surrogates of the placement from the POG, or from objects, s",
-            needed=False,
-        ),
-        Column(
-            "linear_share",
-            "float64",
-            "of `expected_ig`: its value over that with every ray counted by itself",
-            needed=False,
-        ),
+    *_OF_SURROGATE,
+    Column("value", "float64", "in the surrogate's unit", finite=True),
+    Column("method", "str", f"{_METHOD.doc}; `raycast` at objects", needed=False),
+    Column(
+        "seconds",
+        "float64",
+        "duration for all surrogates of the placement from the POG, or from objects, s",
+        needed=False,
+    ),
+    Column(
+        "linear_share",
+        "float64",
+        "of `expected_ig`: its value over that with every ray counted by itself",
+        needed=False,
     ),
     needed=True,
     axes=_SURROGATE_AXES,
     key=("placement", "class", "surrogate"),
 )
-TRIALS = Table(
+TRIALS = Table.of(
     "trials",
     "a trial, finished or not",
-    (
-        _TRIAL,
-        _PLACEMENT,
-        _DETECTOR,
-        _SEED,
-        Column("seconds", "float64", "of training and evaluation, else of the surrogates, s"),
-        Column("status", "str", "`finished`, `failed` or `pruned`"),
-        Column("error", "str", "why it failed or was pruned"),
-    ),
+    *(_TRIAL, _PLACEMENT, _DETECTOR, _SEED),
+    Column("seconds", "float64", "of training and evaluation, else of the surrogates, s"),
+    Column("status", "str", "`finished`, `failed` or `pruned`"),
+    Column("error", "str", "why it failed or was pruned"),
     needed=True,
     axes=_EVERY_AXIS,
     key=("trial",),
 )
-EXPECTED_IG_BY_Q = Table(
+EXPECTED_IG_BY_Q = Table.of(
     "expected_ig_by_q",
     "expected IG without occlusion at one detection probability",
-    (
-        _PLACEMENT,
-        _CLASS,
-        Column("q", "float64", "detection probability of a ray"),
-        Column("expected_ig", "float64", "nats"),
-    ),
+    *(_PLACEMENT, _CLASS),
+    Column("q", "float64", "detection probability of a ray"),
+    Column("expected_ig", "float64", "nats"),
     axes=_SURROGATE_AXES,
     key=("placement", "class", "q"),
 )
-CURVES = Table(
+CURVES = Table.of(
     "curves",
     "a value of an epoch of a training",
-    (
-        _TRIAL,
-        Column("epoch", "int64", "from 1"),
-        Column("metric", "str", "`loss` and its parts, `seconds`, …"),
-        Column("value", "float64", "of the epoch"),
-    ),
+    _TRIAL,
+    Column("epoch", "int64", "from 1"),
+    Column("metric", "str", "`loss` and its parts, `seconds`, …"),
+    Column("value", "float64", "of the epoch"),
 )
-PR_CURVES = Table(
+PR_CURVES = Table.of(
     "pr_curves",
     "a point of the precision-recall curve of an AP",
-    (*_OF_TRIAL, Column("recall", "float64", "percent"), Column("precision", "float64", "percent")),
+    *_OF_TRIAL,
+    *(Column(name, "float64", "percent") for name in ("recall", "precision")),
     axes=_EVERY_AXIS,
 )
-DISTANCE = Table(
+DISTANCE = Table.of(
     "distance",
     "a metric of the objects in one ring around the vehicle",
-    (
-        *_OF_TRIAL,
-        _FROM,
-        _TO,
-        Column("value", "float64", "percent", finite=True),
-        Column("ground_truths", "int64", "boxes of the ground truth in the ring"),
-    ),
+    *(*_OF_TRIAL, *_RING, _PERCENT),
+    Column("ground_truths", "int64", "boxes of the ground truth in the ring"),
     axes=_EVERY_AXIS,
 )
-SECTOR = Table(
+SECTOR = Table.of(
     "sector",
     "the recall of the objects in one sector around the vehicle",
-    (
-        *_OF_TRIAL,
-        Column("sector", "str", "`front`, `front left`, …, each of 45 degrees"),
-        Column("from_deg", "float64", "its bound on the right, degrees from x to the left"),
-        Column("to_deg", "float64", "its bound on the left"),
-        Column("value", "float64", "percent", finite=True),
-        Column("ground_truths", "int64", "boxes of the ground truth in the sector"),
-    ),
+    *_OF_TRIAL,
+    Column("sector", "str", "`front`, `front left`, …, each of 45 degrees"),
+    Column("from_deg", "float64", "its bound on the right, degrees from x to the left"),
+    Column("to_deg", "float64", "its bound on the left"),
+    _PERCENT,
+    Column("ground_truths", "int64", "boxes of the ground truth in the sector"),
     axes=_EVERY_AXIS,
 )
-LEFT_OUT = Table(
+LEFT_OUT = Table.of(
     "left_out",
     "a result without one route, one individual or half of the routes of the test frames",
-    (
-        *_OF_TRIAL,
-        Column("unit", "str", "`route`, `individual`, `half` or `nothing`"),
-        Column("left_out", "str", "name of the unit; `0a` and `0b` are the halves of one split"),
-        Column("ground_truths", "int64", "ground-truth boxes of the unit"),
-        Column(
-            "value",
-            "float64",
-            "percent, of the others; AP without a `route` or an `individual` is the area under "
-            "precision over recall at every hit",
-        ),
+    *_OF_TRIAL,
+    Column("unit", "str", "`route`, `individual`, `half` or `nothing`"),
+    Column("left_out", "str", "name of the unit; `0a` and `0b` are the halves of one split"),
+    Column("ground_truths", "int64", "ground-truth boxes of the unit"),
+    Column(
+        "value",
+        "float64",
+        "percent, of the others; AP without a `route` or an `individual` is the area under "
+        "precision over recall at every hit",
     ),
     axes=_EVERY_AXIS,
 )
-POINTS = Table(
+POINTS = Table.of(
     "points",
     "points on the objects of a class in one ring of the test frames",
-    (
-        _PLACEMENT,
-        _CLASS,
-        _FROM,
-        _TO,
-        Column("objects", "int64", "in the ring"),
-        Column("mean", "float64", "points an object"),
-        Column("median", "float64", "points an object"),
-        Column("p10", "float64", "10 % quantile of the points per object"),
-        Column("unseen", "float64", "share of the objects without a point"),
-    ),
+    *(_PLACEMENT, _CLASS, *_RING),
+    Column("objects", "int64", "in the ring"),
+    *(Column(name, "float64", "points an object") for name in ("mean", "median")),
+    Column("p10", "float64", "10 % quantile of the points per object"),
+    Column("unseen", "float64", "share of the objects without a point"),
     axes=_CLOUD_AXES,
 )
-INDIVIDUALS = Table(
+INDIVIDUALS = Table.of(
     "individuals",
     "an object on one route of one split",
-    (
-        Column("split", "str", "`train` or `test`"),
-        Column("scene", None, "as in the box log"),
-        Column("route", None, "as in the box log"),
-        _CLASS,
-        Column("object_id", None, "as in the box log"),
-        Column("boxes", "int64", "frames in which it counts"),
-    ),
+    Column("split", "str", "`train` or `test`"),
+    *(Column(name, None, "as in the box log") for name in ("scene", "route")),
+    _CLASS,
+    Column("object_id", None, "as in the box log"),
+    Column("boxes", "int64", "frames in which it counts"),
     axes=_SCENE_AXES,
 )
-OBJECTS = Table(
+OBJECTS = Table.of(
     "objects",
     "an object in one test frame, of those that count",
-    (
-        Column("object", "int64", "its number, from 0"),
-        Column("scene", None, "as in the box log"),
-        Column("frame", "int64", "as in the box log"),
-        Column("route", None, "as in the box log"),
-        Column("object_id", None, "as in the box log"),
-        _CLASS,
-        *(Column(axis, "float64", "of the centre, ego frame, m") for axis in "xyz"),
-        *(Column(side, "float64", "m") for side in ("length", "width", "height")),
-        Column("yaw", "float64", "from the x axis to the left"),
-        Column("visibility", "float64", "share that an ideal sensor on the roof sees, in [0, 1]"),
-        Column("occluded", "int64", "KITTI's level of it: 0 fully visible, 1 partly, 2 largely"),
-    ),
+    Column("object", "int64", "its number, from 0"),
+    Column("scene", None, "as in the box log"),
+    Column("frame", "int64", "as in the box log"),
+    *(Column(name, None, "as in the box log") for name in ("route", "object_id")),
+    _CLASS,
+    *(Column(axis, "float64", "of the centre, ego frame, m") for axis in "xyz"),
+    *(Column(side, "float64", "m") for side in ("length", "width", "height")),
+    Column("yaw", "float64", "from the x axis to the left"),
+    Column("visibility", "float64", "share that an ideal sensor on the roof sees, in [0, 1]"),
+    Column("occluded", "int64", "KITTI's level of it: 0 fully visible, 1 partly, 2 largely"),
     axes=_SCENE_AXES,
 )
-FOUND = Table(
+FOUND = Table.of(
     "found",
     "an object and a trial",
-    (
-        _TRIAL,
-        Column("object", "int64", "its number in `objects.parquet`"),
-        Column("points", "int64", "points on it, if known", False, math.nan),
-        Column("found", "bool", "whether `class_recall_3D` counts it at KITTI's strict IoU"),
-    ),
+    _TRIAL,
+    Column("object", "int64", "its number in `objects.parquet`"),
+    Column("points", "int64", "points on it, if known", False, math.nan),
+    Column("found", "bool", "whether `class_recall_3D` counts it at KITTI's strict IoU"),
 )
-ACCURACY = Table(
+ACCURACY = Table.of(
     "accuracy",
     "a surrogate computed in one of several ways",
-    (
-        _PLACEMENT,
-        _CLASS,
-        _SURROGATE,
-        _METHOD,
-        Column("resolution", "float64", "edge of a voxel, m"),
-        Column("azimuth_steps", "int64", "rays of a beam in a turn; 0 for cones"),
-        Column("frames", "int64", "in the POG"),
-        Column("value", "float64", "in the surrogate's unit", needed=False),
-        Column("comparable", "float64", "in units that the resolution does not change"),
-        Column("reference", "bool", "whether it is the most accurate setting"),
-        Column("seconds", "float64", "of the evaluation, s"),
-        Column("pog_seconds", "float64", "duration for the POG and its dependent values, s"),
-    ),
+    *_OF_SURROGATE,
+    _METHOD,
+    Column("resolution", "float64", "edge of a voxel, m"),
+    Column("azimuth_steps", "int64", "rays of a beam in a turn; 0 for cones"),
+    Column("frames", "int64", "in the POG"),
+    Column("value", "float64", "in the surrogate's unit", needed=False),
+    Column("comparable", "float64", "in units that the resolution does not change"),
+    Column("reference", "bool", "whether it is the most accurate setting"),
+    Column("seconds", "float64", "of the evaluation, s"),
+    Column("pog_seconds", "float64", "duration for the POG and its dependent values, s"),
     axes=_SURROGATE_AXES,
 )
-SAMPLING_ERROR = Table(
+SAMPLING_ERROR = Table.of(
     "sampling_error",
     "a surrogate's error by the choice of the frames",
-    (
-        _PLACEMENT,
-        _CLASS,
-        _SURROGATE,
-        Column("value", "float64", "in the surrogate's unit"),
-        Column("sd", "float64", "standard deviation of the resamples"),
-        Column("bias", "float64", "their mean less the value"),
-        Column("low", "float64", "of the 95 % interval"),
-        Column("high", "float64", "of the 95 % interval"),
-        Column("blocks", "int64", "of frames that were drawn", needed=False),
-        Column("resamples", "int64", "how many there are", needed=False),
-    ),
+    *_OF_SURROGATE,
+    Column("value", "float64", "in the surrogate's unit"),
+    Column("sd", "float64", "standard deviation of the resamples"),
+    Column("bias", "float64", "their mean less the value"),
+    *(Column(bound, "float64", "of the 95 % interval") for bound in ("low", "high")),
+    Column("blocks", "int64", "of frames that were drawn", needed=False),
+    Column("resamples", "int64", "how many there are", needed=False),
     axes=_SURROGATE_AXES,
     key=("placement", "class", "surrogate"),
 )
-POG_RESAMPLES = Table(
+POG_RESAMPLES = Table.of(
     "pog_resamples",
     "a surrogate of one draw of the frames, the same for all placements",
-    (
-        _PLACEMENT,
-        _CLASS,
-        _SURROGATE,
-        Column("resample", "int64", "from 0"),
-        Column("value", "float64", "in the surrogate's unit"),
-    ),
+    *_OF_SURROGATE,
+    Column("resample", "int64", "from 0"),
+    Column("value", "float64", "in the surrogate's unit"),
     axes=_SURROGATE_AXES,
     key=("placement", "class", "surrogate", "resample"),
 )
-REQUIREMENTS = Table(
+REQUIREMENTS = Table.of(
     "requirements",
     "a requirement under a placement in one case, as built first",
-    (
-        _PLACEMENT,
-        Column("requirement", "str", "its name"),
-        Column("measure", "str", "`points`, `cells`, …, and by how many sensors"),
-        Column("at_least", "float64", "required value"),
-        Column("for", "float64", "share of the positions that need it"),
-        Column("case", "str", "`as built`, a dead LiDAR, a shorter range, weather, mounts off"),
-        Column("met", "bool", "whether the rig passes in this case; it must pass in all"),
-        Column("value", "float64", "value that this share of the positions reaches"),
-        Column("short_by", "float64", "missing part of `at_least`; 0 if it is met"),
-        Column("enough", "float64", "share of the positions that have enough"),
-        Column("x", "float64", "worst position, m; missing for a common view", needed=False),
-        Column("y", "float64", "worst position, m; missing for a common view", needed=False),
-        Column(
-            "heading_deg", "float64", "heading of the object there, degrees; missing for a coverage"
-        ),
-        Column("at_worst", "float64", "the worst value found"),
+    _PLACEMENT,
+    Column("requirement", "str", "its name"),
+    Column("measure", "str", "`points`, `cells`, …, and by how many sensors"),
+    Column("at_least", "float64", "required value"),
+    Column("for", "float64", "share of the positions that need it"),
+    Column("case", "str", "`as built`, a dead LiDAR, a shorter range, weather, mounts off"),
+    Column("met", "bool", "whether the rig passes in this case; it must pass in all"),
+    Column("value", "float64", "value that this share of the positions reaches"),
+    Column("short_by", "float64", "missing part of `at_least`; 0 if it is met"),
+    Column("enough", "float64", "share of the positions that have enough"),
+    *(
+        Column(axis, "float64", "worst position, m; missing for a common view", needed=False)
+        for axis in "xy"
     ),
+    Column(
+        "heading_deg", "float64", "heading of the object there, degrees; missing for a coverage"
+    ),
+    Column("at_worst", "float64", "the worst value found"),
     axes=("lidar", "vehicle", "weather", "surrogate"),
 )
-PROMOTIONS = Table(
+PROMOTIONS = Table.of(
     "promotions",
     "a placement on a rung of `promote`",
-    (
-        Column("rung", "int64", "from 0"),
-        _DETECTOR,
-        _PLACEMENT,
-        Column("by", "str", "the surrogate or metric that ranks"),
-        Column("class", "str", "of that value; `all` for a sum over classes"),
-        Column("value", "float64", "that it was ranked by"),
-        Column("rank", "int64", "1 is best"),
-        Column("kept", "bool", "whether it was kept"),
-        Column("seconds", "float64", "of this rung alone, s"),
-        Column("setting", "str", "what the rung's trainings change"),
-    ),
+    Column("rung", "int64", "from 0"),
+    *(_DETECTOR, _PLACEMENT),
+    Column("by", "str", "the surrogate or metric that ranks"),
+    Column("class", "str", "of that value; `all` for a sum over classes"),
+    Column("value", "float64", "that it was ranked by"),
+    Column("rank", "int64", "1 is best"),
+    Column("kept", "bool", "whether it was kept"),
+    Column("seconds", "float64", "of this rung alone, s"),
+    Column("setting", "str", "what the rung's trainings change"),
 )
-TASKS = Table(
+TASKS = Table.of(
     "tasks",
     "a task of the sweep that has a result",
-    (
-        Column("stage", "str", "`scene`, `pog`, `surrogates`, …"),
-        Column("label", "str", "its placement, detector, …"),
-        Column("key", "str", "of its result in the store", needed=False),
-        Column("seconds", "float64", "of work, s"),
-        Column("cached", "bool", "whether the result was there before"),
-        Column("started", "float64", "s after the start of the command", False, math.nan),
-        Column("ended", "float64", "s after the start of the command", False, math.nan),
-        Column("node", "str", "machine", False, ""),
-        Column("peak_memory", "float64", "bytes", False, math.nan),
-        Column("batch_size_reduced", "bool", "because of a GPU's memory", False, False),
-    ),
+    Column("stage", "str", "`scene`, `pog`, `surrogates`, …"),
+    Column("label", "str", "its placement, detector, …"),
+    Column("key", "str", "of its result in the store", needed=False),
+    Column("seconds", "float64", "of work, s"),
+    Column("cached", "bool", "whether the result was there before"),
+    Column("started", "float64", "s after the start of the command", False, math.nan),
+    Column("ended", "float64", "s after the start of the command", False, math.nan),
+    Column("node", "str", "machine", False, ""),
+    Column("peak_memory", "float64", "bytes", False, math.nan),
+    Column("batch_size_reduced", "bool", "because of a GPU's memory", False, False),
 )
 
 TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, EXPECTED_IG_BY_Q, CURVES, PR_CURVES)

@@ -1,10 +1,12 @@
 """What a table of a run folder holds: the writer and the reader go by the same columns."""
 
+from __future__ import annotations
+
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -24,12 +26,10 @@ class Column:
     """A column of a table; values may be missing.
 
     Attributes:
-        dtype: as a sweep or a search writes it. A reader takes numbers for numbers, since one of
-            whole numbers has float64 once a value is missing. None: whatever it is made from.
+        dtype: as it is written. A reader accepts any numbers for numbers. None: anything.
         doc: what it holds, with its unit.
         needed: a table without it is refused.
-        unknown: what stands in a column that is not there; of text also where a value is missing.
-            None: nothing.
+        unknown: fills a missing column, and missing values of text. None: nothing.
         finite: whether infinity is refused. A loss may be infinite, and the distance of one LiDAR.
     """
 
@@ -59,8 +59,7 @@ class Column:
             raise ValueError(f"{file}: column {self.name} must hold finite numbers, found infinity")
 
     def plain(self, column: pd.Series) -> pd.Series:
-        """What was checked; numbers of another type than NumPy's, as other tools write them, or
-        none at all, as floats: NaN where they are missing."""
+        """Numbers that are not of a NumPy type, or all missing, as floats; others as they are."""
         if self.dtype is None or _WANTED[self.dtype] != "numbers":
             return column
         if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
@@ -77,10 +76,8 @@ class Table:
     Attributes:
         name: of the file, without `.parquet`.
         doc: what a row is.
-        columns: in the order in which they are written.
         needed: a run folder without it is none.
-        axes: which axes of the grid are columns too: those within these keys of the configuration,
-            "" for all of them.
+        axes: axes of the grid below these keys of the configuration are columns too; "": all.
         key: columns that, with the axes, distinguish the rows; (): nothing has to.
     """
 
@@ -91,41 +88,41 @@ class Table:
     axes: tuple[str, ...] = ()
     key: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, name: str, doc: str, *columns: Column, **further: Any) -> Table:
+        """A table of these columns; `further` attributes as they are."""
+        return cls(name, doc, columns, **further)
+
     @property
     def file(self) -> str:
         """Name of the file."""
         return f"{self.name}.parquet"
+
+    @property
+    def _needed(self) -> list[str]:
+        return [column.name for column in self.columns if column.needed]
 
     def axes_of(self, axes: Iterable[str]) -> list[str]:
         """Those of the axes of a grid that are columns of this table."""
         return [a for a in axes if "" in self.axes or a.partition(".")[0] in self.axes]
 
     def write(self, table: pd.DataFrame, folder: Path) -> None:
-        """Write the table in one step; without rows it needs no columns.
-
-        Raises ValueError: as for `read`.
-        """
+        """Write in one step; without rows no columns are needed. Raises ValueError as `read`."""
         self._check(table, folder / self.file)
         with replacing(folder / self.file) as partial:
             table.to_parquet(partial, index=False)
 
     def read(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame:
-        """The table in `folder`.
+        """The table in `folder`; one without rows gets the needed columns and the grid's `axes`.
 
-        Args:
-            axes: of the grid. They and the needed columns are empty where none is there, because
-                no row was written.
-
-        Raises:
-            ValueError: the file is no table, lacks a needed column, a column holds something else
-                than it must, or two rows are of the same.
+        Raises ValueError: the file is no table, lacks a needed column, has one of a wrong kind, or
+            duplicate rows.
         """
         table = read_parquet(folder / self.file)
         self._check(table, folder / self.file)
         self._check_key(table, axes, folder / self.file)
         if table.shape == (0, 0):
-            needed = [column.name for column in self.columns if column.needed]
-            table = table.reindex(columns=[*needed, *self.axes_of(axes)])
+            table = table.reindex(columns=[*self._needed, *self.axes_of(axes)])
         for column in self.columns:
             if column.name in table:
                 table[column.name] = column.plain(table[column.name])
@@ -147,8 +144,7 @@ class Table:
         if not table.columns.is_unique:
             twice = table.columns[table.columns.duplicated()][0]
             raise ValueError(f"{file}: duplicate column {twice}")
-        needed = [column.name for column in self.columns if column.needed]
-        check_columns(list(table.columns), needed, str(file))
+        check_columns(list(table.columns), self._needed, str(file))
         for column in self.columns:
             if column.name in table:
                 column.check(table[column.name], file)

@@ -32,8 +32,7 @@ def cautions(run: SearchFolder) -> list[str]:
             "another seed may find another rig."
         )
     if search.linear_share is not None:
-        said = ray_counting_caution(search.linear_share)
-        found += [said] if said else []
+        found += ray_counting_caution(search.linear_share)
     found += search.cautions
     failed = int((run.trials["state"] == "FAIL").sum())
     if failed:

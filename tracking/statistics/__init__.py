@@ -1,1 +1,6 @@
 """Statistics: arrays in, arrays out."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from tracking.statistics import Values
 from tracking.statistics.jackknife import SampleError
 from tracking.statistics.reliability import Noise
 
@@ -27,25 +27,19 @@ class AllPairs:
         degrees: its degrees of freedom, shape (n, n); 0 where it is unknown.
     """
 
-    means: NDArray[np.float64]
-    variance: NDArray[np.float64]
-    degrees: NDArray[np.float64]
+    means: Values
+    variance: Values
+    degrees: Values
 
     @classmethod
     def of(
-        cls,
-        means: NDArray[np.float64],
-        noise: Noise,
-        sample: SampleError | None = None,
-        alone: bool = False,
+        cls, means: Values, noise: Noise, sample: SampleError | None = None, alone: bool = False
     ) -> AllPairs:
         """Variances by seeds and by test objects are added, degrees of freedom Satterthwaite's.
 
-        Args:
-            means: of the placements, shape (n,).
-            noise: of the seeds, `Noise.of`; alike for all placements.
-            sample: of the same placements in the same order.
-            alone: whether the test objects alone count where the seeds' noise is unknown.
+        `noise` is that of the seeds, `Noise.of`, alike for all placements; `sample` is of the same
+        placements in the same order. `alone`: whether the test objects alone count where the seeds'
+        noise is unknown.
         """
         of_seeds = noise.variance * np.add.outer(1 / noise.counts, 1 / noise.counts)
         degrees = np.full(of_seeds.shape, float(noise.degrees))
@@ -58,7 +52,7 @@ class AllPairs:
         parts = of_seeds**2 / degrees + of_objects**2 / own
         return cls(means, whole, np.divide(whole**2, parts, out=degrees, where=parts > 0))
 
-    def intervals(self, at: int) -> NDArray[np.float64]:
+    def intervals(self, at: int) -> Values:
         """95 % intervals of the lead of one placement over each, for all pairs at once, (n, 2).
 
         By the studentized range: Tukey and Kramer's where all pairs scatter alike, else as of Games
@@ -71,7 +65,7 @@ class AllPairs:
         lead = self.means[at] - self.means
         return np.stack([lead - half, lead + half], axis=1)
 
-    def p_of_no_lead(self, at: int) -> NDArray[np.float64]:
+    def p_of_no_lead(self, at: int) -> Values:
         """p of no difference of one placement to each, adjusted as `intervals`, shape (n,)."""
         n, degrees = len(self.means), self.degrees[at]
         if n < 2 or not degrees.all():
@@ -96,3 +90,22 @@ def _critical_range(placements: int, degrees: float) -> float:
 @lru_cache(maxsize=256)
 def _tabulated(placements: int, degrees: int) -> float:
     return float(stats.studentized_range.ppf(0.95, placements, degrees))
+
+
+def pair_agreement(values: Values, pairs: AllPairs) -> tuple[float, int]:
+    """Share of the pairs that a predictor orders as their means, and the number of these pairs.
+
+    Those count of which the 95 % interval of their own difference, by Student's distribution,
+    leaves out zero. Where the predictor gives both the same value it is right by half. `values` are
+    in the order of `pairs`, high for good ones, shape (n,).
+    """
+    one, two = np.triu_indices(len(values), 1)
+    lead = (pairs.means[one] - pairs.means[two]).astype(np.float64)
+    degrees = pairs.degrees[one, two]
+    known = degrees > 0
+    reach = stats.t.ppf(0.975, np.where(known, degrees, 1.0))
+    differ = known & (np.abs(lead) > reach * np.sqrt(pairs.variance[one, two]))
+    if not differ.any():
+        return float("nan"), 0
+    agree = np.sign(values[one] - values[two]) * np.sign(lead)
+    return float((1 + agree[differ]).mean() / 2), int(differ.sum())

@@ -9,28 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from tracking.statistics import Values
+
 COEFFICIENTS = ("pearson", "spearman", "kendall")
 
 
-def scores(values: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
+def scores(values: Values, coefficient: str) -> Values:
     """Unit vectors whose inner product is the coefficient of two samples.
 
-    - `pearson`: the centred values;
-    - `spearman`: the centred ranks, ties share their mean rank;
-    - `kendall`: the signs of all differences `values[j] - values[i]`, i < j, which makes the inner
-      product tau-b (Kendall 1945): ties lower the length of the vector.
-
-    One form for all three, so that permutations and resamples are matrix products.
-
-    Args:
-        values: samples along the last axis, shape (..., n).
-        coefficient: one of `COEFFICIENTS`.
-
-    Returns:
-        Shape (..., n), or (..., n (n - 1) / 2) for `kendall`. NaN where a sample is constant.
-
-    Raises:
-        ValueError: `coefficient` is not known.
+    `pearson`: the centred values; `spearman`: the centred ranks, ties share their mean rank;
+    `kendall`: the signs of all differences `values[j] - values[i]`, i < j, which makes the inner
+    product tau-b (Kendall 1945). So permutations and resamples are matrix products. `values` have
+    samples along the last axis, shape (..., n), as have the vectors, for `kendall` of n (n - 1) / 2
+    numbers. NaN where a sample is constant.
     """
     if coefficient == "kendall":
         i, j = np.triu_indices(values.shape[-1], 1)
@@ -46,9 +37,8 @@ def scores(values: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]
         rounding = 1e-13 * np.abs(sample).sum(axis=-1)
     else:
         raise ValueError(f"coefficient must be one of {COEFFICIENTS}, found {coefficient!r}")
-    length = np.linalg.norm(vectors, axis=-1)
-    length = np.where(length > rounding, length, np.nan)
-    return vectors / length[..., None]
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > rounding[..., None], length, np.nan)
 
 
 LARGEST_EXACT = 8
@@ -58,11 +48,9 @@ LARGEST_SAMPLED = 100
 """Up to this many pairs permutations are sampled; beyond, scipy's large-sample tests do."""
 
 _SAMPLED = 9_999
-_LARGE_SAMPLE = {
-    "pearson": stats.pearsonr,
-    "spearman": stats.spearmanr,
-    "kendall": stats.kendalltau,
-}
+_LARGE_SAMPLE = dict(
+    zip(COEFFICIENTS, (stats.pearsonr, stats.spearmanr, stats.kendalltau), strict=True)
+)
 _BLOCK = 4_000_000  # numbers of a block of score vectors, 32 MB
 
 
@@ -75,24 +63,15 @@ def _orders(n: int, seed: int) -> NDArray[np.int16]:
     return np.random.default_rng(seed).permuted(rows, axis=1)
 
 
-def permutation_p(
-    x: NDArray[np.float64], y: NDArray[np.float64], coefficient: str, seed: int = 0
-) -> NDArray[np.float64]:
+def permutation_p(x: Values, y: Values, coefficient: str, seed: int = 0) -> Values:
     """Two-sided p-value of a coefficient between each row of `x` and `y`.
 
     The null pairs `y` with `x` in any order. As in `scipy.stats.permutation_test` with pairings,
     the p-value is twice the smaller tail, at most 1. With up to `LARGEST_EXACT` pairs it is exact;
     up to `LARGEST_SAMPLED`, from seeded random orders and with one added to both counts (Phipson
-    and Smyth 2010). Where no sampled order is as extreme, that only says that p is below 2e-4: then
-    it is scipy's for large samples, no larger than this and no smaller than `smallest_p`. Many
-    tests could not be corrected for otherwise.
-
-    Args:
-        x: samples, shape (k, n).
-        y: the sample that they are compared with, shape (n,).
-
-    Returns:
-        Shape (k,). NaN where a sample is constant.
+    and Smyth 2010). Where no sampled order is as extreme, it is scipy's for large samples, no
+    larger than this and no smaller than `smallest_p`, or many tests could not be corrected for. `x`
+    has shape (k, n), `y` (n,), the result (k,), NaN where a sample is constant.
     """
     n = len(y)
     of_x = scores(x, coefficient)
@@ -120,9 +99,7 @@ def permutation_p(
     return np.where(np.isnan(observed), np.nan, p)
 
 
-def _large_sample_p(
-    x: NDArray[np.float64], y: NDArray[np.float64], coefficient: str, wanted: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _large_sample_p(x: Values, y: Values, coefficient: str, wanted: NDArray[np.bool_]) -> Values:
     """scipy's two-sided p of the `wanted` rows of `x`, NaN for the others; shape (k,)."""
     test = _LARGE_SAMPLE[coefficient]
     return np.array([test(a, y).pvalue if ok else np.nan for a, ok in zip(x, wanted, strict=True)])
@@ -133,33 +110,19 @@ def smallest_p(n: int) -> float:
     return min(1.0, 2 / math.factorial(n))
 
 
-def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """p-values adjusted family-wise (Holm 1979): the chance of any false discovery.
-
-    Valid however the tests depend on each other.
-
-    Args:
-        p: shape (m,), finite.
-    """
+def holm(p: Values) -> Values:
+    """p-values, shape (m,), finite, adjusted family-wise (Holm 1979), however they depend."""
     order = np.argsort(p, kind="stable")
     adjusted = np.empty(len(p))
     adjusted[order] = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     return np.minimum(adjusted, 1.0)
 
 
-def adjust(
-    p: NDArray[np.float64], counted_as: NDArray[np.intp], method: Literal["holm", "fdr"]
-) -> NDArray[np.float64]:
-    """Adjust the p-values of a family in which some tests occur twice.
+def adjust(p: Values, counted_as: NDArray[np.intp], method: Literal["holm", "fdr"]) -> Values:
+    """Adjust the p-values of a family in which some tests occur twice; NaN where there was none.
 
-    Args:
-        p: shape (m,); NaN where there was no test.
-        counted_as: shape (m,), the index of the test that counts: its own, or that of the same one.
-        method: `holm`, or `fdr`: the expected share of false discoveries (Benjamini and Yekutieli
-            2001), valid for dependent tests too.
-
-    Returns:
-        Shape (m,), NaN where `p` is.
+    `counted_as` has the index of the test that counts: its own, or that of the same one. `fdr` is
+    the expected share of false discoveries (Benjamini and Yekutieli 2001), also of dependent tests.
     """
     counts = np.isfinite(p) & (counted_as == np.arange(len(p)))
     adjusted = np.full(len(p), np.nan)
@@ -170,16 +133,10 @@ def adjust(
     return adjusted[counted_as]
 
 
-def distinct_tests(x: NDArray[np.float64], coefficient: str) -> NDArray[np.intp]:
-    """For each sample, the first one whose tests give the same p-value whatever the metric.
+def distinct_tests(x: Values, coefficient: str) -> NDArray[np.intp]:
+    """For each sample of `x`, shape (k, n), the first one whose tests give the same p-value.
 
-    Two samples are one test if their unit vectors (`coefficients.scores`) are equal or opposite.
-
-    Args:
-        x: samples, shape (k, n).
-
-    Returns:
-        Shape (k,), indices into `x`. A constant sample points to itself.
+    Their unit vectors are equal or opposite. A constant sample points to itself.
     """
     vectors = scores(x, coefficient)
     same = np.abs(vectors @ vectors.T) > 1 - 1e-9

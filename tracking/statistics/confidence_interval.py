@@ -3,9 +3,9 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from tracking.statistics import Values
 from tracking.statistics.coefficients import scores
 from tracking.statistics.reliability import reliability, seed_mean, seed_noise
 
@@ -16,37 +16,24 @@ LEAST_PLACEMENTS = 4
 """With fewer, Fisher's z has no standard error."""
 
 
-def intervals(
-    x: NDArray[np.float64], y: NDArray[np.float64], coefficient: str, confidence: float = 0.95
-) -> NDArray[np.float64]:
+def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) -> Values:
     """Interval of the correlation of `x` with the expectation of `y` over seeds.
 
     Placements are a sample, and so are the seeds. Two steps, both on the scale of a normal
     population's Pearson correlation:
 
     1. The coefficient with the means over seeds has a normal interval of Fisher's z, whose standard
-       error is
-
-       - `pearson`: 1 / sqrt(n - 3), or by the influence function if that is larger, which it is
-         for heavy tails;
-       - `spearman`: sqrt((1 + rho^2 / 2) / (n - 3)) (Bonett and Wright 2000);
-       - `kendall`: from tau's exact variance in a bivariate normal population (Esscher 1924).
-
-       A perfect order counts as half a step below 1, since a population in which tau is 0.9 often
-       gives one.
+       error is `pearson`: 1 / sqrt(n - 3), or by the influence function if that is larger, as for
+       heavy tails; `spearman`: sqrt((1 + rho^2 / 2) / (n - 3)) (Bonett and Wright 2000); `kendall`:
+       from tau's exact variance in a bivariate normal population (Esscher 1924). A perfect order
+       counts as half a step below 1, as a population in which tau is 0.9 often gives one.
     2. The seeds' noise lowers that coefficient by the root of the means' reliability (Spearman
-       1904). The interval is that of the ratio of both, made of the interval of each and the
-       correlation of their errors (`_ratio_interval`), if a placement has two seeds.
+       1904). The interval is that of the ratio of both (`_ratio_interval`), if a placement has two
+       seeds. The coefficient with the means and its ratio to the root are inside.
 
-    Both the coefficient with the means and its ratio to the root of the reliability are inside.
-
-    Args:
-        x: samples, shape (..., n).
-        y: one row a placement, one column a seed, shape (..., n, seeds), NaN where a seed is
-            missing; leading axes broadcast with those of `x`.
-
-    Returns:
-        Lower and upper bound, shape (..., 2). NaN for fewer than 4 placements and constants.
+    `x` has shape (..., n), `y` a row a placement and a column a seed, (..., n, seeds), NaN where
+    one is missing; leading axes broadcast. Lower and upper bound, shape (..., 2), NaN for fewer
+    than 4 placements and constants.
     """
     mean = seed_mean(y)
     u, v = scores(x, coefficient), scores(mean, coefficient)
@@ -68,23 +55,16 @@ def intervals(
     return bounds
 
 
-def corrected(
-    r: NDArray[np.float64], y: NDArray[np.float64], coefficient: str
-) -> NDArray[np.float64]:
-    """Coefficients with the mean of `y` over seeds, freed from what the seeds' noise lowers.
+def corrected(r: Values, y: Values, coefficient: str) -> Values:
+    """Coefficients, shape (..., m), with the mean of `y` over seeds, freed from the seeds' noise.
 
-    Args:
-        r: shape (..., m).
-        y: shape (..., n, seeds), as for `intervals`.
-
-    Returns:
-        Shape (..., m), in [-1, 1]. Unchanged where no placement has two seeds.
+    In [-1, 1]; unchanged where no placement has two seeds. `y` as for `intervals`.
     """
     lowered = _lowered_by(y, 0.95)[..., :1]
     return from_normal(np.clip(to_normal(r, coefficient) / lowered, -1, 1), coefficient)
 
 
-def _lowered_by(y: NDArray[np.float64], confidence: float) -> NDArray[np.float64]:
+def _lowered_by(y: Values, confidence: float) -> Values:
     """Root of the reliability of means over seeds, with its interval, shape (..., 3).
 
     1 where no placement has two seeds. The value is at least the root of `LEAST_RELIABLE`.
@@ -97,24 +77,15 @@ def _lowered_by(y: NDArray[np.float64], confidence: float) -> NDArray[np.float64
     return np.stack([value, np.minimum(low, value), np.maximum(high, value)], axis=-1)
 
 
-def _ratio_interval(
-    r: NDArray[np.float64], bounds: NDArray[np.float64], y: NDArray[np.float64], confidence: float
-) -> NDArray[np.float64]:
+def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> Values:
     """Interval of `r` over the root of the means' reliability, from the interval of each.
 
     By the recovery of variances from intervals (Donner and Zou 2012): R is inside if r - R root is
     no farther from 0 than the distances of both to their bounds allow, which is a quadratic in R.
     Their errors go together, since placements that happen to differ more raise both: in normal
     populations by r / sqrt(2 (1 + (n - 1) / degrees)), to first order. The errors of ranks are
-    larger, and the rest of them has nothing to do with the spread.
-
-    Args:
-        r: Pearson correlations in (-1, 1), shape (...,).
-        bounds: of r, shape (..., 2).
-        y: as for `intervals`.
-
-    Returns:
-        Shape (..., 2), in [-1, 1].
+    larger, and the rest of them has nothing to do with the spread. `r` are Pearson correlations in
+    (-1, 1), shape (...,).
     """
     root, least, most = np.moveaxis(_lowered_by(y, confidence), -1, 0)
     n, degrees = y.shape[-2], seed_noise(y)[1]
@@ -126,12 +97,7 @@ def _ratio_interval(
     together = size / np.sqrt(2 * (1 + (n - 1) / np.maximum(degrees, 1)))
     together = together * np.minimum(normal / (high - low), 1.0)
 
-    def bound(
-        off: NDArray[np.float64],
-        other: NDArray[np.float64],
-        together: NDArray[np.float64],
-        side: int,
-    ) -> NDArray[np.float64]:
+    def bound(off: Values, other: Values, together: Values, side: int) -> Values:
         middle = size * root - together * off * other
         square, rest = root**2 - other**2, size**2 - off**2
         reached = np.sqrt(np.maximum(middle**2 - square * rest, 0.0))
@@ -140,12 +106,8 @@ def _ratio_interval(
 
     # A ratio below 0 is the farther from 0 the less reliable the means are.
     above = low >= 0
-    lower = bound(
-        size - low,
-        np.where(above, most - root, root - least),
-        np.where(above, together, -together),
-        -1,
-    )
+    of_root = np.where(above, most - root, root - least)
+    lower = bound(size - low, of_root, np.where(above, together, -together), -1)
     upper = bound(high - size, root - least, together, 1)
     ratio = np.minimum(size / root, 1.0)
     lower = np.minimum(np.clip(lower, -1, 1), np.minimum(size, ratio))
@@ -154,9 +116,7 @@ def _ratio_interval(
     return np.sort(turned, axis=-1)
 
 
-def _standard_error(
-    r: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64], coefficient: str, n: int
-) -> NDArray[np.float64]:
+def _standard_error(r: Values, u: Values, v: Values, coefficient: str, n: int) -> Values:
     """Standard error of Fisher's z of a coefficient `r`; `u` and `v` are its unit vectors."""
     if coefficient == "spearman":
         return np.sqrt((1 + r**2 / 2) / (n - 3))
@@ -170,41 +130,31 @@ def _standard_error(
     return np.asarray(np.maximum(1 / np.sqrt(n - 3), sandwich))
 
 
-def to_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
+def to_normal(r: Values, coefficient: str) -> Values:
     """Pearson's correlation of the normal population whose coefficient is `r`."""
     if coefficient == "spearman":
         return 2 * np.sin(np.pi * r / 6)
     return np.sin(np.pi * r / 2) if coefficient == "kendall" else r
 
 
-def from_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
+def from_normal(r: Values, coefficient: str) -> Values:
     """Inverse of `to_normal`."""
     if coefficient == "spearman":
         return 6 / np.pi * np.arcsin(r / 2)
     return 2 / np.pi * np.arcsin(r) if coefficient == "kendall" else r
 
 
-def strength_leads(
-    x: NDArray[np.float64], y: NDArray[np.float64], coefficient: str = "spearman"
-) -> NDArray[np.float64]:
+def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Values:
     """95 % intervals of the first \\|coefficient\\| less each other, for all pairs at once.
 
-    The samples share their placements and the metric, so their coefficients go together. Both have
-    the interval of `tracking.statistics.confidence_interval.intervals`; Zou (2007) makes of these
-    the interval of their difference, with the correlation of two sample correlations in normal
-    populations (Olkin and Siotani 1976), for ranks as an approximation. Every sample is turned so
-    that its coefficient is positive, and may then be negative in the population: a bound at 0 would
-    miss surrogates that are worth nothing.
-
-    The strongest was chosen from the same results. So the level is that of the studentized range
-    of so many surrogates, as for the leads of the best placement; two have no such price.
-
-    Args:
-        x: a row a surrogate, shape (..., k, n).
-        y: one row a placement, one column a seed, shape (..., n, seeds).
-
-    Returns:
-        Shape (..., k - 1, 2). NaN for fewer than 4 placements and constants.
+    The samples share their placements and the metric, so their coefficients go together. Zou (2007)
+    makes of their `intervals` that of their difference, with the correlation of two sample
+    correlations in normal populations (Olkin and Siotani 1976), for ranks as an approximation.
+    Every sample is turned so that its coefficient is positive, and may then be negative in the
+    population: a bound at 0 would miss surrogates that are worth nothing. The strongest was chosen
+    from the same results, so the level is that of the studentized range of so many surrogates.
+    `x` has a row a surrogate, shape (..., k, n), `y` is that of `intervals`; the result has shape
+    (..., k - 1, 2).
     """
     of_x, of_y = scores(x, coefficient), scores(seed_mean(y), coefficient)
     found = (of_x * of_y[..., None, :]).sum(axis=-1)
@@ -223,22 +173,15 @@ def strength_leads(
 
 
 def difference(
-    one: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    two: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    together: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Zou's interval of the difference of two estimates, within what two strengths can differ by.
+    one: tuple[Values, Values, Values], two: tuple[Values, Values, Values], together: Values
+) -> Values:
+    """Zou's interval, shape (..., 2), of the difference of two estimates, within [-1, 1].
 
-    Args:
-        one, two: estimate, lower and upper bound, of the same level.
-        together: correlation of the two estimates.
-
-    Returns:
-        Shape (..., 2).
+    `one` and `two` are estimate, lower and upper bound; `together` is their correlation.
     """
     (a, a_low, a_high), (b, b_low, b_high) = one, two
 
-    def distance(of_a: NDArray[np.float64], of_b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance(of_a: Values, of_b: Values) -> Values:
         return np.sqrt(np.maximum(of_a**2 + of_b**2 - 2 * together * of_a * of_b, 0.0))
 
     low = a - b - distance(a - a_low, b_high - b)
@@ -246,15 +189,8 @@ def difference(
     return np.clip(np.stack([low, high], axis=-1), -1.0, 1.0)
 
 
-def correlation_of_correlations(
-    one: NDArray[np.float64], two: NDArray[np.float64], between: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Correlation of the sample correlations of two variables with a third.
-
-    Args:
-        one, two: their correlations with the third, not negative.
-        between: that of the two.
-    """
+def correlation_of_correlations(one: Values, two: Values, between: Values) -> Values:
+    """Correlation of two sample correlations, not negative, with a third; `between` the two."""
     # The limit for a perfect order, where numerator and denominator vanish.
     one, two = np.minimum(one, 1 - 1e-6), np.minimum(two, 1 - 1e-6)
     rest = 1 - one**2 - two**2 - between**2

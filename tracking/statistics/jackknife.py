@@ -1,13 +1,10 @@
 """How much would other test routes and other individuals change AP and recall?
 
-The test frames are one draw of the traffic: a few routes, and on them a few individuals. Their
-error is estimated by leaving each route out in turn, and each individual (the delete-one jackknife,
-with Student's distribution as for few clusters: MacKinnon, Nielsen and Webb 2023). Routes hold what
-their objects share, but are few; individuals are more, but are taken as independent. The larger of
-the two errors counts.
-
-The jackknife needs numbers that move smoothly with the units: units are left out of the area that
-AP_R40 samples, see `training.leave_out`.
+The test frames are one draw of the traffic. Their error is estimated by leaving each route out in
+turn, and each individual (the delete-one jackknife, with Student's distribution as for few
+clusters: MacKinnon, Nielsen and Webb 2023). Routes hold what their objects share, but are few;
+individuals are more, but are taken as independent: the larger of the two errors counts. Units are
+left out of the area that AP_R40 samples (`training.leave_out`), which moves smoothly with them.
 """
 
 from __future__ import annotations
@@ -18,18 +15,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import optimize, special
 
+from tracking.statistics import Values
 from tracking.statistics.reliability import Noise
 
 NOTHING = "nothing"
 """Unit of the values with nothing left out: those that the others are compared with."""
 LEAST_ROUTES = 4
-"""With objects of the class. Student's factor is 4.3 for three routes and 12.7 for two: so few
-do not show how routes differ, and individuals alone are left."""
-
-
+"""With objects of the class. Fewer do not show how routes differ: then individuals alone count."""
 LEAST_OWN_UNITS = 11
 """Effective units, less one, from which on every pair of placements has a variance of its own: with
 fewer, intervals of all pairs at once cover less than those of a pooled one (docs/statistics.md)."""
@@ -57,19 +51,13 @@ class SampleError:
     def among(self, placements: Sequence[str]) -> SampleError:
         """The same with `covariance` of these placements, in this order."""
         order = pd.Index(placements)
-        own = self.covariance.reindex(index=order, columns=order)
-        return replace(self, covariance=own)
+        return replace(self, covariance=self.covariance.reindex(index=order, columns=order))
 
-    def of_pairs(self) -> tuple[NDArray[np.float64], float]:
-        """Variance of the difference of two means, and its degrees of freedom.
+    def of_pairs(self) -> tuple[Values, float]:
+        """Variance of the difference of two means, shape (n, n), and its degrees of freedom.
 
-        Placements may differ in how much the test objects matter for them, so each pair has a
-        variance of its own, moderated by those of the others
-        (`tracking.statistics.jackknife`), where there are `LEAST_OWN_UNITS`. Of fewer
-        units all have the pooled one.
-
-        Returns:
-            Shape (n, n), and one number.
+        Each pair has a variance of its own, `moderated` by those of the others; of fewer than
+        `LEAST_OWN_UNITS` units all have the pooled one.
         """
         matrix = self.covariance.to_numpy(np.float64)
         n = len(matrix)
@@ -87,32 +75,25 @@ def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
     """The error of placements that were tested on the same frames.
 
     Degrees of freedom are Satterthwaite's: units count by their shares of the ground truth, and
-    paired placements by how alike their deviations are.
+    paired placements by how alike their deviations are. `left_out` has rows of one class, detector,
+    setting, metric and IoU: placement, seed, unit, left_out, ground_truths, value. `paired`: of a
+    placement against the others; what a unit does to all of them cancels, and the difference of two
+    placements has twice the variance.
 
-    Args:
-        left_out: placement, seed, unit, left_out, ground_truths, value: rows of one class,
-            detector, setting, metric and IoU.
-        paired: of a placement against the others: what a unit does to all of them cancels, and
-            the difference of two placements has twice the variance.
-
-    Returns:
-        None where it cannot be known: no table, fewer than two units, or one that has all ground
-        truths; or, if paired, a single placement.
+    None where it cannot be known: fewer than two units, one that has all ground truths, or, if
+    paired, a single placement.
     """
     each = left_out[left_out["unit"].isin(["route", "individual"])]
     found = [_by_unit(own, str(unit), paired) for unit, own in each.groupby("unit")]
-    return max(
-        (error for error in found if error is not None), key=lambda e: e.variance, default=None
-    )
+    return max(filter(None, found), key=lambda error: error.variance, default=None)
 
 
 def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
     counts = rows.groupby("left_out")["ground_truths"].first().to_numpy(np.float64)
     values = rows.groupby(["left_out", "placement"])["value"].mean().unstack()
     placements, units = values.shape[1], int(np.count_nonzero(counts))
-    if units < (LEAST_ROUTES if unit == "route" else 2) or values.isna().to_numpy().any():
-        return None
-    if paired and placements < 2:
+    enough = units >= (LEAST_ROUTES if unit == "route" else 2) and placements > paired
+    if not enough or values.isna().to_numpy().any():
         return None
     matrix = values.to_numpy(np.float64)
     deviations = matrix - matrix.mean(axis=0)
@@ -147,19 +128,14 @@ MOST_DEGREES = 1e4
 """Of what the variances have in common: beyond, they are equal for every purpose."""
 
 
-def moderated(variances: NDArray[np.float64], degrees: float) -> tuple[NDArray[np.float64], float]:
+def moderated(variances: Values, degrees: float) -> tuple[Values, float]:
     """Posterior variances under a scaled inverse chi-square prior that is fitted to them.
 
     Empirical Bayes of Smyth (2004), section 6.2: the prior's degrees of freedom follow from how
     much the logarithms of the variances differ beyond chance. Equal variances are pooled; where
-    they differ much each stays almost as it was estimated.
-
-    Args:
-        variances: shape (m,), not negative; zeros stay, and are in no fit.
-        degrees: of each, more than 0.
-
-    Returns:
-        The variances, and their degrees of freedom: those given and those of the prior.
+    they differ much each stays almost as it was estimated. `variances` have shape (m,), are not
+    negative, and zeros stay; `degrees`, above 0, are those of each. Returns those of the prior
+    added.
     """
     known = variances > 0
     if np.count_nonzero(known) < 2:

@@ -1,11 +1,10 @@
-"""Posterior of the placements' expected metrics: draws, the probability of each to be the best, and
-what a choice among them loses."""
+"""Posterior of the placements' expected metrics: draws, which is best, and what a choice loses."""
 
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tracking.statistics import Values
 from tracking.statistics.reliability import Noise
 
 DRAWS = 20_000
@@ -14,25 +13,16 @@ _LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
 """Of the variance between placements over that of a mean over seeds."""
 
 
-def posterior(
-    means: NDArray[np.float64], noise: Noise, seed: int = 0, draws: int = DRAWS
-) -> Iterator[NDArray[np.float64]]:
-    """Independent draws from the posterior of the expected metrics, block by block.
+def posterior(means: Values, noise: Noise, seed: int = 0, draws: int = DRAWS) -> Iterator[Values]:
+    """Independent draws from the posterior of the expected metrics, block by block, (draws, n).
 
     Seeds scatter normally and alike. Expected metrics are normal around a common mean, so that a
     lead counts for less where the placements differ no more than their seeds do. The sd between
     placements, over that of a mean over seeds, has a half-Cauchy prior of scale 1 (Gelman 2006),
     which is proper with two placements too; common mean and logarithm of the noise have flat ones.
-    Given that ratio the posterior has a closed form, so the draws are independent.
-
-    Args:
-        means: over seeds, shape (n,).
-        noise: of seeds, or of the test objects as well, see `tracking.statistics.jackknife`; with
-            degrees of freedom.
-        seed: of the draws.
-
-    Yields:
-        Shape (draws of the block, n). Without any noise the means themselves, once.
+    Given that ratio the posterior has a closed form. Without any noise it is `means`, once. `noise`
+    is of seeds, or of the test objects as well (`tracking.statistics.jackknife`), and has degrees
+    of freedom.
     """
     n, counts, variance, degrees = len(means), noise.counts, noise.variance, noise.degrees
     if variance == 0:
@@ -65,17 +55,11 @@ def posterior(
         done += size
 
 
-def probability_of_best(
-    means: NDArray[np.float64], noise: Noise, seed: int = 0, draws: int = DRAWS
-) -> NDArray[np.float64]:
-    """Posterior probability of each placement to have the highest expected metric.
+def probability_of_best(means: Values, noise: Noise, seed: int = 0, draws: int = DRAWS) -> Values:
+    """Posterior probability of each placement to have the highest expected metric, shape (n,).
 
-    Args:
-        means, noise, seed, draws: see `tracking.statistics.posterior.posterior`.
-
-    Returns:
-        Shape (n,), sums to 1; equal placements share it where nothing is noise. NaN without
-        degrees of freedom.
+    Arguments are those of `posterior`. Equal placements share it where nothing is noise; NaN
+    without degrees of freedom.
     """
     if noise.degrees == 0:
         return np.full(len(means), np.nan)
@@ -87,35 +71,21 @@ def probability_of_best(
 
 
 def expected_regret(
-    means: NDArray[np.float64],
-    noise: Noise,
-    choices: NDArray[np.float64],
-    seed: int = 0,
-    draws: int = DRAWS,
-) -> NDArray[np.float64]:
+    means: Values, noise: Noise, choices: Values, seed: int = 0, draws: int = DRAWS
+) -> Values:
     """By how much the expected metric of a choice is below that of the truly best placement.
 
     The highest mean is partly the luckiest, so that the distance of a choice from it is too large
-    on average, the more so the more placements there are. Here best and choice are those of
-    expected metrics that are drawn from the posterior, with the whole noise. The posterior does not
-    know by what was chosen, so that the expectation is rather too large for a choice that is
-    better than the means suggest.
+    on average. Here best and choice are those of expected metrics that are drawn from the
+    posterior, which does not know by what was chosen: the expectation is rather too large for a
+    choice that is better than the means suggest. `choices`: how likely each takes each placement,
+    shape (choices, n), rows sum to 1; other arguments are those of `posterior`.
 
-    Args:
-        means, noise, seed, draws: see `tracking.statistics.posterior.posterior`.
-        choices: how likely each choice takes each placement, shape (choices, n), rows sum to 1: all
-            on one placement, shared among equals, or the same for all for a choice at random.
-
-    Returns:
-        Expected regret, in the unit of the means, and the bounds of its central 95 %, shape
-        (choices, 3). NaN without degrees of freedom.
+    Expected regret, in the unit of the means, and the bounds of its central 95 %, shape
+    (choices, 3). NaN without degrees of freedom.
     """
     if noise.degrees == 0:
         return np.full((len(choices), 3), np.nan)
-    lost = np.concatenate(
-        [
-            drawn.max(axis=1, keepdims=True) - drawn @ choices.T
-            for drawn in posterior(means, noise, seed, draws)
-        ]
-    )
+    blocks = posterior(means, noise, seed, draws)
+    lost = np.concatenate([d.max(axis=1, keepdims=True) - d @ choices.T for d in blocks])
     return np.column_stack([lost.mean(axis=0), *np.quantile(lost, [0.025, 0.975], axis=0)])

@@ -22,17 +22,8 @@ def power(rho: float, n: int, coefficient: str = "pearson", reliability: float =
 
     `pearson` is exact: given the surrogates, Student's t of r is not central. `spearman` is
     simulated from fixed draws (standard error below 0.013), with the exact critical value up to 8
-    placements. Up to 4 placements no permutation test reaches 5 %, so the power is 0.
-
-    Args:
-        rho: the population's coefficient, with the metric as expected over seeds.
-        n: placements.
-        coefficient: `pearson` or `spearman`.
-        reliability: of the mean over seeds (`tracking.statistics.reliability.reliability_of_mean`):
-            its noise hides some of the correlation.
-
-    Raises:
-        ValueError: an argument is out of range.
+    placements. Up to 4 placements no permutation test reaches 5 %, so the power is 0. `reliability`
+    is that of the mean over seeds, whose noise hides some of the correlation `rho`.
     """
     if not (-1 <= rho <= 1 and 0 <= reliability <= 1):
         raise ValueError(
@@ -76,15 +67,11 @@ def placements_needed(rho: float, coefficient: str = "pearson", reliability: flo
 
 def power_table(placements: Sequence[int], reliability: float = 1.0) -> pd.DataFrame:
     """`smallest_detectable` for every number of placements: columns n, pearson, spearman."""
-    return pd.DataFrame(
-        {
-            "n": list(placements),
-            **{
-                name: [smallest_detectable(n, name, reliability) for n in placements]
-                for name in ("pearson", "spearman")
-            },
-        }
-    )
+    columns = {
+        name: [smallest_detectable(n, name, reliability) for n in placements]
+        for name in ("pearson", "spearman")
+    }
+    return pd.DataFrame({"n": list(placements), **columns})
 
 
 def _power_of_pearson(rho: float, n: int) -> float:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from tracking.statistics import Values
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -21,18 +23,14 @@ class Noise:
             them; NaN where placements have different seeds.
     """
 
-    counts: NDArray[np.float64]
+    counts: Values
     variance: float
     degrees: float
     seed_sd: float = float("nan")
 
     @classmethod
-    def of(cls, y: NDArray[np.float64]) -> Noise:
-        """Of the differences between placements, see `seed_noise`.
-
-        Args:
-            y: shape (n, seeds), NaN where a seed is missing.
-        """
+    def of(cls, y: Values) -> Noise:
+        """Of the differences between placements, see `seed_noise`; `y` has shape (n, seeds)."""
         variance, degrees = seed_noise(y)
         counts = np.isfinite(y).sum(axis=1).astype(np.float64)
         paired = _crossed(y)
@@ -41,15 +39,12 @@ class Noise:
         return cls(counts, float(variance), float(degrees), float(seed_sd))
 
     @classmethod
-    def of_each(cls, y: NDArray[np.float64]) -> Noise:
+    def of_each(cls, y: Values) -> Noise:
         """Of the means themselves, what a seed adds to all placements alike included.
 
-        The variance is `pooled_variance`. Where all placements have the same seeds these add to all
-        means at once, so its degrees of freedom are Satterthwaite's, of the mean squares of a
-        two-way analysis of variance: those of the seeds if their effect is large.
-
-        Args:
-            y: shape (n, seeds), NaN where a seed is missing.
+        The variance is `pooled_variance`. Where all placements have the same seeds, its degrees of
+        freedom are Satterthwaite's, of the mean squares of a two-way analysis of variance: those of
+        the seeds if their effect is large. `y` has shape (n, seeds), NaN where a seed is missing.
         """
         variance, degrees = pooled_variance(y)
         noise = cls.of(y)
@@ -68,19 +63,15 @@ class Noise:
         return self.variance * float(np.mean(1 / self.counts))
 
 
-def seed_noise(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def seed_noise(y: Values) -> tuple[Values, Values]:
     """Variance of one seed's value, as far as it changes differences between placements.
 
     Trainings of one seed share order, augmentation and initial weights. Where all placements have
     the same seeds, what a seed adds to all of them alike is taken out: the residual mean square of
     a two-way analysis of variance without repetition (Fisher 1925). Elsewhere `pooled_variance`.
 
-    Args:
-        y: one row a placement, one column a seed, shape (..., n, seeds). NaN where a seed is
-            missing.
-
-    Returns:
-        The variance and its degrees of freedom, shape (...,). NaN without degrees of freedom.
+    `y` has a row a placement and a column a seed, shape (..., n, seeds), NaN where one is missing.
+    Returns the variance, NaN without degrees of freedom, and these, shape (...,).
     """
     variance, degrees = pooled_variance(y)
     n, seeds = y.shape[-2:]
@@ -94,20 +85,13 @@ def seed_noise(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
     return np.where(crossed, squares, variance), np.where(crossed, float(own), degrees)
 
 
-def _crossed(y: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _crossed(y: Values) -> NDArray[np.bool_]:
     """Whether two placements or more all have the same two seeds or more, shape (...,)."""
     return np.asarray(np.isfinite(y).all(axis=(-2, -1)) & (min(y.shape[-2:]) > 1))
 
 
-def pooled_variance(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Variance over seeds within placements, pooled over placements.
-
-    Args:
-        y: as for `seed_noise`.
-
-    Returns:
-        The variance and its degrees of freedom, shape (...,). NaN without degrees of freedom.
-    """
+def pooled_variance(y: Values) -> tuple[Values, NDArray[np.intp]]:
+    """Variance within placements pooled over them; arguments and result as of `seed_noise`."""
     counts = np.isfinite(y).sum(axis=-1)
     degrees = np.maximum(counts - 1, 0).sum(axis=-1)
     deviations = y - seed_mean(y)[..., None]
@@ -115,30 +99,25 @@ def pooled_variance(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return np.where(degrees > 0, total / np.maximum(degrees, 1), np.nan), degrees
 
 
-def seed_mean(y: NDArray[np.float64]) -> NDArray[np.float64]:
+def seed_mean(y: Values) -> Values:
     """Mean over the seeds that are there, shape (..., n); NaN where none is."""
     counts = np.isfinite(y).sum(axis=-1)
     return np.where(counts > 0, np.nansum(y, axis=-1) / np.maximum(counts, 1), np.nan)
 
 
 def reliability(
-    means: NDArray[np.float64], variance: ArrayLike, degrees: ArrayLike, confidence: float = 0.95
-) -> NDArray[np.float64]:
+    means: Values, variance: ArrayLike, degrees: ArrayLike, confidence: float = 0.95
+) -> Values:
     """Share of the variance of means between placements that is not noise, with its interval.
 
     1 - (variance of the noise of a mean) / (variance of the means). With the noise of `seed_noise`
     this is ICC(3, k) where all placements have the same seeds, ICC(1, k) for others in equal number
     (Shrout and Fleiss 1979). The interval is that of the F distribution, exact for normal means and
-    noise.
+    noise. `means` have shape (..., n); `variance` and `degrees`, (...,), are of the noise of a
+    mean: by seeds, test objects, or both.
 
-    Args:
-        means: shape (..., n).
-        variance: of the noise of a mean: by seeds, test objects, or both, shape (...,).
-        degrees: its degrees of freedom, shape (...,).
-
-    Returns:
-        Value, lower and upper bound, shape (..., 3), in [0, 1]. NaN for fewer than two placements,
-        noise without degrees of freedom, or no spread at all.
+    Value, lower and upper bound, shape (..., 3), in [0, 1]. NaN for fewer than two placements,
+    noise without degrees of freedom, or no spread at all.
     """
     n, degrees = means.shape[-1], np.asarray(degrees, np.float64)
     spread = np.var(means, axis=-1, ddof=1) if n > 1 else np.zeros(means.shape[:-1])
@@ -151,7 +130,7 @@ def reliability(
     return np.asarray(np.clip(1 - within, 0, 1))
 
 
-def reliability_of_mean(single: ArrayLike, seeds: ArrayLike) -> NDArray[np.float64]:
+def reliability_of_mean(single: ArrayLike, seeds: ArrayLike) -> Values:
     """Reliability of a mean over seeds from that of one seed (Spearman 1910, Brown 1910)."""
     one, s = np.asarray(single, np.float64), np.asarray(seeds, np.float64)
     return s * one / (1 + (s - 1) * one)

@@ -1,10 +1,11 @@
 """Predict a metric by a straight line of a surrogate, leaving one placement out at a time."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tracking.statistics import Values
 
 
-def left_out_predictions(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def left_out_predictions(x: Values, y: Values) -> Values:
     """Each value of `y` from the least-squares line of `x` through the others; shapes (n,).
 
     A constant predicts the mean of the others.
@@ -20,11 +21,11 @@ def left_out_predictions(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDAr
     return predictions
 
 
-def left_out_means(y: NDArray[np.float64]) -> NDArray[np.float64]:
+def left_out_means(y: Values) -> Values:
     """Each value of `y` as the mean of the others, shape (n,)."""
     return np.asarray((y.sum() - y) / (len(y) - 1))
 
 
-def rmse(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+def rmse(found: Values, expected: Values) -> float:
     """Root of the mean squared difference."""
     return float(np.sqrt(np.mean((found - expected) ** 2)))

@@ -14,6 +14,8 @@ MOST_NAMED = 20
 _PLOT = (280.0, 215.0)  # pixels of the plotting area on a narrow page
 _LETTER = (6.5, 14.0)  # pixels
 _GAP = 8.0  # from the middle of a point to its label
+_PLACES: tuple[str, ...] = ("middle right", "middle left", "top center", "bottom center")
+_PLACES += ("top right", "bottom left", "top left", "bottom right")
 
 
 def label_places(
@@ -25,43 +27,31 @@ def label_places(
     """Plotly's `textposition` for every point, chosen one point after the other.
 
     Each label takes the side that covers the least of points, their bars and labels before it; the
-    first of equal ones that is not cut at the edge.
-
-    Args:
-        x, y, labels: of the points; a point with the label "" is an obstacle alone.
-        bars: lengths of the error bars along y to each side, NaN or 0 for none.
+    first of equal ones that is not cut at the edge. A point with the label "" is an obstacle alone.
+    `bars` are lengths of the error bars along y to each side, NaN or 0 for none.
     """
     if len(labels) > MOST_NAMED:
         return ["middle right"] * len(labels)
-    across = _pixels(x, _PLOT[0])
-    low, middle, high = _ends(y, bars, _PLOT[1])
+    half = np.zeros(len(y)) if bars is None else np.nan_to_num(bars)
+    across, ends = _pixels(x, _PLOT[0]), np.concatenate([y - half, y, y + half])
+    low, middle, high = np.split(_pixels(ends, _PLOT[1]), 3)  # all are in view
     at = np.stack([across, middle], axis=1)
     taken = [(*(point - 5), *(point + 5)) for point in at]
     taken += [(px - 3, y0, px + 3, y1) for px, y0, y1 in zip(across, low, high, strict=True)]
     places = []
     for point, label in zip(at, labels, strict=True):
         width, height = _LETTER[0] * len(label), _LETTER[1]
-        right, left, centre = point[0] + _GAP, point[0] - _GAP - width, point[0] - width / 2
-        above, below, level = point[1] + _GAP, point[1] - _GAP - height, point[1] - height / 2
-        boxes = {
-            "middle right": (right, level),
-            "middle left": (left, level),
-            "top center": (centre, above),
-            "bottom center": (centre, below),
-            "top right": (right, above),
-            "bottom left": (left, below),
-            "top left": (left, above),
-            "bottom right": (right, below),
-        }
-        cost = {}
-        for place, (x0, y0) in boxes.items():
-            box = (x0, y0, x0 + width, y0 + height)
-            outside = max(0.0, -x0) + max(0.0, x0 + width - _PLOT[0])
+        start = {"right": point[0] + _GAP, "left": point[0] - _GAP - width}
+        start |= {"center": point[0] - width / 2, "middle": point[1] - height / 2}
+        start |= {"top": point[1] + _GAP, "bottom": point[1] - _GAP - height}
+        boxes, cost = {}, {}
+        for place in _PLACES:
+            y0, x0 = (start[side] for side in place.split())
+            box = boxes[place] = (x0, y0, x0 + width, y0 + height)
+            outside = max(0.0, -box[0]) + max(0.0, box[2] - _PLOT[0])
             cost[place] = sum(_overlap(box, other) for other in taken) + height * outside
-        best = min(cost, key=cost.__getitem__)
-        places.append(best)
-        x0, y0 = boxes[best]
-        taken.append((x0, y0, x0 + width, y0 + height))
+        places.append(min(cost, key=cost.__getitem__))
+        taken.append(boxes[places[-1]])
     return places
 
 
@@ -72,29 +62,11 @@ def _pixels(values: NDArray[np.float64], length: float) -> NDArray[np.float64]:
     return length * (0.06 + 0.88 * (values - low) / spread)
 
 
-def _ends(
-    values: NDArray[np.float64], bars: NDArray[np.float64] | None, length: float
-) -> list[NDArray[np.float64]]:
-    """`_pixels` of the bars' lower ends, the values and the upper ends: all are in view."""
-    half = np.zeros(len(values)) if bars is None else np.nan_to_num(bars)
-    return np.split(_pixels(np.concatenate([values - half, values, values + half]), length), 3)
-
-
 def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     """Area that two boxes (x0, y0, x1, y1) share."""
     width = min(a[2], b[2]) - max(a[0], b[0])
     height = min(a[3], b[3]) - max(a[1], b[1])
     return max(0.0, width) * max(0.0, height)
-
-
-def placement_markers(names: Sequence[str], placements: Sequence[str]) -> dict[str, Any]:
-    """Markers of some placements.
-
-    Args:
-        names: of those drawn.
-    """
-    rank = [placements.index(name) for name in names]
-    return {"size": 10, "color": [colour(i) for i in rank], "symbol": [symbol(i) for i in rank]}
 
 
 def add_placements(
@@ -108,12 +80,10 @@ def add_placements(
 ) -> None:
     """Draw a named point for each placement, its label, of few, where it hides no other.
 
-    Args:
-        x, y: of every point, shape (n,).
-        half: of the bar up and down, shape (n,), NaN for none.
-        names, placements: as of `placement_markers`.
-        trace: what else the trace has.
+    `x` and `y` are of every point, `half` of the bar up and down, NaN for none, shapes (n,);
+    `trace` is what else the trace has.
     """
+    rank = [placements.index(name) for name in names]
     across, up, bar = (np.asarray(values, np.float64) for values in (x, y, half))
     plot.add_scatter(
         x=across,
@@ -124,7 +94,7 @@ def add_placements(
         textposition=label_places(across, up, names, bar),
         textfont={"size": 11},
         cliponaxis=False,
-        marker=placement_markers(names, placements),
+        marker={"size": 10, "color": [*map(colour, rank)], "symbol": [*map(symbol, rank)]},
         showlegend=False,
         **trace,
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
-from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
-from tracking.figures.kit.vehicle_lines import posts, vehicle_in_space
+from tracking.figures.kit.style import OUTLINE, TOLD, add_menu, figure, lidar_markers, text
+from tracking.figures.kit.vehicle_lines import add_lines, posts, vehicle_in_space
 from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
@@ -29,12 +28,7 @@ _CAMERA = {"eye": {"x": 1.5, "y": 1.35, "z": 0.7}, "center": {"x": 0.0, "y": 0.0
 
 @dataclass(frozen=True)
 class PicturedRig:
-    """Mounts, and the text of each next to its pose.
-
-    Attributes:
-        mounts: poses in the ego frame.
-        words: of every mount, such as its LiDAR model; plotly text, may be empty.
-    """
+    """Mounts, and plotly text of each next to its pose, such as its LiDAR model; may be empty."""
 
     mounts: tuple[Mount, ...]
     words: tuple[str, ...]
@@ -47,35 +41,33 @@ class PicturedRig:
     @classmethod
     def found(cls, rig: Rig) -> PicturedRig:
         """A rig of a search, with its models and zones."""
-        words = [
-            text(model) + (f", zone {text(zone)}" if zone else "")
-            for model, zone in zip(rig.models, rig.zones, strict=True)
-        ]
+        pairs = zip(rig.models, rig.zones, strict=True)
+        words = [text(model) + (f", zone {text(zone)}" if zone else "") for model, zone in pairs]
         return cls(rig.placed, tuple(words))
 
 
 def rig_picture(
     rigs: Mapping[str, PicturedRig], vehicle: Vehicle | None, zones: Sequence[Zone] = ()
 ) -> go.Figure:
-    """The first of `rigs` at the start; the others by the menu.
+    """The first of `rigs`, by the name in the menu, at the start; the others by the menu.
 
-    Args:
-        rigs: by the name in the menu.
-        vehicle: carries them; a sedan for None.
-        zones: where LiDARs may sit.
+    A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`.
     """
     plot = figure("LiDARs on the vehicle", height=420, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     plot.add_traces(vehicle_in_space(vehicle))
     if zones:
         lines = np.concatenate([_prism(zone) for zone in zones])
+        add_lines(plot, lines, "#CC79A7", 4, name="zones")
+        middles = np.array([np.mean(zone.polygon, axis=0) for zone in zones])
         plot.add_scatter3d(
-            **xyz(lines),
-            mode="lines",
-            line={"color": "#CC79A7", "width": 4},
-            name="zones",
-            hoverinfo="skip",
+            x=middles[:, 0],
+            y=middles[:, 1],
+            z=[zone.z[1] for zone in zones],
+            mode="markers",
+            marker={"size": 3, "color": "#CC79A7"},
+            hovertext=[f"zone {text(zone.name)}" for zone in zones],
+            **TOLD,
         )
-        _add_zone_names(plot, zones)
     owner = [""] * len(plot.data)
     first = next(iter(rigs))
     for name, rig in rigs.items():
@@ -84,8 +76,11 @@ def rig_picture(
         owner += [name] * (len(plot.data) - before)
     for trace, who in zip(plot.data, owner, strict=True):
         trace.visible = who in ("", first)
+    # Axes of equal scale that hold every rig, so that the menu does not move the picture.
+    seen = [np.stack([trace.x, trace.y, trace.z], 1).astype(np.float64) for trace in plot.data]
+    scene = equal_axes(np.concatenate(seen), longest=1.6)
     plot.update_layout(
-        scene=_scene(plot),
+        scene=scene | {"camera": _CAMERA, "dragmode": "turntable"},
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
     )
     changes = [({"visible": [who in ("", name) for who in owner]},) for name in rigs]
@@ -102,54 +97,22 @@ def _prism(zone: Zone) -> NDArray[np.float64]:
     return np.concatenate([rings[0], gap, rings[1], gap, upright.reshape(-1, 3)])
 
 
-def _add_zone_names(plot: go.Figure, zones: Sequence[Zone]) -> None:
-    plot.add_scatter3d(
-        x=[np.mean([x for x, _ in zone.polygon]) for zone in zones],
-        y=[np.mean([y for _, y in zone.polygon]) for zone in zones],
-        z=[zone.z[1] for zone in zones],
-        mode="markers",
-        marker={"size": 3, "color": "#CC79A7"},
-        hovertext=[f"zone {text(zone.name)}" for zone in zones],
-        hoverinfo="text",
-        showlegend=False,
-    )
-
-
 def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None) -> None:
     carried = posts(rig.mounts, vehicle)
     if len(carried):
-        plot.add_scatter3d(
-            **xyz(carried),
-            mode="lines",
-            line={"color": OUTLINE, "width": 8},
-            name="posts",
-            hoverinfo="skip",
-        )
+        add_lines(plot, carried, OUTLINE, 8, name="posts")
     at = np.array([mount.position for mount in rig.mounts])
     for axis, (name, shade) in enumerate(_AXES):
         ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])
         lines = np.stack([at, ends, np.full_like(at, np.nan)], axis=1).reshape(-1, 3)
-        plot.add_scatter3d(
-            **xyz(lines),
-            mode="lines",
-            line={"color": shade, "width": 6},
-            name=f"sensor's {name}",
-            legendgroup=name,
-            hoverinfo="skip",
-        )
+        add_lines(plot, lines, shade, 6, name=f"sensor's {name}", legendgroup=name)
     plot.add_scatter3d(
         **xyz(at),
         mode="markers",
-        marker={
-            "size": 7,
-            "symbol": "diamond",
-            "color": [lidar_colour(i) for i in range(len(at))],
-            "line": {"color": "#ffffff", "width": 1},
-        },
+        marker=lidar_markers(len(at), 7),
         hovertext=[_words(rig, i) for i in range(len(at))],
-        hoverinfo="text",
         name="LiDAR",
-        showlegend=False,
+        **TOLD,
     )
 
 
@@ -161,11 +124,3 @@ def _words(rig: PicturedRig, i: int) -> str:
         f"LiDAR {i + 1}{words}<br>x {mount.x:.3f}, y {mount.y:.3f}, z {mount.z:.3f} m<br>"
         f"roll {roll:.1f}°, pitch {pitch:.1f}°, yaw {yaw:.1f}°"
     )
-
-
-def _scene(plot: go.Figure) -> dict[str, Any]:
-    """Axes of equal scale that hold every rig, so that the menu does not move the picture."""
-    seen = np.concatenate(
-        [np.stack([trace.x, trace.y, trace.z], axis=1).astype(np.float64) for trace in plot.data]
-    )
-    return equal_axes(seen, longest=1.6) | {"camera": _CAMERA, "dragmode": "turntable"}

@@ -26,14 +26,10 @@ def side_by_side(
     odds: Sequence[str] = (),
     shown: str = "%{x:.1f}",
 ) -> go.Figure:
-    """Points in rows, a colour a column, bars from low to high.
+    """Points in `rows` from top to bottom, a colour a column, bars from low to high.
 
-    Args:
-        columns: by name, mean, low and high (NaN for no interval) by row.
-        rows: in the order from top to bottom.
-        axis: plotly text.
-        odds: how likely each row is to be the best, written on the right.
-        shown: plotly's text of a point that is pointed at.
+    `columns` are by name: mean, low and high (NaN for no interval) by row. `odds`, how likely each
+    row is to be the best, are on the right; `shown` is plotly's text of a point that is pointed at.
     """
     plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, own) in enumerate(columns.items()):

@@ -37,9 +37,14 @@ def lidar_colour(index: int) -> str:
     return colour(_OF_LIDARS[index % len(COLOURS)])
 
 
+def lidar_markers(count: int, size: float) -> dict[str, Any]:
+    """Diamonds of the LiDARs of a rig."""
+    shades, edge = [lidar_colour(i) for i in range(count)], {"color": "#ffffff", "width": 1}
+    return {"symbol": "diamond", "size": size, "color": shades, "line": edge}
+
+
 def symbol(index: int) -> str:
-    """The marker of the `index`-th of several things: colours alone are not distinguished by
-    everybody.
+    """The marker of the `index`-th of several things: not everybody distinguishes colours.
 
     There is one more than colours, so that the pair of both repeats after 72 things only.
     """
@@ -62,15 +67,12 @@ plot without its labels."""
 _SIDE = 16
 """Pixels on the right of a figure with nothing there."""
 
-_TITLE = {
-    "x": 0,
-    "xref": "container",
-    "font": {"size": 14},
-    "y": 1,
-    "yref": "container",
-    "yanchor": "top",
-    "pad": {"t": 12, "l": 4},
-}
+_TITLE = {"x": 0, "xref": "container", "y": 1, "yref": "container", "yanchor": "top"}
+_AROUND_TITLE = {"font": {"size": 14}, "pad": {"t": 12, "l": 4}}
+QUIET = {"hoverinfo": "skip", "showlegend": False}
+"""Of a trace that a pointer and the legend pass over."""
+TOLD = {"hoverinfo": "text", "showlegend": False}
+"""Of a trace whose points have a text of their own."""
 
 
 def broken(title: str) -> str:
@@ -92,7 +94,7 @@ def figure(
     sides = {"l": 56, "r": _SIDE, "t": 48, "b": 48} | (margin or {})
     return go.Figure(
         layout={
-            "title": {"text": shown, **_TITLE},
+            "title": {"text": shown, **_TITLE, **_AROUND_TITLE},
             "height": height + more,
             "margin": sides | {"t": sides["t"] + more},
             "dragmode": False,
@@ -103,10 +105,8 @@ def figure(
 
 
 def legend_below(plot: go.Figure) -> None:
-    """Put the legend right under the axis' title; the figure grows by its height on a phone.
-
-    There two short names fit a row, or a long one.
-    """
+    """Put the legend right under the axis' title; the figure grows by its height on a phone, where
+    two short names fit a row, or a long one."""
     shown = [t for t in plot.data if t.showlegend is not False and t.visible is not False]
     names = [html.unescape(trace.name or "") for trace in shown]
     short = max(map(len, names), default=0) <= _LONGEST_OF_TWO
@@ -116,21 +116,10 @@ def legend_below(plot: go.Figure) -> None:
     room = 20 * -(-len(names) // in_a_row)
     title = _LINE * (plot.layout.xaxis.title.text or "").count("<br>")
     height = plot.layout.height + room + title
-    plot.update_layout(
-        height=height,
-        margin={"b": 56 + room + title},
-        legend={
-            "orientation": "h",
-            "font": {"size": 11},
-            "xref": "container",
-            "x": 0,
-            "yref": "container",
-            "y": (room + 8) / height,
-            "yanchor": "top",
-            "tracegroupgap": 0,
-            "maxheight": 1,
-        },
-    )
+    legend = {"orientation": "h", "font": {"size": 11}, "tracegroupgap": 0, "maxheight": 1}
+    legend |= {"x": 0, "xref": "container", "y": (room + 8) / height, "yref": "container"}
+    margin = {"b": 56 + room + title}
+    plot.update_layout(height=height, margin=margin, legend={**legend, "yanchor": "top"})
 
 
 def add_menu(
@@ -141,14 +130,8 @@ def add_menu(
     right: bool = False,
     **place: Any,
 ) -> None:
-    """A menu above the figure.
-
-    Args:
-        labels: its entries, plotly text.
-        changes: what each makes of the data, and of the layout if there is a second one.
-        active: the entry that the figure shows at the start.
-        right: whether it stands above the right end.
-        place: `y` and other keys of plotly's `updatemenus`.
+    """A menu above the figure, or its right end: entries, plotly text, and what each makes of the
+    data, and of the layout if there is a second change; `place` has further keys of `updatemenus`.
     """
     side = {"x": 1, "xanchor": "right"} if right else {"x": 0, "xanchor": "left"}
     buttons = [
@@ -180,44 +163,29 @@ def error_bars(up: ArrayLike, down: ArrayLike | None = None, **style: Any) -> di
 def theme(dark: bool) -> dict[str, Any]:
     """The plotly template of the light or the dark page; backgrounds are transparent."""
     ink, grid, menu = ("#e3e6ea", "#3a4048", "#23272d") if dark else ("#1d2126", "#dfe3e8", "#fff")
-    axis = {
-        "gridcolor": grid,
-        "linecolor": grid,
-        "zeroline": False,
-        "ticks": "outside",
-        "tickcolor": grid,
-        "automargin": True,
-        "title": {"standoff": 8},
+    axis = {"gridcolor": grid, "linecolor": grid, "zeroline": False, "ticks": "outside"}
+    axis |= {"tickcolor": grid, "automargin": True, "title": {"standoff": 8}}
+    clear, family = "rgba(0,0,0,0)", {"family": "system-ui, sans-serif"}
+    layout = {
+        "paper_bgcolor": clear,
+        "plot_bgcolor": clear,
+        "colorway": list(COLOURS),
+        "font": {"color": ink, "size": 12, **family},
+        "xaxis": axis,
+        "yaxis": axis,
+        "scene": theme_of_scenes(dark)["layout"]["scene"],
+        "legend": {"bgcolor": clear},
+        "updatemenudefaults": {"bgcolor": menu, "bordercolor": OUTLINE, "font": {"color": ink}},
+        "annotationdefaults": {"font": {"color": ink}},
+        "hoverlabel": {"font": family},
     }
-    return {
-        "layout": {
-            "paper_bgcolor": "rgba(0,0,0,0)",
-            "plot_bgcolor": "rgba(0,0,0,0)",
-            "colorway": list(COLOURS),
-            "font": {"color": ink, "size": 12, "family": "system-ui, sans-serif"},
-            "xaxis": axis,
-            "yaxis": axis,
-            "scene": theme_of_scenes(dark)["layout"]["scene"],
-            "legend": {"bgcolor": "rgba(0,0,0,0)"},
-            "updatemenudefaults": {"bgcolor": menu, "bordercolor": OUTLINE, "font": {"color": ink}},
-            "annotationdefaults": {"font": {"color": ink}},
-            "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
-        }
-    }
+    return {"layout": layout}
 
 
 def add_odds(plot: go.Figure, odds: Sequence[str]) -> None:
     """Write them on the right, a row each from 0 at the top on, with a head above."""
+    place = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
     for row, words in [*enumerate(map(text, odds)), (-0.9, "likely to<br>be the best")]:
-        plot.add_annotation(
-            x=1.01,
-            xref="paper",
-            xanchor="left",
-            y=row,
-            text=words,
-            align="left",
-            showarrow=False,
-            font={"size": 11},
-        )
+        plot.add_annotation(y=row, text=words, font={"size": 11}, **place)
     plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
     plot.update_layout(margin={"r": 84})

@@ -18,29 +18,22 @@ from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import xyz
 from lidarplace.viewing.solids import edges
 from lidarplace.viewing.vehicle import vehicle_boxes, vehicle_surface
-from tracking.figures.kit.style import OUTLINE, SEQUENTIAL, figure
+from tracking.figures.kit.style import OUTLINE, QUIET, SEQUENTIAL, figure
 
 VEHICLE_OUTLINE: dict[str, Any] = {
     "mode": "lines",
     "line": {"color": "#D55E00", "width": 1.5},
     "fill": "toself",
     "fillcolor": "rgba(255, 255, 255, 0.7)",
-    "hoverinfo": "skip",
-    "showlegend": False,
+    **QUIET,
 }
 """Lightens a map under the vehicle: its orange line alone is lost there for some eyes."""
 
 
-def vehicle_from_above(vehicle: Vehicle | None) -> go.Scatter:
-    """x to the right, y upwards."""
-    x, y = outline(vehicle or sedan()).T
-    return go.Scatter(x=x, y=y, **VEHICLE_OUTLINE)
-
-
-def vehicle_from_the_side(vehicle: Vehicle | None) -> go.Scatter:
-    """x to the right, z upwards."""
-    x, z = outline(vehicle or sedan(), (0, 2)).T
-    return go.Scatter(x=x, y=z, **VEHICLE_OUTLINE)
+def vehicle_outline(vehicle: Vehicle | None, up: str) -> go.Scatter:
+    """x to the right, y or z upwards: from above or from the side."""
+    across, upwards = outline(vehicle or sedan(), (0, "xyz".index(up))).T
+    return go.Scatter(x=across, y=upwards, **VEHICLE_OUTLINE)
 
 
 def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
@@ -75,14 +68,17 @@ def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
         showlegend=True,
         hoverinfo="skip",
     )
-    lines = go.Scatter3d(
-        **xyz(edges(vehicle_boxes(body))),
-        mode="lines",
-        line={"color": OUTLINE, "width": 2},
-        hoverinfo="skip",
-        showlegend=False,
-    )
+    line = {"color": OUTLINE, "width": 2}
+    lines = go.Scatter3d(**xyz(edges(vehicle_boxes(body))), mode="lines", line=line, **QUIET)
     return [surface, lines]
+
+
+def add_lines(
+    plot: go.Figure, line: NDArray[np.floating[Any]], shade: str, width: float, **trace: Any
+) -> None:
+    """A line in space through points, broken by NaN, shape (n, 3)."""
+    style = {"color": shade, "width": width}
+    plot.add_scatter3d(**xyz(line), mode="lines", line=style, hoverinfo="skip", **trace)
 
 
 def posts(mounts: Sequence[Mount], vehicle: Vehicle | None) -> NDArray[np.float64]:
@@ -104,14 +100,9 @@ _CELLS = 200
 def pog_from_above(
     entropy: NDArray[np.float32], roi: Roi, title: str, most: int = _CELLS
 ) -> go.Figure:
-    """Entropy of each column of voxels, nats. `entropy` has shape (nx, ny).
-
-    It is averaged to at most `most` cells along the longer side.
-    """
+    """Entropy of each column of voxels, nats, shape (nx, ny), averaged to at most `most` cells."""
     cells, x, y = averaged(entropy, (roi.x, roi.y), most)
-    # The height that fits the map's shape in a narrow column.
-    shape = (y[-1] - y[0]) / (x[-1] - x[0])
-    plot = figure(title, height=int(np.clip(98 + 265 * shape, 190, 480)))
+    plot = figure(title, height=map_height((y[-1] - y[0]) / (x[-1] - x[0]), 190, 480))
     shown = cells.astype(np.float32)
     plot.add_heatmap(
         z=shown.T,  # rows of a heat map run along y
@@ -127,16 +118,22 @@ def pog_from_above(
 
 
 def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
-    """Outline the vehicle, a sedan for None; it and the whole ROI are in view.
-
-    Scales are equal, x forward to the right, y left upwards.
-    """
-    plot.add_trace(vehicle_from_above(vehicle))
+    """Outline the vehicle, a sedan for None; it and the whole ROI are in view."""
+    plot.add_trace(vehicle_outline(vehicle, "y"))
     x, y = in_view(vehicle, roi)[:2]
-    plot.update_xaxes(title="x, forward (m)", range=x, constrain="domain", showgrid=False)
-    plot.update_yaxes(
-        title="y, left (m)", range=y, scaleanchor="x", constrain="domain", showgrid=False
-    )
+    axes_from_above(plot, x, y)
+
+
+def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> None:
+    """Equal scales over ranges of x, forward to the right, and y, left upwards."""
+    alike = {"constrain": "domain", "showgrid": False}
+    plot.update_xaxes(title="x, forward (m)", range=x, **alike)
+    plot.update_yaxes(title="y, left (m)", range=y, scaleanchor="x", **alike)
+
+
+def map_height(shape: float, least: int, most: int) -> int:
+    """What fits a map of this height over its width in a narrow column."""
+    return int(np.clip(98 + 265 * shape, least, most))
 
 
 def in_view(vehicle: Vehicle | None, roi: Roi) -> list[list[float]]:
@@ -149,15 +146,9 @@ def in_view(vehicle: Vehicle | None, roi: Roi) -> list[list[float]]:
 def averaged(
     cells: NDArray[np.float32], sides: tuple[Interval, Interval], most: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Means over blocks of cells.
+    """Means over square blocks of cells, shape (n, m), so large that no axis has more than `most`.
 
-    Args:
-        cells: shape (n, m).
-        sides: what the map spans along both axes, metres.
-        most: the blocks are square, and so large that no axis has more than these.
-
-    Returns:
-        The means, and the edges of the blocks along both axes in metres.
+    Returns them and the edges of the blocks along both axes; `sides` are what the map spans there.
     """
     step = -(-max(cells.shape) // most)
     means = cells.astype(np.float64)

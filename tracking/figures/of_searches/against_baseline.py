@@ -18,11 +18,8 @@ def robustness_figure(
 ) -> go.Figure:
     """A row a case: the mean, in percent of one value for all rigs; the bar ends at the worst.
 
-    Values are in their own unit where there is no percent: `designed` is not positive.
-
-    Args:
-        rows: rig, case, value and worst of one objective.
-        reference: the rig whose value as designed is 100 %; designed: that value.
+    100 % is the value `designed` of the rig `reference`; where that is not positive, values are in
+    their own unit. `rows` have rig, case, value and worst of one objective.
     """
     relative = designed > 0
     scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
@@ -57,9 +54,8 @@ def unseen(
 ) -> list[go.Figure]:
     """Two maps on one scale from 0, and `after - before` on a scale about 0.
 
-    Args:
-        before, after: residual entropy of each column of voxels, nats, shape (nx, ny).
-        names: the class, the rig of `before` and that of `after`.
+    Both are residual entropy of each column of voxels, nats, shape (nx, ny); `names` are the class,
+    the rig of `before` and that of `after`.
     """
     shown, first, second = (text(name) for name in names)
     plots = [

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,13 +23,8 @@ def search_history(
 ) -> go.Figure:
     """A mark a trial, the best feasible value so far as a line, peers as level lines.
 
-    All values are as the search computes them.
-
-    Args:
-        trials: those that were evaluated, sorted by number.
-        objective: whose values are drawn.
-        bound, greedy: None if there is none.
-        paper: values of the paper's eight, the best first.
+    All values are as the search computes them; `trials` were evaluated and are sorted by number,
+    `paper` has values of the paper's eight, the best first.
     """
     plot = figure(text(objective.name), height=440)
     value = trials[f"value.{objective.name}"].to_numpy(np.float64)
@@ -68,19 +64,19 @@ def search_history(
             _level(plot, ends, level, f"{name}, best of the paper", _PAPER, "dot")
         else:
             _level(plot, ends, level, "others of the paper", OUTLINE, "dot", name, i == 1)
-    plot.update_xaxes(title="evaluations", rangemode="tozero")
+    return _finished(plot, "evaluations", objective)
+
+
+def _finished(plot: go.Figure, counted: str, objective: Objective) -> go.Figure:
+    plot.update_xaxes(title=counted, rangemode="tozero")
     plot.update_yaxes(title=text(objective.label))
-    plot.update_layout(legend={"orientation": "h", "y": -0.16, "yanchor": "top"})
-    return plot
+    return plot.update_layout(legend={"orientation": "h", "y": -0.16, "yanchor": "top"})
 
 
 def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | None) -> go.Figure:
-    """How the upper bound fell while it was computed.
+    """How the upper bound of the first objective fell while it was computed.
 
-    Args:
-        bound: seconds, bound, kind.
-        objective: the first one.
-        best: value of the best rig, as the search computes it.
+    `bound` has seconds, bound and kind, `best` is the value of the best rig as searched.
     """
     plot = figure(f"Upper bound of {text(objective.name)}", height=440)
     for i, (kind, part) in enumerate(bound.groupby("kind", sort=False)):
@@ -96,10 +92,7 @@ def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | 
     if best is not None:
         ends = (0.0, float(bound["seconds"].max()))
         _level(plot, ends, best, "best rig", colour(0), "dot")
-    plot.update_xaxes(title="seconds", rangemode="tozero")
-    plot.update_yaxes(title=text(objective.label))
-    plot.update_layout(legend={"orientation": "h", "y": -0.16, "yanchor": "top"})
-    return plot
+    return _finished(plot, "seconds", objective)
 
 
 def _level(
@@ -140,11 +133,8 @@ def pareto_fronts(
 ) -> list[go.Figure]:
     """A figure for every pair of objectives, of values as the search computes them.
 
-    Args:
-        trials: those that were evaluated.
-        objectives: two or more.
-        rigs: by name, those without a value of the pair are left out; front: names of those on the
-            Pareto front.
+    `trials` are those that were evaluated; `rigs` without a value of the pair are left out; `front`
+    names those on the Pareto front.
     """
     feasible = trials[trials["feasible"].astype(bool)]
     return [_front(feasible, a, b, rigs, front) for a, b in combinations(objectives, 2)]
@@ -179,10 +169,7 @@ def _front(
 
 
 def _add_rigs(
-    plot: go.Figure,
-    points: Mapping[str, tuple[float, float]],
-    label: str,
-    marker: dict[str, object],
+    plot: go.Figure, points: Mapping[str, tuple[float, float]], label: str, marker: dict[str, Any]
 ) -> None:
     if not points:
         return

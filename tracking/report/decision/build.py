@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from lidarplace.base.metrics import headline_metric
 from lidarplace.command_line.invocation import command
 from tracking.figures.kit.side_by_side import side_by_side
-from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import metric_label, percent
+from tracking.findings.summary import for_comparison
+from tracking.kitti_iou import headline_label, judged
+from tracking.labels import percent
 from tracking.pages.files_beside import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
@@ -32,14 +32,8 @@ def write_decision(
 ) -> Path | None:
     """Write the page into the folder of the run, or remove that of an earlier run.
 
-    Args:
-        found: the first group with results is drawn.
-        extent: how much was compared, in one line.
-        warnings: what makes the numbers weak.
-        failures: the section of what the best rig and the next one find alone, if there is one.
-
-    Returns:
-        None without results: there is nothing to decide by.
+    The first group with results is drawn. None without results: there is nothing to decide by.
+    `failures` is the section of what the best rig and the next one find alone.
     """
     run = found.run
     target, groups = run.path / FILE, recommendations(found.rankings)
@@ -81,29 +75,22 @@ def recall_and_ap_section(
 ) -> Section:
     """Every class' AP and the recall of all objects, with intervals, the best rig on top.
 
-    Args:
-        means: `seed_means` of the run.
-        enough: whether the evidence allows to say how likely each is to be the best.
+    `means` are `seed_means` of the run; with `enough` evidence it is said how likely each is to be
+    the best.
     """
-    section = Section("What they find", columns=1)
-    own = found.group.of(means)
-    alone = len(found.ranked) <= 2
-    columns = {}
+    own, columns = for_comparison(found.group.of(means)), {}
     for name in found.ranked:
-        metric = metric_label(headline_metric(name), headline_iou(run.results, name))
+        metric = headline_label(run.results, name)
+        label = metric if len(found.ranked) <= 2 else f"{metric}, {class_label(name)}"
         table = judged(own, run.results, name).set_index("placement")
-        label = metric if alone else f"{metric}, {class_label(name)}"
-        columns[label] = table.assign(
-            low=(table["mean"] - table["half"]).clip(lower=0),
-            high=(table["mean"] + table["half"]).clip(upper=100),
-        )[["mean", "low", "high"]]
+        columns[label] = table[["mean", "low", "high"]]
     rows = found.shown
     odds = [percent(share) for share in found.best.sure.loc[rows]] if enough else []
-    section.figures.append(side_by_side(columns, rows, "Recall and AP", "percent", odds))
-    section.notes.append(
+    note = (
         "Means over seeds. Bars are 95 % intervals for a comparison, over seeds"
         + (" and over test objects, which all rigs share." if found.best.sample else ".")
         if any(table["low"].notna().any() for table in columns.values())
         else "One seed each: the training noise is unknown, so there are no bars."
     )
-    return section
+    plot = side_by_side(columns, rows, "Recall and AP", "percent", odds)
+    return Section("What they find", [note], [plot], columns=1)

@@ -1,7 +1,6 @@
 """The section of the rigs on the vehicle: from above and from the side, all at one scale."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
@@ -10,14 +9,8 @@ from plotly.subplots import make_subplots
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
-from tracking.figures.kit.style import OUTLINE, figure, lidar_colour, symbol, text
-from tracking.figures.kit.vehicle_lines import (
-    extent_of,
-    name_of,
-    posts,
-    vehicle_from_above,
-    vehicle_from_the_side,
-)
+from tracking.figures.kit.style import OUTLINE, QUIET, figure, lidar_colour, symbol, text
+from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicle_outline
 from tracking.labels import digits
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
@@ -30,27 +23,15 @@ _TITLE = 48
 _AROUND = 0.4  # metres
 _AXIS_LENGTH = 0.7  # metres
 _BODY = "rgba(136, 136, 136, 0.15)"
-
-
-@dataclass(frozen=True)
-class ViewedRig:
-    """A rig and its text.
-
-    Attributes:
-        mounts: poses in the ego frame.
-        models: of every mount, its text after the pose; plotly text, may be empty.
-    """
-
-    mounts: tuple[Mount, ...]
-    title: str
-    models: tuple[str, ...]
+Viewed = tuple[str, PicturedRig]
+"""A title, plotly text, and the rig with what stands behind the pose of every mount."""
 
 
 def picture_section(run: RunFolder, found: Recommendation) -> Section:
     """The vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
     lidars = run.sweep.lidars
     rigs = {
-        name: PicturedRig.of(run.placements[name], [model_words(m) for m in lidars.get(name, ())])
+        name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
         for name in found.shown
     }
     note = f"The menu has the best rigs. {AXES_AND_POSTS}"
@@ -59,52 +40,44 @@ def picture_section(run: RunFolder, found: Recommendation) -> Section:
 
 def rigs_section(run: RunFolder, found: Recommendation) -> Section:
     """The best rigs side by side, from above and from the side, with mounts and models."""
-    section = Section("Where the LiDARs sit")
-    section.notes.append(
+    note = (
         f"From above, and from the side; the nose of {name_of(run.sweep.body)} is on the right. A "
         "line leads from above to where a LiDAR's top leans, from the side to where its front "
         "points; grey posts carry LiDARs above the body. x is forward, y to the left, z above the "
         "ground."
     )
-    left = len(found.best.sure) - len(found.shown)
-    if left:
+    section = Section("Where the LiDARs sit", [note])
+    if left := len(found.best.sure) - len(found.shown):
         more = f"{left} more {'is' if left == 1 else 'are'} in the report"
         section.notes.append(f"Drawn are the {len(found.shown)} best, {more}.")
-    lidars = run.sweep.lidars
-    section.figures = rig_views(
-        [
-            viewed_rig(name, run.placements[name], lidars.get(name, ()), found.best.equal == [name])
-            for name in found.shown
-        ],
-        run.sweep.body,
-    )
+    rigs, lidars = run.placements, run.sweep.lidars
+    drawn = [
+        viewed_rig(name, rigs[name], lidars.get(name, ()), found.best.equal == [name])
+        for name in found.shown
+    ]
+    section.figures = rig_views(drawn, run.sweep.body)
     return section
 
 
 def viewed_rig(
     name: str, mounts: Sequence[Mount], models: Sequence[LidarModel], best: bool = False
-) -> ViewedRig:
-    """A rig to be drawn, with the texts of its LiDARs.
+) -> Viewed:
+    """A rig to be drawn, with the texts of its LiDARs; none of `models` if they are not known.
 
-    Args:
-        models: of every mount; none if they are not known.
-        best: whether it alone has the highest mean.
+    `best`: whether it alone has the highest mean.
     """
-    words = [model_words(model) for model in models]
+    words = [_model_words(model) for model in models]
     same = len(set(words)) == 1
     said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
     prices = [model.price_usd for model in models if model.price_usd is not None]
     if models and len(prices) == len(models):
         said += f" · {sum(prices):,.0f} US$"
     mark = " · highest mean" if best else ""
-    return ViewedRig(
-        tuple(mounts),
-        f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>",
-        tuple(words) if words and not same else ("",) * len(mounts),
-    )
+    title = f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>"
+    return title, PicturedRig.of(mounts, () if same else words)
 
 
-def model_words(model: LidarModel) -> str:
+def _model_words(model: LidarModel) -> str:
     """A LiDAR model in a few words."""
     low, high = (f"{digits(angle, 'z.3g')}°" for angle in model.elevation_deg)
     kind = "beams" if model.azimuth_steps > 1 else "rays of a pattern"
@@ -112,14 +85,14 @@ def model_words(model: LidarModel) -> str:
     return f"{text(model.name)}, {beams}" if model.name else beams
 
 
-def rig_views(rigs: Sequence[ViewedRig], vehicle: Vehicle | None) -> list[go.Figure]:
+def rig_views(rigs: Sequence[Viewed], vehicle: Vehicle | None) -> list[go.Figure]:
     """A figure for each rig: above its two views, below a line for each mount.
 
     From above a line leads from a LiDAR to where its top leans, longer the more it does; from the
     side the line is its own x axis, level unless it is pitched. `vehicle` is None for a sedan.
     """
-    reach = _reach([mount for rig in rigs for mount in rig.mounts], vehicle)
-    most = max(len(rig.mounts) for rig in rigs)
+    reach = _reach([mount for _, rig in rigs for mount in rig.mounts], vehicle)
+    most = max(len(rig.mounts) for _, rig in rigs)
     return [_views(rig, vehicle, reach, most) for rig in rigs]
 
 
@@ -131,12 +104,12 @@ def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tup
 
 
 def _views(
-    rig: ViewedRig, vehicle: Vehicle | None, reach: Mapping[str, tuple[float, float]], lines: int
+    viewed: Viewed, vehicle: Vehicle | None, reach: Mapping[str, tuple[float, float]], lines: int
 ) -> go.Figure:
-    below = _LINE * lines
+    (title, rig), below = viewed, _LINE * lines
     height = _TITLE + _VIEW + below + 8
     plot = make_subplots(
-        figure=figure(rig.title, height=height, margin={"l": 4, "r": 4, "t": _TITLE, "b": 8}),
+        figure=figure(title, height=height, margin={"l": 4, "r": 4, "t": _TITLE, "b": 8}),
         rows=2,
         cols=2,
         specs=[[{}, {}], [{"colspan": 2}, None]],
@@ -144,32 +117,24 @@ def _views(
         vertical_spacing=0.0,
         horizontal_spacing=0.02,
     )
-    for column, (outline, across) in enumerate(
-        ((vehicle_from_above(vehicle), "y"), (vehicle_from_the_side(vehicle), "z")), start=1
-    ):
-        plot.add_trace(outline.update(fillcolor=_BODY), row=1, col=column)
-        carried = posts(rig.mounts, vehicle).T
+    carried = posts(rig.mounts, vehicle).T
+    for column, across in enumerate("yz", start=1):
+        place = {"row": 1, "col": column}
+        plot.add_trace(vehicle_outline(vehicle, across).update(fillcolor=_BODY), **place)
         plot.add_scatter(
             x=carried[0],
             y=carried["xyz".index(across)],
             mode="lines",
             line={"color": OUTLINE, "width": 2},
-            hoverinfo="skip",
-            showlegend=False,
-            row=1,
-            col=column,
+            **QUIET,
+            **place,
         )
         for i, mount in enumerate(rig.mounts):
-            plot.add_trace(_lidar(i, mount, across), row=1, col=column)
-        plot.update_xaxes(range=reach["x"], visible=False, constrain="domain", row=1, col=column)
-        plot.update_yaxes(
-            range=reach[across],
-            visible=False,
-            constrain="domain",
-            scaleanchor=f"x{column if column > 1 else ''}",
-            row=1,
-            col=column,
-        )
+            plot.add_trace(_lidar(i, mount, across), **place)
+        hidden = {"visible": False, "constrain": "domain"} | place
+        plot.update_xaxes(range=reach["x"], **hidden)
+        scaled = f"x{column if column > 1 else ''}"
+        plot.update_yaxes(range=reach[across], scaleanchor=scaled, **hidden)
     _add_words(plot, rig, lines)
     return plot
 
@@ -190,26 +155,18 @@ def _lidar(i: int, mount: Mount, across: str) -> go.Scatter:
     )
 
 
-def _add_words(plot: go.Figure, rig: ViewedRig, lines: int) -> None:
-    number = range(len(rig.mounts))
+def _add_words(plot: go.Figure, rig: PicturedRig, lines: int) -> None:
+    number, both = range(len(rig.mounts)), zip(rig.mounts, rig.words, strict=True)
     plot.add_scatter(
-        x=[0.0] * len(rig.mounts),
+        x=[0.0] * len(number),
         y=list(number),
         mode="markers+text",
-        marker={
-            "size": 9,
-            "color": [lidar_colour(i) for i in number],
-            "symbol": [symbol(i) for i in number],
-        },
-        text=[
-            f" {_pose(mount)}" + (f" · {model}" if model else "")
-            for mount, model in zip(rig.mounts, rig.models, strict=True)
-        ],
+        marker={"size": 9, "color": [*map(lidar_colour, number)], "symbol": [*map(symbol, number)]},
+        text=[f" {_pose(mount)}" + (f" · {model}" if model else "") for mount, model in both],
         textposition="middle right",
         textfont={"size": 11},
-        hoverinfo="skip",
         cliponaxis=False,
-        showlegend=False,
+        **QUIET,
         row=2,
         col=1,
     )

@@ -1,6 +1,6 @@
 """The section of where each rig sees and where it is blind: recall by direction and distance."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,9 +38,8 @@ _PALE = [
 class _Binned:
     """A metric of one class by direction or distance.
 
-    Attributes:
-        values: placements as rows, bins as columns, percent.
-        objects: how many there are, by bin.
+    `values` have placements as rows and bins as columns, percent; `objects` are how many there
+    are, by bin.
     """
 
     object_class: str
@@ -57,32 +56,29 @@ class _Binned:
 
 def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None:
     """A table of colours for each class, by direction and by distance; None without either."""
-    tables = [
-        _binned(found, *in_bins(rows))
-        for table, keys, in_bins in (
-            (run.sector, SECTOR, in_sectors),
-            (run.distance, RING, in_rings),
-        )
-        if table is not None
-        for rows in _means(run, found, table, keys)
-    ]
+    tables = []
+    for table, keys, in_bins in ((run.sector, SECTOR, in_sectors), (run.distance, RING, in_rings)):
+        known = () if table is None else set(table.get("metric", ()))
+        if table is None or not (metric := next((name for name in _METRICS if name in known), "")):
+            continue
+        for _, rows in means_by_bin(run, [found.group], table, keys, metric):
+            tables.append(_binned(found, *in_bins(rows)))
     if not tables:
         return None
-    section = Section("Where they see, and where they are blind", columns=2)
-    section.notes.append(
+    note = (
         "Percent of the objects, dark where few are found; n is how many there are. Cells of fewer "
         f"than {_FEW} objects are pale and in brackets: too few to compare rigs by."
     )
-    for name in dict.fromkeys(table.object_class for table in tables):
-        own = [table for table in tables if table.object_class == name]
+    section = Section("Where they see, and where they are blind", [note], columns=2)
+    for name in dict.fromkeys(one.object_class for one in tables):
+        own = [one for one in tables if one.object_class == name]
         limits = _limits(own)
-        for table in own:
-            by = table.bins.of.replace(" of the object", "")
-            small = f"<span style='font-size:12px'>{table.metric}, %</span>"
+        for one in own:
+            by = one.bins.of.replace(" of the object", "")
+            small = f"<span style='font-size:12px'>{one.metric}, %</span>"
             title = f"{text(name)} by {by}<br>{small}"
-            section.figures.append(
-                bin_table(table.values, table.objects, table.bins, title, limits, table.sure)
-            )
+            plot = bin_table(one.values, one.objects, one.bins, title, limits, one.sure)
+            section.figures.append(plot)
         section.notes += _behind(own, found.best.best)
     return section
 
@@ -91,15 +87,6 @@ def _limits(tables: list[_Binned]) -> tuple[float, float]:
     """Lowest and highest percentage in any cell: none is beyond the colours."""
     values = np.concatenate([table.values.to_numpy(np.float64).ravel() for table in tables])
     return float(np.nanmin(values)), float(np.nanmax(values))
-
-
-def _means(
-    run: RunFolder, found: Recommendation, table: pd.DataFrame, keys: list[str]
-) -> Iterator[pd.DataFrame]:
-    known = set(table.get("metric", ()))
-    metric = next((name for name in _METRICS if name in known), None)
-    if metric is not None:
-        yield from (rows for _, rows in means_by_bin(run, [found.group], table, keys, metric))
 
 
 def _binned(found: Recommendation, own: pd.DataFrame, bins: Bins) -> _Binned:
@@ -141,12 +128,9 @@ def bin_table(
 ) -> go.Figure:
     """Cells with their numbers, dark where little is found, pale where there are few objects.
 
-    Args:
-        values: placements as rows from top to bottom, bins as columns, in percent; NaN for none.
-        objects: how many of them there are, by bin.
-        bins: those that are drawn, in order.
-        limits: of the darkest and the brightest colour, percent.
-        enough: bins with so many objects that they can be judged.
+    `values` have placements as rows from top to bottom and bins as columns, percent; `objects` are
+    counted by bin; `limits` are of the darkest and the brightest colour; bins that are `enough`
+    have so many objects that they can be judged.
     """
     cells = values.reindex(columns=bins.names)
     margin = {"l": 8, "r": 8, "t": 48, "b": 44}
@@ -154,6 +138,10 @@ def bin_table(
     judged = cells.columns.isin(list(enough))
     for own, scale, form in ((judged, SEQUENTIAL, "{}"), (~judged, _PALE, "({})")):
         shown = cells.loc[:, own].reindex(columns=bins.names).to_numpy(np.float64)
+        labels = [
+            [form.format(digits(v, ".0f")) if ok else "" for v, ok in zip(row, own, strict=True)]
+            for row in shown
+        ]
         plot.add_heatmap(
             z=shown,
             x=list(range(len(bins.names))),
@@ -162,13 +150,7 @@ def bin_table(
             zmax=limits[1],
             colorscale=scale,
             showscale=False,
-            text=[
-                [
-                    form.format(digits(v, ".0f")) if here else ""
-                    for v, here in zip(row, own, strict=True)
-                ]
-                for row in shown
-            ],
+            text=labels,
             texttemplate="%{text}",
             customdata=np.tile(np.asarray(bins.names, object), (len(cells), 1)),
             hovertemplate=f"%{{y}}, %{{customdata}}{bins.unit}: %{{z:.1f}} %<extra></extra>",

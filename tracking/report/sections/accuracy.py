@@ -24,10 +24,10 @@ FIRST = "s_mig"
 def accuracy_section(found: Analysis) -> Section:
     """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
     run = found.run
-    section = Section("Surrogates: error against run time", columns=2)
+    title = "Surrogates: error against run time"
     if run.accuracy is None or run.accuracy.empty:
-        section.notes.append("The run folder has no accuracy.parquet.")
-        return section
+        return Section(title, ["The run folder has no accuracy.parquet."])
+    section = Section(title, columns=2)
     section.notes.append(
         "Error against the finest resolution that was computed; a coarse grid makes beams thick "
         "and too few rays leave gaps, and the two errors can cancel. The table has the error at "
@@ -85,34 +85,28 @@ def _percent(error: float) -> str:
 def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
     """Error against the fine reference over seconds; a menu chooses the surrogate.
 
-    Args:
-        summary: `tracking.findings.surrogate_accuracy.summarise` for one class and one setting.
+    `summary` is `summarise` of one class and one setting.
     """
     plot = figure(text(title), height=440, margin={"t": 104})
     names = in_order(summary["surrogate"])
     first = FIRST if FIRST in names else names[0]
-    owner: list[str] = []
+    drawn = []
     for name in names:
         part = summary[summary["surrogate"] == name]
+        positive = part.loc[part["median_error"] > 0, "median_error"]
+        # An error of 0 has no place on a logarithmic axis: its hollow point is below all others.
+        floor = 10 ** np.floor(np.log10(positive.min()) - 0.5) if len(positive) else 1e-16
         for group, rows in part.groupby(varied(part), sort=False):
-            plot.add_trace(_line(rows, str(group), _floor(part)))
-            owner.append(name)
-    for trace, name in zip(plot.data, owner, strict=True):
-        trace.visible = name == first
+            plot.add_trace(_line(rows, str(group), floor).update(visible=name == first))
+            drawn.append(name)
     labels = [surrogate_name(name) for name in names]
-    changes = [({"visible": [name == other for other in owner]},) for name in names]
+    changes = [({"visible": [name == own for own in drawn]},) for name in names]
     add_menu(plot, labels, changes, names.index(first), right=True, y=1.04)
     powers = {"type": "log", "exponentformat": "power", "dtick": 1}
     plot.update_xaxes(title="seconds a placement and class", **powers)
     plot.update_yaxes(title="relative error", **powers)
     legend_below(plot)
     return plot
-
-
-def _floor(part: pd.DataFrame) -> float:
-    """Where an error of 0, which has no place on a logarithmic axis, is drawn (hollow)."""
-    positive = part.loc[part["median_error"] > 0, "median_error"]
-    return 10 ** np.floor(np.log10(positive.min()) - 0.5) if len(positive) else 1e-16
 
 
 def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:

@@ -5,14 +5,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.evidence import weaknesses
 from tracking.findings.groups import Group
-from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import DASH, metric_label, percent, plus_minus, span
+from tracking.findings.summary import for_comparison
+from tracking.kitti_iou import headline_label, judged
+from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
@@ -28,9 +28,8 @@ def best_section(found: Analysis) -> Section | None:
 
 def by_class_section(found: Analysis) -> Section | None:
     """The same of the other classes and groups."""
-    return _section(
-        "Which placement is best for each class and setting?", found, _ranked(found)[1:]
-    )
+    title = "Which placement is best for each class and setting?"
+    return _section(title, found, _ranked(found)[1:])
 
 
 def _ranked(found: Analysis) -> list[tuple[Group, str, BestPlacement]]:
@@ -50,19 +49,15 @@ def _section(
     run = found.run
     section = Section(title, [*_notes(found, ranked), *_seed_effects(ranked)])
     for group, name, best in ranked:
-        label = metric_label(headline_metric(name), headline_iou(run.results, name))
+        label = headline_label(run.results, name)
         own = judged(group.of(found.means), run.results, name).set_index("placement")
-        table = own.loc[best.sure.index]
-        title = group.label(class_label(name))
-        compared = table.assign(
-            low=(table["mean"] - table["half"]).clip(lower=0),
-            high=(table["mean"] + table["half"]).clip(upper=100),
-        )
+        table, title = own.loc[best.sure.index], group.label(class_label(name))
         sure = best.sure.head(MOST_DRAWN)
         weak = any(name in weakness.classes for weakness in weaknesses(run, group))
         odds = [] if weak or sure.isna().any() else sure.map(percent).tolist()
         heading, axis = text(title[0].upper() + title[1:]), f"{label} (%)"
-        plot = side_by_side({label: compared}, sure.index.tolist(), heading, axis, odds)
+        compared = {label: for_comparison(table)}
+        plot = side_by_side(compared, sure.index.tolist(), heading, axis, odds)
         section.figures.append(plot.update_traces(showlegend=False))
         section.tables.append(_table(table, best, label, title))
     return section
@@ -119,9 +114,8 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
     leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
     joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)
     joined["sure"] = best.sure
-    joined["against"] = (
-        joined["low_of_lead"].gt(0).map({True: "lower", False: "not significant"})
-    ).mask(joined["low_of_lead"].isna(), DASH)
+    behind = joined["low_of_lead"].gt(0).map({True: "lower", False: "not significant"})
+    joined["against"] = behind.mask(joined["low_of_lead"].isna(), DASH)
     joined.loc[best.best, "against"] = "highest mean"
     joined = joined.sort_values("against", key=lambda of: of == "lower", kind="stable")
     columns = [

@@ -1,7 +1,6 @@
 """What noise leaves: a perfect surrogate's ceiling, and how reliable each metric is."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,8 @@ from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import judged, judged_by_all
-from tracking.labels import detector_label, digits, signed
-from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
+from tracking.labels import digits, signed
+from tracking.pages.section import Column, Section, Table, numbers, of_group
 from tracking.report.analysis import Analysis
 from tracking.statistics.reliability import reliability_of_mean
 
@@ -40,9 +39,7 @@ def ceilings_table(found: Analysis) -> list[Table]:
         return f"{shown} ({row['unit']}s left out)" if known else shown
 
     columns = [
-        words("class"),
-        Column("detector", partial(detector_label, run.axes), words=True),
-        METRIC,
+        *of_group(run.axes),
         numbers("placements", "n", ",.0f"),
         numbers("seeds", "seeds", ".3g"),
         numbers("two seeds agree", "agreement_of_seeds", ".2f"),
@@ -53,15 +50,8 @@ def ceilings_table(found: Analysis) -> list[Table]:
         numbers("ρ of two detectors", "agreement_of_detectors", ".2f"),
         numbers("ceiling by detectors", "ceiling_by_detectors", ".2f"),
     ]
-    return [
-        Table.of(
-            "The highest ρ that is to be expected of a surrogate, by what is noise",
-            pd.concat(shown),
-            columns,
-            name="ceilings",
-            data=ceilings,
-        )
-    ]
+    caption = "The highest ρ that is to be expected of a surrogate, by what is noise"
+    return [Table.of(caption, pd.concat(shown), columns, name="ceilings", data=ceilings)]
 
 
 _NOTE = (
@@ -87,9 +77,7 @@ def reliability_section(found: Analysis) -> Section | None:
     names = (*run.classes, "all")
     shown = pd.concat([judged_by_all(ordered, run.results, name) for name in names])
     columns = [
-        words("class"),
-        Column("detector", partial(detector_label, run.axes), words=True),
-        METRIC,
+        *of_group(run.axes),
         numbers("placements", "n", ",.0f"),
         numbers("splits", "splits", ""),
         numbers("ρ of two halves", "agreement", signed),
@@ -102,16 +90,12 @@ def reliability_section(found: Analysis) -> Section | None:
 
 
 def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
-    """How alike halves of the test routes rank placements, by every metric.
+    """How alike halves of the test routes rank placements, by every metric of `left_out`.
 
-    Args:
-        left_out: `left_out.parquet`.
-
-    Returns:
-        One row per (class, detector, axes, metric, iou) with three placements or more: `n`
-        placements; `splits` of the routes; `agreement`, Spearman's rho between the halves, the mean
-        over splits, of means over seeds; and `reliability`, what Spearman and Brown's formula makes
-        of it for all routes, 0 where halves contradict each other.
+    One row per (class, detector, axes, metric, iou) with three placements or more: `n` placements;
+    `splits` of the routes; `agreement`, Spearman's rho between the halves, the mean over splits, of
+    means over seeds; and `reliability`, what Spearman and Brown's formula makes of it for all
+    routes, 0 where halves contradict each other.
     """
     keys = [key for key in group_columns(axes) if key != "difficulty"]
     halves = left_out[left_out["unit"] == "half"]

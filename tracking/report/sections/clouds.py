@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.viewing.solids import corners
-from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
+from tracking.figures.kit.style import OUTLINE, QUIET, add_menu, figure, lidar_colour, text
 from tracking.figures.kit.vehicle_lines import add_vehicle
 from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
@@ -48,40 +48,24 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
     roi, first = run.roi, placements[0]
     shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
     plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
+    shades = [(edge / 8, lidar_colour(i)) for i in range(8) for edge in (i, i + 1)]
+    marker = {"size": 2.5, "cmin": -0.5, "cmax": 7.5, "colorscale": shades}
     for name in placements:
         points, lidar = _thinned(frame, roi, name)
         plot.add_scattergl(
             x=points[:, 0],
             y=points[:, 1],
             mode="markers",
-            marker={
-                "size": 2.5,
-                "color": lidar,
-                "cmin": -0.5,
-                "cmax": 7.5,
-                "colorscale": [
-                    (edge / 8, lidar_colour(i)) for i in range(8) for edge in (i, i + 1)
-                ],
-            },
+            marker={**marker, "color": lidar},
             visible=name == first,
-            showlegend=False,
-            hoverinfo="skip",
+            **QUIET,
         )
     for object_class in dict.fromkeys(frame.labels.tolist()):
         x, y = _outlines(frame.boxes[frame.labels == object_class])
-        shade, dash = (
-            run.sweep.colours.get(object_class, OUTLINE),
-            _DASHES.get(object_class, "dash"),
-        )
-        plot.add_scatter(
-            x=x,
-            y=y,
-            mode="lines",
-            line={"color": shade, "width": 1.5, "dash": dash},
-            name=text(object_class),
-            showlegend=True,
-            hoverinfo="skip",
-        )
+        line = {"width": 1.5, "dash": _DASHES.get(object_class, "dash")}
+        line["color"] = run.sweep.colours.get(object_class, OUTLINE)
+        named = {"name": text(object_class), "showlegend": True, "hoverinfo": "skip"}
+        plot.add_scatter(x=x, y=y, mode="lines", line=line, **named)
     add_vehicle(plot, run.sweep.body, roi)
     plot.update_layout(margin={"t": 96}, legend={"orientation": "h", "y": -0.25})
     always = [True] * (len(plot.data) - len(placements))
@@ -96,12 +80,8 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
 def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """At most `POINTS` points over the ROI, x and y, and the mounts that they come from."""
     points = frame.points[name]
-    inside = np.flatnonzero(
-        (points[:, 0] >= roi.x[0])
-        & (points[:, 0] <= roi.x[1])
-        & (points[:, 1] >= roi.y[0])
-        & (points[:, 1] <= roi.y[1])
-    )
+    (x, y), (left, right), (back, front) = points[:, :2].T, roi.y, roi.x
+    inside = np.flatnonzero((x >= back) & (x <= front) & (y >= left) & (y <= right))
     if len(inside) > POINTS:
         inside = np.random.default_rng(0).choice(inside, POINTS, replace=False)
     return np.ascontiguousarray(points[inside, :2], dtype=np.float32), frame.lidar[name][inside]

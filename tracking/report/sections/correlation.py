@@ -34,14 +34,12 @@ def scatters(found: Analysis) -> Iterator[go.Figure]:
     run = found.run
     keys = [*group_columns(run.axes), "surrogate"]
     left_out = found.errors[[*keys, "spearman_min", "spearman_max"]]
-    tested_and_left_out = found.correlations.merge(left_out, on=keys, how="left")
+    tested = found.correlations.merge(left_out, on=keys, how="left")
     summed = with_sums(found.surrogates, run.axes)
     for group in found.groups:
         for name in (*run.classes, "all"):
-            own, tests = (
-                judged(group.of(part), run.results, name)
-                for part in (found.means, tested_and_left_out)
-            )
+            parts = (group.of(found.means), group.of(tested))
+            own, tests = (judged(part, run.results, name) for part in parts)
             if (tests["n"] > 0).any():
                 title = text(group.label(class_label(name)))
                 predictors = surrogates_of(summed, group.place, name)
@@ -68,13 +66,8 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         numbers("p", "kendall_p", ".2g"),
         words("note"),
     ]
-    return Table.of(
-        "All coefficients, 95 % intervals in brackets",
-        correlations,
-        columns,
-        wide=True,
-        name="coefficients",
-    )
+    caption = "All coefficients, 95 % intervals in brackets"
+    return Table.of(caption, correlations, columns, wide=True, name="coefficients")
 
 
 def scatter(
@@ -86,12 +79,9 @@ def scatter(
 ) -> go.Figure:
     """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
 
-    Args:
-        metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
-        surrogates: placements as rows, surrogates as columns (`surrogates_of`).
-        correlations: rows of `correlate` with their ceilings, with those of `leave_one_out` for
-            the same; its surrogates make the menu. The first of the largest |rho| is shown at the
-            start.
+    `metric` are rows of `seed_means` for one class, detector, metric, IoU and setting, `surrogates`
+    those of `surrogates_of`, `correlations` those of `correlate` with their ceilings and
+    `leave_one_out`; the first of the largest |rho| is shown.
     """
     known = {row["surrogate"]: row for row in correlations.to_dict("records")}
     menu = [name for name in in_order(known) if known[name]["n"] > 0]
@@ -102,38 +92,21 @@ def scatter(
     names = [str(name) for name in table.index]
     label = metric_label(*metric.iloc[0][["metric", "iou"]])
 
-    heads = [
-        f'{title}<br><span style="font-size:12px">{_coefficient(known[name])}</span>'
-        for name in menu
-    ]
-
-    def places(surrogate: str) -> list[str]:
-        x, y = table[surrogate].to_numpy(np.float64), table["mean"].to_numpy(np.float64)
-        return label_places(x, y, names, table["half"].to_numpy(np.float64))
-
+    small = '<span style="font-size:12px">'
+    heads = [f"{title}<br>{small}{_coefficient(known[name])}</span>" for name in menu]
+    mean, half = (table[key].to_numpy(np.float64) for key in ("mean", "half"))
     plot = figure(heads[first], height=400, margin={"t": 120})
-    add_placements(
-        plot,
-        table[menu[first]],
-        table["mean"],
-        table["half"],
-        names,
-        placements,
-        hovertemplate="%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>",
-    )
+    hover = "%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>"
+    shown = table[menu[first]]
+    add_placements(plot, shown, mean, half, names, placements, hovertemplate=hover)
     plot.update_xaxes(title=surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
-    changes = [
-        (
-            {"x": [table[name].to_list()], "textposition": [places(name)]},
-            {
-                "title.text": broken(head),
-                "xaxis.title.text": surrogate_label(name),
-                "xaxis.autorange": True,
-            },
-        )
-        for name, head in zip(menu, heads, strict=True)
-    ]
+    changes = []
+    for name, head in zip(menu, heads, strict=True):
+        layout = {"title.text": broken(head), "xaxis.title.text": surrogate_label(name)}
+        places = label_places(table[name].to_numpy(np.float64), mean, names, half)
+        data = {"x": [table[name].to_list()], "textposition": [places]}
+        changes.append((data, layout | {"xaxis.autorange": True}))
     add_menu(plot, [surrogate_name(name) for name in menu], changes, first, y=1.02)
     return plot
 
@@ -141,11 +114,8 @@ def scatter(
 def _coefficient(row: Mapping[Hashable, Any]) -> str:
     if np.isnan(row["spearman"]):
         return text(row["note"])
-    rho = (
-        f"ρ = {signed(row['spearman'])} "
-        f"{interval(row['spearman_low'], row['spearman_high'])}, "
-        f"p = {row['spearman_p']:.2g}, n = {row['n']}"
-    )
+    rho = f"ρ = {signed(row['spearman'])} {interval(row['spearman_low'], row['spearman_high'])}, "
+    rho += f"p = {row['spearman_p']:.2g}, n = {row['n']}"
     if np.isfinite(row["ceiling"]):
         rho += f", ceiling {row['ceiling']:.2f}"
     others = f"r = {signed(row['pearson'])}, τ = {signed(row['kendall'])}"

@@ -24,20 +24,17 @@ _MARK = "#D55E00"
 def rigs_section(found: Analysis) -> Section:
     """An interactive picture of the rigs, and where the objects are that they should see."""
     run = found.run
-    section = Section("Rigs and traffic", columns=2)
     shown = [name for name in found.order if run.placements.get(name)][:MOST_MAPS]
     if not shown:
-        section.notes.append("Where the LiDARs are is not known: evaluate --geometry names it.")
-        return section
-    section.notes.append(
+        unknown = "Where the LiDARs are is not known: evaluate --geometry names it."
+        return Section("Rigs and traffic", [unknown], columns=2)
+    note = (
         f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
-        "placement. "
-        "POG: entropy of each column of voxels, where objects may or may not be."
+        "placement. POG: entropy of each column of voxels, where objects may or may not be."
     )
-    section.notes += _setting(run)
-    section.figures.append(
-        rig_picture({name: PicturedRig.of(run.placements[name]) for name in shown}, run.sweep.body)
-    )
+    rigs = {name: PicturedRig.of(run.placements[name]) for name in shown}
+    section = Section("Rigs and traffic", [note, *_setting(run)], columns=2)
+    section.figures.append(rig_picture(rigs, run.sweep.body))
     for name, entropy in (run.maps.pog if run.maps else {}).items():
         plot = pog_from_above(entropy, run.roi, f"POG · {text(name)}")
         add_vehicle(plot, run.sweep.body, run.roi)

@@ -40,10 +40,7 @@ def failures_section(found: Analysis) -> Section | None:
 
 def counted_failures(found: Failures) -> Section:
     """How many objects each of two rigs finds alone, by class, direction, distance, occlusion and
-    height.
-
-    The first two notes say what it comes to.
-    """
+    height. The first two notes say what it comes to."""
     counts = found.counts()
     ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
     link = f"The frames with the largest differences, under {' and '.join(found.rigs)}"
@@ -71,13 +68,13 @@ def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
     first, second = found.rigs
     whole = counts.iloc[0]
     seeds = f"{len(found.seeds)} seed{'s' * (len(found.seeds) != 1)}"
-    said = [
+    said = (
         f"Of {whole['objects']:,} objects ({whole['individuals']:,} individuals) {first} finds "
         f"{whole['first']:,.0f} that {second} misses, and {second} {whole['second']:,.0f} that "
         f"{first} misses; both find {whole['both']:,.0f}, neither {whole['neither']:,.0f} "
         f"({seeds})."
-    ]
-    return [*said, _where(found, counts)]
+    )
+    return [said, _where(found, counts)]
 
 
 def _where(found: Failures, counts: pd.DataFrame) -> str:
@@ -136,10 +133,8 @@ def found_alone(
 ) -> go.Figure:
     """Bars to the right for the first rig, to the left for the second one, a colour a class.
 
-    Args:
-        counts: class, bin, objects, first, second: single classes of one dimension.
-        bins: rows from top to bottom.
-        classes: of the sweep, in order, so that a class keeps its colour.
+    `counts` are of single classes of one dimension, `bins` are rows from top to bottom, `classes`
+    those of the sweep, in order, so that a class keeps its colour.
     """
     total = counts.groupby("bin")["objects"].sum()
     plot = figure(title, height=130 + 34 * len(bins), barmode="relative", bargap=0.3)

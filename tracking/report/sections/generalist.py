@@ -5,13 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from tracking.findings.generalist import (
-    CALIBRATION,
-    JUDGEMENTS,
-    compare,
-    seconds_a_placement,
-    training_seconds,
-)
+from tracking.findings.generalist import CALIBRATION, JUDGEMENTS, compare, seconds_a_placement
 from tracking.findings.groups import JUDGE
 from tracking.labels import setting_label
 from tracking.pages.section import (
@@ -48,7 +42,7 @@ def generalist_section(found: Analysis) -> Section | None:
         return None
     section = Section("Does one detector for all rigs rank them as their own do?", [_NOTE])
     section.tables = [_table(run, rows), _seconds(run)]
-    section.notes += _once(training_seconds(run.tasks))
+    section.notes += _once(run.tasks)
     return section
 
 
@@ -73,36 +67,27 @@ def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
         in_points("bias (points)", CALIBRATION[:3], "+z.1f"),
         coefficient("slope", "slope"),
     ]
-    gone = ["surrogate", "pairs_tested", "exact"]
-    return Table.of(
-        "The generalist against the placements' own detectors",
-        rows,
-        columns,
-        name="generalist",
-        data=rows.drop(columns=gone),
-        units=dict.fromkeys(CALIBRATION[:3], "points"),
-    )
+    caption = "The generalist against the placements' own detectors"
+    data = rows.drop(columns=["surrogate", "pairs_tested", "exact"])
+    units = dict.fromkeys(CALIBRATION[:3], "points")
+    return Table.of(caption, rows, columns, units, name="generalist", data=data)
 
 
 def _seconds(run: RunFolder) -> Table:
-    table = seconds_a_placement(run.trials)
     columns = [
         words("judge", JUDGE),
         words("detector"),
         numbers("trials", "trials", ",.0f"),
         numbers("seconds of a placement and seed", "seconds", ",.3g"),
     ]
-    return Table.of(
-        "Cost of an evaluation: by the generalist; by own detectors, training included",
-        table,
-        columns,
-        name="generalist-seconds",
-        units={"seconds": "s"},
-    )
+    caption = "Cost of an evaluation: by the generalist; by own detectors, training included"
+    rows = seconds_a_placement(run.trials)
+    return Table.of(caption, rows, columns, {"seconds": "s"}, name="generalist-seconds")
 
 
-def _once(seconds: pd.Series) -> list[str]:
-    if seconds.empty:
+def _once(tasks: pd.DataFrame | None) -> list[str]:
+    """What the trainings of generalists took, each for all placements."""
+    if tasks is None or not (own := tasks.loc[tasks["stage"] == "pretrain", "seconds"]).size:
         return []
-    many = f"{len(seconds)} trainings of a generalist" if len(seconds) > 1 else "one training"
-    return [f"Before its first judgement: {many}, {seconds.sum():,.0f} s together, without clouds."]
+    many = f"{len(own)} trainings of a generalist" if len(own) > 1 else "one training"
+    return [f"Before its first judgement: {many}, {own.sum():,.0f} s together, without clouds."]

@@ -11,8 +11,8 @@ from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label, plus_minus
-from tracking.pages.section import Column, Section, Table, numbers, slug, words
+from tracking.labels import DASH, metric_label, plus_minus
+from tracking.pages.section import Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
@@ -22,44 +22,33 @@ def individuals_section(found: Analysis) -> Section | None:
     run = found.run
     if not has_detectors(run):
         return None
-    section = Section("Objects: boxes and individuals")
+    title = "Objects: boxes and individuals"
     if run.individuals is None or run.individuals.empty:
-        section.notes.append("The run folder has no individuals.parquet.")
-        return section
-    section.notes.append(
+        return Section(title, ["The run folder has no individuals.parquet."])
+    note = (
         "A box is an object in one frame; a road user in 50 frames is one individual, also over "
         "two routes. Frames of one individual are nearly the same, so the certainty depends on "
         "the number of individuals and routes, not of boxes. A log that does not name its "
         "objects has as many individuals as boxes."
     )
-    for title, part in by_setting(run.individuals, run.axes):
-        section.tables.append(individuals_table(part, title))
-    return section
+    parts = by_setting(run.individuals, run.axes)
+    return Section(title, [note], tables=[_individuals_table(part, own) for own, part in parts])
 
 
-def individuals_table(individuals: pd.DataFrame, title: str) -> Table:
+def _individuals_table(individuals: pd.DataFrame, title: str) -> Table:
     """`count_individuals` as text."""
-    counts = count_individuals(individuals)
+    most = f"boxes of the {MOST_FREQUENT} most frequent"
     columns = [
-        Column("frames", lambda row: _SPLITS.get(row["split"], str(row["split"])), words=True),
+        words("frames", "split", lambda split: "training" if split == "train" else str(split)),
         words("class"),
         numbers("routes with any", "routes", ","),
         numbers("boxes", "boxes", ","),
         numbers("individuals", "individuals", ","),
-        Column(
-            f"boxes of the {MOST_FREQUENT} most frequent",
-            lambda row: f"{100 * row['share_of_ten']:.0f} %",
-        ),
+        numbers(most, "share_of_ten", lambda share: f"{100 * share:.0f} %"),
     ]
-    return Table.of(
-        "Objects that count" + (f" · {title}" if title else ""),
-        counts,
-        columns,
-        name=slug("individuals", title),
-    )
-
-
-_SPLITS = {"train": "training"}
+    caption = "Objects that count" + (f" · {title}" if title else "")
+    name = slug("individuals", title)
+    return Table.of(caption, count_individuals(individuals), columns, name=name)
 
 
 _METRIC = headline_metric("all")
@@ -71,13 +60,8 @@ RING = ["from_m", "to_m"]
 
 @dataclass(frozen=True)
 class Bins:
-    """What objects are distinguished by.
-
-    Attributes:
-        of: what it is, with its unit.
-        names: of the bins, in order.
-        unit: what stands behind a name.
-    """
+    """What objects are distinguished by, with its unit; names of the bins, in order; and what
+    stands behind a name."""
 
     of: str
     names: tuple[str, ...]
@@ -87,12 +71,8 @@ class Bins:
 def means_by_bin(
     run: RunFolder, found: list[Group], table: pd.DataFrame, keys: list[str], metric: str
 ) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Title and means over seeds of a metric at its headline IoU, for every group and class.
-
-    Args:
-        table: of the run folder.
-        keys: its columns that distinguish bins.
-    """
+    """Title and means over seeds of a metric at its headline IoU, for every group and class;
+    `keys` are the columns of `table` that distinguish bins."""
     for group in found:
         for name in run.classes:
             own = judged(group.of(table), run.results, name, metric)
@@ -108,13 +88,9 @@ def wide(own: pd.DataFrame, bins: Bins, values: str) -> pd.DataFrame:
     return table.reindex(index=own["placement"].unique(), columns=bins.names)
 
 
-def binned_table(own: pd.DataFrame, bins: Bins, caption: str, name: str) -> Table:
-    """Mean ± sd of every placement and bin, the highest of a bin bold.
-
-    Args:
-        own: of `means_by_bin`, with its `bin`.
-        name: of the file.
-    """
+def _metric_table(own: pd.DataFrame, bins: Bins, what: str, by: str, label: str) -> Table:
+    """Mean ± sd of every placement and bin of `means_by_bin`, the highest of a bin bold."""
+    metric = f"{metric_label(own['metric'].iloc[0], own['iou'].iloc[0])} (%)"
     mean, sd = wide(own, bins, "mean"), wide(own, bins, "sd")
     rows = tuple(
         (str(row), *(plus_minus(*cell) for cell in zip(mean.loc[row], sd.loc[row], strict=True)))
@@ -126,11 +102,11 @@ def binned_table(own: pd.DataFrame, bins: Bins, caption: str, name: str) -> Tabl
         if mean[column].notna().any()
     )
     return Table(
-        caption,
+        f"{metric} {by} · {label}",
         ("placement", *(f"{column}{bins.unit}" for column in bins.names)),
         rows,
         best,
-        name=name,
+        name=slug(what, by, label),
         data=own.drop(columns="bin").rename(columns={"mean": "mean_percent", "sd": "sd_percent"}),
     )
 
@@ -148,12 +124,6 @@ def by_sector_section(found: Analysis) -> Section | None:
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         section.tables.append(_metric_table(*in_sectors(rows), "Recall", "by direction", label))
     return section
-
-
-def _metric_table(own: pd.DataFrame, bins: Bins, what: str, by: str, label: str) -> Table:
-    """Means over seeds by bin."""
-    metric = f"{metric_label(own['metric'].iloc[0], own['iou'].iloc[0])} (%)"
-    return binned_table(own, bins, f"{metric} {by} · {label}", slug(what, by, label))
 
 
 def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
@@ -189,32 +159,24 @@ def by_distance_section(found: Analysis) -> Section | None:
 
 def in_rings(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
     """The table with the ring of every row as `bin`, and all rings from the nearest on."""
-    low, high = table["from_m"], table["to_m"]
-    labels = [
-        f"{a:g}–{b:g}" if np.isfinite(b) else f"{a:g}+" for a, b in zip(low, high, strict=True)
-    ]
-    named = table.assign(bin=labels)
+    pairs = zip(table["from_m"], table["to_m"], strict=True)
+    named = table.assign(bin=[f"{a:g}–{b:g}" if np.isfinite(b) else f"{a:g}+" for a, b in pairs])
     order = named.sort_values("from_m")["bin"].unique()
     return named, Bins("distance of the object (m)", tuple(order), " m")
 
 
 def _points_table(own: pd.DataFrame, rings: Bins, label: str) -> Table:
     means, unseen = wide(own, rings, "mean"), wide(own, rings, "unseen")
-    rows = tuple(
-        (
-            str(name),
-            *(
-                "–" if np.isnan(mean) else f"{mean:,.1f} ({100 * share:.0f} %)"
-                for mean, share in zip(means.loc[name], unseen.loc[name], strict=True)
-            ),
-        )
-        for name in means.index
-    )
-    data = own.drop(columns="bin")
+
+    def cell(mean: float, share: float) -> str:
+        return DASH if np.isnan(mean) else f"{mean:,.1f} ({100 * share:.0f} %)"
+
+    rows = tuple((str(name), *map(cell, means.loc[name], unseen.loc[name])) for name in means.index)
+    names = {"mean": "points_mean", "median": "points_median"}
     return Table(
         f"Points per object, share of the objects without any in brackets · {label}",
         ("placement", *(f"{ring}{rings.unit}" for ring in rings.names)),
         rows,
         name=slug("points per object", label),
-        data=data.rename(columns={"mean": "points_mean", "median": "points_median"}),
+        data=own.drop(columns="bin").rename(columns=names),
     )

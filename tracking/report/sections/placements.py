@@ -1,6 +1,6 @@
 """The sections of all placements: surrogates, AP and recall, and whether surrogates agree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,16 +21,7 @@ from tracking.labels import (
     surrogate_label,
     surrogate_name,
 )
-from tracking.pages.section import (
-    MOST_ROWS,
-    SURROGATE,
-    Column,
-    Section,
-    Table,
-    numbers,
-    slug,
-    words,
-)
+from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
@@ -51,23 +42,25 @@ def placements_section(found: Analysis) -> Section:
     for group in found.groups:
         # Of one class the table has the recall of all objects, too.
         for name in run.classes if len(run.classes) == 1 else (*run.classes, "all"):
-            table = placement_table(run, group, found.means, name)
+            table = _placement_table(run, group, found.means, name)
             if table is not None:
                 section.tables.append(table.first(MOST_ROWS))
     failed = run.trials[run.trials["status"] == "failed"]
     if len(failed):
-        section.tables.append(trial_table(failed, run.axes).first(MOST_ROWS))
+        names = ["placement", "detector", "seed", *run.axes, "status", "error"]
+        columns, caption = [words(name) for name in names], "Trials that did not finish"
+        table = Table.of(caption, failed[names], columns, name="failed-trials")
+        section.tables.append(table.first(MOST_ROWS))
     return section
 
 
-def placement_table(
+def _placement_table(
     run: RunFolder, group: Group, means: pd.DataFrame, object_class: str
 ) -> Table | None:
     """Surrogates, AP and recall of every placement for one class, best headline AP first.
 
     Placements without AP follow in the order of `by_surrogate`; where none has any result, ranks
-    stand behind the surrogates. Class "all" has no AP. None if there is neither a result nor
-    a surrogate.
+    stand behind the surrogates. None if there is neither a result nor a surrogate.
     """
     own = group.of(means)
     own = own[own["class"] == object_class]
@@ -83,7 +76,8 @@ def placement_table(
     required = met(verdicts(run, group.setting)).reindex(table.index)
     if required.notna().any():
         table["requirements met"] = required
-        columns.append(Column("requirements met", lambda row: _or_dash(row["requirements met"])))
+        counted = required.fillna(DASH)
+        columns.append(Column("requirements met", lambda row: counted[row["placement"]]))
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
     metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     for metric, iou in metrics.itertuples(index=False):
@@ -103,9 +97,8 @@ def placement_table(
     for surrogate in in_order(surrogates.columns):
         label = surrogate_label(surrogate)
         table[label] = surrogates[surrogate].reindex(table.index)
-        columns.append(
-            _with_rank(label, table[label]) if own.empty else numbers(label, label, number)
-        )
+        alone = own.empty
+        columns.append(_with_rank(label, table) if alone else numbers(label, label, number))
     if order:
         table = table.sort_values(order, ascending=False, kind="stable")
     best = {(int(np.nanargmax(table[k])), i) for i, k in highest.items() if table[k].notna().any()}
@@ -118,31 +111,19 @@ def placement_table(
     )
 
 
-def _or_dash(value: Any) -> str:
-    return DASH if pd.isna(value) else str(value)
-
-
 def _mean_and_sd(label: str) -> Column:
     return Column(label, lambda row: plus_minus(row[f"{label} mean"], row[f"{label} sd"]))
 
 
-def _with_rank(label: str, values: pd.Series) -> Column:
-    """A number with its rank among `values` in brackets, 1 the highest."""
-    ranks = values.rank(ascending=False, method="min")
+def _with_rank(label: str, table: pd.DataFrame) -> Column:
+    """A number with its rank among those of the table in brackets, 1 the highest."""
+    ranks = table[label].rank(ascending=False, method="min")
 
     def cell(row: Mapping[Any, Any]) -> str:
         rank, shown = ranks[row["placement"]], number(row[label])
         return shown if np.isnan(rank) else f"{shown} ({rank:.0f})"
 
     return Column(label, cell)
-
-
-def trial_table(trials: pd.DataFrame, axes: Sequence[str]) -> Table:
-    """The trials that did not finish, with their errors."""
-    names = ["placement", "detector", "seed", *axes, "status", "error"]
-    columns = [words(name) for name in names]
-    own = trials[names]
-    return Table.of("Trials that did not finish", own, columns, name="failed-trials")
 
 
 def agreement_section(found: Analysis) -> Section | None:
@@ -156,24 +137,24 @@ def agreement_section(found: Analysis) -> Section | None:
     for group in found.groups:
         for name in names:
             title = group.label("Sum of the classes" if name == "all" else name)
-            section.tables += surrogate_agreement(surrogates_of(sums, group.setting, name), title)
+            section.tables += _surrogate_agreement(surrogates_of(sums, group.setting, name), title)
     if not section.tables:
         section.notes = ["Fewer than 3 placements: no rank agreement."]
     return section
 
 
-def surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
+def _surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
     """Surrogates as rows and columns; [] for fewer than 3 placements, or fewer than 2 that vary.
 
-    Args:
-        surrogates: placements as rows, surrogates as columns (`surrogates_of`).
+    `surrogates` have placements as rows, surrogates as columns (`surrogates_of`).
     """
     own = surrogates[in_order(surrogates.columns)].dropna(axis="columns", how="all")
     own = own.loc[:, own.nunique() > 1]
     if len(own) < 3 or own.shape[1] < 2:
         return []
     rho = own.corr("spearman")
-    columns = [numbers(surrogate_name(name), name, signed) for name in rho.columns]
+    columns = [words("surrogate", show=surrogate_name)]
+    columns += [numbers(surrogate_name(name), name, signed) for name in rho.columns]
     rows = rho.rename_axis("surrogate").rename_axis(columns=None).reset_index()
     name = slug("agreement", title)
-    return [Table.of(title, rows, [SURROGATE, *columns], wide=True, name=name)]
+    return [Table.of(title, rows, columns, wide=True, name=name)]

@@ -1,7 +1,6 @@
 """The section on surrogates: which predicts AP and recall, how well, and what trusting it costs."""
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from tracking.labels import (
     signed,
     span,
 )
-from tracking.pages.section import METRIC, SURROGATE, Column, Section, Table, numbers, words
+from tracking.pages.section import SURROGATE, Column, Section, Table, numbers, of_group
 from tracking.report.analysis import Analysis
 from tracking.report.sections.ceiling import CEILING, ceilings_table
 from tracking.report.sections.correlation import MOST_COEFFICIENTS, correlation_table, scatters
@@ -84,18 +83,15 @@ def predictors_section(found: Analysis) -> Section | None:
 
 def _is_headline(run: RunFolder, one: Predictors) -> bool:
     """Whether it is about 3D AP of a class, or recall of all, at the headline IoU."""
-    name = str(one.group["class"])
-    iou = headline_iou(run.results, name)
-    return one.group["metric"] == headline_metric(name) and one.group["iou"] == iou
+    name, group = str(one.group["class"]), one.group
+    headline = (headline_metric(name), headline_iou(run.results, name))
+    return (group["metric"], group["iou"]) == headline
 
 
 def _group_label(run: RunFolder, group: Mapping[Any, Any]) -> str:
     """Detector and setting, as far as the sweep has several of them."""
-    varying = [
-        axis
-        for axis in ("detector", *run.axes)
-        if axis in run.results and run.results[axis].nunique(dropna=False) > 1
-    ]
+    keys = [key for key in ("detector", *run.axes) if key in run.results]
+    varying = [key for key in keys if run.results[key].nunique(dropna=False) > 1]
     axes = [axis for axis in varying if axis != "detector"]
     return (detector_label if "detector" in varying else setting_label)(axes, group)
 
@@ -105,11 +101,9 @@ def _power_sentences(correlations: pd.DataFrame) -> Iterator[str]:
     known = correlations[correlations["spearman"].notna()]
     for n, part in known.groupby("n"):
         least = smallest_detectable(int(str(n)), "spearman", _reliability(part))
-        found = (
-            f"only a |ρ| above {least:.2f} in the population would be found"
-            if np.isfinite(least)
-            else "no correlation, however strong, would be found"
-        )
+        found = "no correlation, however strong, would be found"
+        if np.isfinite(least):
+            found = f"only a |ρ| above {least:.2f} in the population would be found"
         yield (
             f"With {n} placements {found} with a probability of 80 % (two-sided test at 5 %, "
             "before any correction for many tests)."
@@ -160,9 +154,7 @@ def _ranking_table(found: Analysis) -> Table:
         return f"{row['behind']:.2f} {interval(low, high)}{not_significant(low, high)}"
 
     columns = [
-        words("class"),
-        Column("detector", partial(detector_label, run.axes), words=True),
-        METRIC,
+        *of_group(run.axes),
         SURROGATE,
         numbers("ρ", "spearman", signed),
         CEILING,

@@ -1,6 +1,6 @@
 """The section about promotion: what it saved and what it risked."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -27,7 +27,7 @@ def promotion_section(found: Analysis) -> Section | None:
     if promotions is None or promotions.empty:
         return None
     section = Section("Promotion", [_HOW_TO_READ])
-    parts = list(promoted(promotions, run.trials, run.results, run.axes, run.sweep.promote))
+    parts = list(promoted(run))
     for group in parts:
         table = stages(group)
         label = group.title if len(parts) > 1 else ""
@@ -103,10 +103,7 @@ def _values(group: Promoted, title: str) -> Table:
     values = group.rungs.pivot(index="placement", columns="rung", values="value")
     data = values.reindex(columns=sorted(values.columns)).reindex(ranks.index)
     data = data.set_axis(group.stages[:-1], axis="columns").assign(**{group.stages[-1]: group.ap})
-    forms: list[Callable[[float], str]] = [
-        *[number] * (len(group.stages) - 1),
-        partial(digits, form=".1f"),
-    ]
+    forms = [number] * (len(group.stages) - 1) + [partial(digits, form=".1f")]
     cells = [
         [
             form(value) if np.isnan(rank) else f"{form(value)} ({rank:.0f})"

@@ -34,8 +34,8 @@ _HOW_TO_READ = (
     "traffic. Square is published for its three densities only and is left out. The intervals "
     "of the coefficients do not include the spread over seeds."
 )
-_PRESETS = ("_paper", "_tiny")
-_DIGITS = 6
+DIGITS = 6
+"""Of metres and radians by which mounts are compared: a micrometre, a microradian."""
 
 
 def published_section(found: Analysis) -> Section | None:
@@ -71,21 +71,20 @@ def published_section(found: Analysis) -> Section | None:
 
 
 def paper_names(placements: Mapping[str, Sequence[Mount]]) -> dict[str, str]:
-    """Which of `placements` stands for each of the paper's eight, by its mounts.
-
-    Of several with the same mounts the one of the paper's name does, else the first.
-    """
-    rigs = {name: _rig(mounts) for name, mounts in placements.items()}
+    """Which of `placements` stands for each of the paper's eight, by its mounts: of several that of
+    the paper's name, else the first."""
+    rigs = {name: rounded(mounts) for name, mounts in placements.items()}
     found = {}
     for paper, placement in PAPER_PLACEMENTS.items():
-        same = [name for name, rig in rigs.items() if rig == _rig(placement.mounts)]
+        same = [name for name, rig in rigs.items() if rig == rounded(placement.mounts)]
         if same:
             found[paper] = paper if paper in same else same[0]
     return found
 
 
-def _rig(mounts: Sequence[Mount]) -> list[tuple[float, ...]]:
-    return sorted(tuple(round(value, _DIGITS) + 0.0 for value in astuple(m)) for m in mounts)
+def rounded(mounts: Sequence[Mount]) -> list[tuple[float, ...]]:
+    """Mounts as numbers that are the same for equal rigs, whatever their order."""
+    return sorted(tuple(round(value, DIGITS) + 0.0 for value in astuple(m)) for m in mounts)
 
 
 def _of_run(run: RunFolder) -> pd.DataFrame:
@@ -112,22 +111,17 @@ def _orders(pairs: pd.DataFrame) -> Iterator[str]:
             )
 
 
-def _network(detector: str) -> str:
-    for tail in _PRESETS:
-        detector = detector.removesuffix(tail)
-    return detector
-
-
 def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) -> pd.DataFrame:
     """Rows of `published` with mean, low and high of the same network here, and `series`."""
     keys = ["placement", "class", "metric", "iou"]
     own = means[means["seeds"] > 0]
     columns = ["mean", "low", "high", "detector", *run.axes]
-    own = own.assign(network=own["detector"].map(_network))[[*keys, "network", *columns]]
+    networks = [name.removesuffix("_paper").removesuffix("_tiny") for name in own["detector"]]
+    own = own.assign(network=networks)[[*keys, "network", *columns]]
     own = own.rename(columns={"detector": "own_detector"})
     pairs = published.merge(own, left_on=[*keys, "detector"], right_on=[*keys, "network"])
     series = [
-        " · ".join(part for part in (row["own_detector"], setting_label(run.axes, row)) if part)
+        " · ".join(filter(None, (row["own_detector"], setting_label(run.axes, row))))
         for row in pairs.to_dict("records")
     ]
     return pairs.assign(series=series)
@@ -154,15 +148,10 @@ def _published_table(published: pd.DataFrame) -> Table:
     placements = list(dict.fromkeys(published["placement"]))
     keys = ["class", "metric", "iou", "detector"]
     wide = published.pivot(index=keys, columns="placement", values="value")[placements]
-    wide = wide.loc[list(dict.fromkeys(map(tuple, published[keys].itertuples(index=False))))]
+    wide = wide.loc[list(dict.fromkeys(published[keys].itertuples(index=False, name=None)))]
     rows = tuple(
-        (
-            class_label(name),
-            metric_label(metric, iou),
-            detector,
-            *(digits(value, ".2f") for value in values),
-        )
-        for (name, metric, iou, detector), values in zip(wide.index, wide.to_numpy(), strict=True)
+        (class_label(n), metric_label(m, iou), network, *(digits(v, ".2f") for v in values))
+        for (n, m, iou, network), values in zip(wide.index, wide.to_numpy(), strict=True)
     )
     data = published[["table", *keys, "placement", "value"]].rename(columns={"value": "value (%)"})
     return Table(
@@ -197,23 +186,16 @@ def published_density_table() -> Table:
     """AP of Square and its surrogates, as the paper printed them, a column a density."""
     results, surrogates = (table[table["over"] == "densities"] for table in _printed_both())
     densities = list(dict.fromkeys(results["placement"]))[::-1]
-    wide = results.pivot(index=["metric", "iou", "detector"], columns="placement", values="value")
+    keys = ["metric", "iou", "detector"]
+    wide = results.pivot(index=keys, columns="placement", values="value")[densities]
     rows = [
-        (f"{detector} · {metric_label(metric, iou)} (%)", *(f"{value:.2f}" for value in values))
-        for (metric, iou, detector), values in zip(
-            wide.index, wide[densities].to_numpy(), strict=True
-        )
+        (f"{detector} · {metric_label(metric, iou)} (%)", *map("{:.2f}".format, values))
+        for (metric, iou, detector), values in zip(wide.index, wide.to_numpy(), strict=True)
     ]
     known = surrogates.pivot(index="surrogate", columns="placement", values="value")[densities]
-    rows += [
-        (surrogate_label(name), *map(number, known.loc[name])) for name in in_order(known.index)
-    ]
-    data = pd.concat(
-        [
-            results[["detector", "metric", "iou", "placement", "value"]],
-            surrogates[["surrogate", "placement", "value"]],
-        ]
-    )
+    rows += [(surrogate_label(n), *map(number, known.loc[n])) for n in in_order(known.index)]
+    of_results = results[["detector", "metric", "iou", "placement", "value"]]
+    data = pd.concat([of_results, surrogates[["surrogate", "placement", "value"]]])
     return Table(
         f"Published · {_CLASS}, Square",
         ("", *densities),

@@ -40,6 +40,7 @@ def recorded_clouds_section(found: Analysis) -> Section | None:
         of_group.append(Column("setting", lambda row: setting_label(axes, row), words=True))
     of_group.append(METRIC)
 
+    biases = ("bias", "bias_low", "bias_high")
     agreement = Table.of(
         "Rank agreement of simulated clouds with recorded ones",
         rank_agreement(run),
@@ -49,11 +50,11 @@ def recorded_clouds_section(found: Analysis) -> Section | None:
             coefficient("ρ", "spearman"),
             coefficient("τ", "kendall"),
             numbers("p of ρ", "spearman_p", ".2g"),
-            in_points("bias (points)", ("bias", "bias_low", "bias_high"), "+z.1f"),
+            in_points("bias (points)", biases, "+z.1f"),
             words("note"),
         ],
         name="recorded-clouds",
-        units=dict.fromkeys(("bias", "bias_low", "bias_high"), "points"),
+        units=dict.fromkeys(biases, "points"),
     )
     each = Table.of(
         "Each placement on recorded and on simulated clouds",
@@ -74,10 +75,9 @@ KINDS = ("recorded", "simulated")
 def side_by_side(run: RunFolder) -> pd.DataFrame:
     """AP or recall of detectors on recorded clouds and of those on simulated ones.
 
-    Returns:
-        One row per (class, detector, further axes, placement) with both: metric and iou, the
-        headline's, and means over seeds in columns `recorded` and `simulated`, percent. Empty
-        unless `CLOUDS` is an axis with both.
+    One row per (class, detector, further axes, placement) with both: metric and iou, the
+    headline's, and means over seeds in columns `recorded` and `simulated`, percent. Empty unless
+    `CLOUDS` is an axis with both.
     """
     axes = [axis for axis in run.axes if axis != CLOUDS]
     keys = ["class", "detector", *axes, "metric", "iou", "placement"]
@@ -90,19 +90,16 @@ def side_by_side(run: RunFolder) -> pd.DataFrame:
 
 
 def rank_agreement(run: RunFolder) -> pd.DataFrame:
-    """Correlation of simulated means with recorded ones over placements.
+    """Correlation of simulated means with recorded ones over placements where it has both.
 
-    Returns:
-        Rows of `tracking.findings.correlation.correlate`, whose metric is that on recorded clouds,
-        where a placement has both; and `bias`, `bias_low`, `bias_high` (`calibration`): simulated
-        less recorded, points.
+    Rows of `tracking.findings.correlation.correlate`, and `bias`, `bias_low`, `bias_high`
+    (`calibration`): simulated less recorded, points.
     """
     pairs = side_by_side(run)
     if pairs.empty:
         return pd.DataFrame()
     axes = [axis for axis in run.axes if axis != CLOUDS]
-    results = _headline(run)
-    keys = ["class", "detector", *axes]
+    results, keys = _headline(run), ["class", "detector", *axes]
     simulated = pairs[[*keys, "placement"]].assign(surrogate=KINDS[1], value=pairs[KINDS[1]])
     table = correlate(results[results[CLOUDS] == KINDS[0]], simulated, axes)
     table = table[table["n"] > 0]

@@ -34,21 +34,14 @@ def regret_table(found: Analysis) -> list[Table]:
         numbers("below the highest mean (points)", "behind", "z.1f"),
         in_points("expected regret (points)", ("regret", "low", "high"), "z.1f"),
     ]
-    shown = Table.of(
-        "Regret: what the choice of each surrogate loses",
-        table,
-        columns,
-        name="regret",
-        units=dict.fromkeys(("behind", "regret", "low", "high"), "points"),
-    )
-    return [shown.first(MOST_CHOICES)]
+    caption = "Regret: what the choice of each surrogate loses"
+    units = dict.fromkeys(("behind", "regret", "low", "high"), "points")
+    return [Table.of(caption, table, columns, units, name="regret").first(MOST_CHOICES)]
 
 
 def regrets_of_all(found: Analysis) -> pd.DataFrame:
-    """`regrets` of every group and class in rows, with class, group, its place, metric and IoU.
-
-    Where no placement is better than another nothing can be lost.
-    """
+    """`regrets` of every group and class in rows, with class, group, its place, metric and IoU,
+    unless no placement is better than another: nothing can be lost."""
     run, parts = found.run, []
     summed = with_sums(found.surrogates, run.axes)
     for group, ranked in found.rankings:
@@ -70,21 +63,15 @@ AT_RANDOM = "a placement at random"
 
 
 def regrets(best: BestPlacement, surrogates: pd.DataFrame) -> pd.DataFrame:
-    """By how much the choice of each surrogate is below the best placement.
+    """By how much the choice of each surrogate is below the best placement, `best`.
 
     A surrogate chooses among the placements that have it and the metric: its highest value, or its
-    lowest where that is best; of equal ones any.
+    lowest where that is best; of equal ones any. `surrogates` are those of `surrogates_of`.
 
-    Args:
-        best: `best_placement` of the metric.
-        surrogates: placements as rows, surrogates as columns
-            (`tracking.findings.summary.surrogates_of`).
-
-    Returns:
-        One row a surrogate with two different values, then one of `AT_RANDOM`: surrogate; takes,
-        "highest" or "lowest"; choice; behind, the mean of the choice below the highest mean, as
-        measured: too much on average, since the highest is partly the luckiest; regret, its
-        expectation when that is allowed for (`expected_regret`), and low and high, 95 %.
+    One row a surrogate with two different values, then one of `AT_RANDOM`: surrogate; takes,
+    "highest" or "lowest"; choice; behind, the mean of the choice below the highest mean, as
+    measured: too much on average, since the highest is partly the luckiest; regret, its
+    expectation when that is allowed for (`expected_regret`), and low and high, 95 %.
     """
     names, means = [str(name) for name in best.sure.index], best.means
     rows, choices = [], []
@@ -96,20 +83,11 @@ def regrets(best: BestPlacement, surrogates: pd.DataFrame) -> pd.DataFrame:
         lowest = known is not None and known.direction == "minimize"
         chosen = values.index[values == (values.min() if lowest else values.max())]
         choices.append(np.isin(names, chosen) / len(chosen))
-        rows.append(
-            {
-                "surrogate": str(surrogate),
-                "takes": "lowest" if lowest else "highest",
-                "choice": some(list(chosen)),
-            }
-        )
-    rows.append({"surrogate": AT_RANDOM, "takes": "any", "choice": ""})
+        rows.append((str(surrogate), "lowest" if lowest else "highest", some(list(chosen))))
+    rows.append((AT_RANDOM, "any", ""))
     choices.append(np.full(len(names), 1 / len(names)))
     weights = np.stack(choices)
-    expected = expected_regret(means, best.noise, weights)
-    return pd.DataFrame(rows).assign(
-        behind=means.max() - weights @ means,
-        regret=expected[:, 0],
-        low=expected[:, 1],
-        high=expected[:, 2],
-    )
+    table = pd.DataFrame(rows, columns=["surrogate", "takes", "choice"])
+    table["behind"] = means.max() - weights @ means
+    table[["regret", "low", "high"]] = expected_regret(means, best.noise, weights)
+    return table

@@ -35,25 +35,17 @@ def rigs_requirements_section(
     found = found[found["placement"].isin(rigs)]
     if found.empty:
         return None
-    by_rig = found.set_index(["placement", "requirement"])
+    cells = {(row["placement"], row["requirement"]): row for row in found.to_dict("records")}
     names = list(dict.fromkeys(found["requirement"]))
-    shown = [name for name in rigs if name in by_rig.index.get_level_values(0)]
-    rows = tuple(
-        (rig, *(in_short(by_rig.loc[(rig, name)].to_dict()) for name in names)) for rig in shown
-    )
+    shown = [name for name in rigs if name in set(found["placement"])]
+    rows = tuple((rig, *(in_short(cells[rig, name]) for name in names)) for rig in shown)
     failed = frozenset(
-        (i, j + 1)
-        for i, rig in enumerate(shown)
-        for j, name in enumerate(names)
-        if not by_rig.loc[(rig, name), "met"]
+        (shown.index(rig), 1 + names.index(name))
+        for (rig, name), row in cells.items()
+        if not row["met"]
     )
-    table = Table(
-        "What is required, in the worst case",
-        ("placement", *names),
-        rows,
-        best=failed,
-        words=frozenset(range(len(names) + 1)),
-    )
+    head, caption = ("placement", *names), "What is required, in the worst case"
+    table = Table(caption, head, rows, best=failed, words=frozenset(range(len(head))))
     section = Section("Requirements", [counted(found)], tables=[table], folded=True)
     _draw(section, run, shown[:1])
     return section

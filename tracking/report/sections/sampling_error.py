@@ -44,18 +44,17 @@ def sampling_error_section(found: Analysis) -> Section:
     )
     resamples = dict(by_setting(draws, run.axes))
     for title, part in by_setting(best, run.axes):
-        pairs = paired_differences(
-            part[part["surrogate"].isin(HEADLINE_SURROGATES)], resamples[title]
-        )
+        of_headline = part[part["surrogate"].isin(HEADLINE_SURROGATES)]
+        pairs = paired_differences(of_headline, resamples[title])
         for name, own in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
             section.notes += separation_sentences(pairs[pairs["class"] == name], label)
-            section.tables.append(sampling_error_table(own, label))
+            section.tables.append(_sampling_error_table(own, label))
     return section
 
 
-def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
-    """Estimates of `lidarplace.pog.surrogates.sampling_error` of one class as text."""
+def _sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
+    """Estimates of one class as text."""
     columns = [
         words("surrogate", show=surrogate_label),
         words("placement"),
@@ -66,41 +65,25 @@ def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
         numbers("95 % high", "high", number),
     ]
     order = in_order(estimates["surrogate"])
-    rows = estimates.sort_values(
-        "surrogate", key=lambda names: names.map(order.index), kind="stable"
-    )
+    rows = estimates.sort_values("surrogate", key=lambda of: of.map(order.index), kind="stable")
     caption = f"Sampling error · {title}"
     if "blocks" in estimates:
-        caption += (
-            f" · {estimates['resamples'].iloc[0]} draws of {estimates['blocks'].iloc[0]} blocks"
-        )
-    units = [surrogate_unit(name) for name in estimates["surrogate"]]
-    return Table.of(
-        caption,
-        rows,
-        columns,
-        wide=True,
-        name=slug("sampling error", title),
-        data=estimates.assign(unit=units),
-    )
+        drawn, blocks = (estimates[key].iloc[0] for key in ("resamples", "blocks"))
+        caption += f" · {drawn} draws of {blocks} blocks"
+    data = estimates.assign(unit=[surrogate_unit(name) for name in estimates["surrogate"]])
+    name = slug("sampling error", title)
+    return Table.of(caption, rows, columns, wide=True, name=name, data=data)
 
 
 PAIR_COLUMNS = ("class", "surrogate", "placement", "other", "difference", "low", "high")
 
 
 def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.DataFrame:
-    """Differences of two placements over the same draws of frames.
+    """Differences of two placements over the same draws of frames: what all placements gain from a
+    draw cancels, so a difference is known better than its terms.
 
-    What all placements gain from a draw cancels, so a difference is known better than its terms.
-
-    Args:
-        estimates: placement, class, surrogate, value.
-        resamples: placement, class, surrogate, resample, value; the same draws for all placements.
-
-    Returns:
-        PAIR_COLUMNS: each pair once, the difference of the values of placement and other, and its
-        95 % interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`; empty for
-        one placement.
+    PAIR_COLUMNS: each pair once, the difference of the values of placement and other, and its 95 %
+    interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`.
     """
     rows = []
     for (name, surrogate), own in estimates.groupby(["class", "surrogate"], sort=False):
@@ -117,28 +100,21 @@ def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.D
     return pd.DataFrame(rows, columns=list(PAIR_COLUMNS))
 
 
-def separated(pairs: pd.DataFrame) -> pd.Series:
-    """Whether the interval of each difference leaves 0 out."""
-    return (pairs["low"] > 0) | (pairs["high"] < 0)
-
-
 def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
     """Does the POG's sampling error blur the ranking of the placements? None for one placement.
 
-    Args:
-        pairs: `paired_differences` of one class and setting.
-        title: of the class and setting.
+    `pairs` are `paired_differences` of the class and setting of `title`.
     """
     own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
     if own.empty:
         return []
-    kept = separated(own).groupby(own["surrogate"], sort=False).agg(["sum", "size"])
+    apart = (own["low"] > 0) | (own["high"] < 0)
+    kept = apart.groupby(own["surrogate"], sort=False).agg(["sum", "size"])
     counts = [
         f"{surrogate_name(str(name))} {row['sum']} of {row['size']}"
         for name, row in kept.iterrows()
     ]
-    blurred = bool((kept["sum"] < kept["size"]).any())
-    verdict = "blurs" if blurred else "does not blur"
+    verdict = "does not blur" if apart.all() else "blurs"
     return [
         f"{title}: the POG's sampling error {verdict} the ranking of the placements. Pairs whose "
         f"order other frames would keep (paired difference, 95 %): {', '.join(counts)}."

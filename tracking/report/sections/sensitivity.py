@@ -21,12 +21,12 @@ def sensitivity_section(found: Analysis) -> Section | None:
     run, means = found.run, found.means
     if run.results.empty or run.results["placement"].nunique() < 2:
         return None
-    section = Section("Does the placement matter?")
-    section.notes.append(
+    note = (
         "Sensitivity is the spread between the best and the worst placement. The spread by seeds "
         "alone is that of equal placements in one sweep of twenty: a smaller spread shows no "
         "influence of the placement. A relative spread is over the mean."
     )
+    section = Section("Does the placement matter?", [note])
     spreads = sensitivity(means, run.axes)
     for name in (*run.classes, "all"):
         own = judged_by_all(spreads, run.results, name)
@@ -37,26 +37,20 @@ def sensitivity_section(found: Analysis) -> Section | None:
 
 def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str]) -> list[str]:
     """Where the placement moves 3D AP, or recall, most, relative to its mean."""
-    own = spreads[(spreads["metric"] == headline_metric(object_class))]
-    own = own[own["relative"].notna()]
+    own = spreads[spreads["metric"] == headline_metric(object_class)].dropna(subset="relative")
     if own.empty:
         return []
     row = own.sort_values("relative").iloc[-1]
-    name = class_label(object_class)
-    settings = own[list(axes)].drop_duplicates()
-    kinds = "detectors" if len(settings) == 1 else "detectors and settings"
+    kinds = "detectors" if len(own[list(axes)].drop_duplicates()) == 1 else "detectors and settings"
     title = detector_label(axes, row.to_dict())
     who = f" of {title}, the most of {len(own)} {kinds}," if len(own) > 1 else ""
-    verdict = (
-        "one seed, so it is not known how much of it is chance"
-        if np.isnan(row["by_chance"])
-        else f"seeds alone make up to {row['by_chance']:.1f}"
-    )
+    verdict = f"seeds alone make up to {row['by_chance']:.1f}"
+    if np.isnan(row["by_chance"]):
+        verdict = "one seed, so it is not known how much of it is chance"
     return [
-        f"{name}: {metric_label(row['metric'], row['iou'])}{who} varies by "
+        f"{class_label(object_class)}: {metric_label(row['metric'], row['iou'])}{who} varies by "
         f"{row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
-        f"between {row['worst']} and {row['best']} "
-        f"({verdict})."
+        f"between {row['worst']} and {row['best']} ({verdict})."
     ]
 
 
@@ -77,14 +71,9 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
             lambda row: "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
         ),
     ]
-    return Table.of(
-        "Sensitivity to the placement",
-        spreads,
-        columns,
-        wide=True,
-        name="sensitivity",
-        units={"mean": "%", "spread": "points", "by_chance": "points"},
-    )
+    units = {"mean": "%", "spread": "points", "by_chance": "points"}
+    caption = "Sensitivity to the placement"
+    return Table.of(caption, spreads, columns, units, wide=True, name="sensitivity")
 
 
 CHANCE = 0.95
@@ -92,17 +81,12 @@ CHANCE = 0.95
 
 
 def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
-    """The spread between the best and the worst placement.
+    """The spread between the best and the worst placement, of `seed_means`.
 
-    Args:
-        means: `tracking.findings.summary.seed_means`.
-
-    Returns:
-        One row per (class, detector, axes, metric, iou, difficulty) with at least two placements:
-        `n` placements, the `best` and the `worst`, the `mean` over placements (percent), `spread`
-        (best less worst, points), `relative` (spread / mean), and `by_chance`: what seeds alone
-        would make of placements that are equal, in points, the 95 % quantile of the studentized
-        range. NaN with one seed each.
+    One row per (class, detector, axes, metric, iou, difficulty) with at least two placements:
+    `mean` over them (percent), `spread` (points), `relative` (spread / mean), and `by_chance`: what
+    seeds alone would make of equal placements, points, the 95 % quantile of the studentized range;
+    NaN with one seed each.
     """
     keys = ["class", "detector", *axes, "metric", "iou", "difficulty"]
     columns = [*keys, "n", "best", "worst", "mean", "spread", "relative", "by_chance"]

@@ -78,23 +78,19 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
 def training_cost_figure(summary: pd.DataFrame, axes: Sequence[str], title: str) -> go.Figure:
     """AP below the longest training over seconds: a line a detector, bars a standard deviation.
 
-    Args:
-        summary: `tracking.findings.training_cost.summarise_cost` of one class and setting.
-        axes: that the sweep varies, which name the points.
+    `summary` is `summarise_cost` of one class and setting, `axes` name the points.
     """
     plot = figure(title, height=380)
     for i, (detector, own) in enumerate(summary.groupby("detector", sort=False)):
         own = own.sort_values("seconds")
+        shapes = ["star" if best else symbol(i) for best in own["reference"]]
         plot.add_scatter(
             x=own["seconds"].to_numpy(),
             y=own["error"].to_numpy(),
             error_y=error_bars(own["error_sd"].fillna(0), thickness=1),
             mode="lines+markers+text",
             line={"color": colour(i), "width": 1.5},
-            marker={
-                "size": 10,
-                "symbol": ["star" if best else symbol(i) for best in own["reference"]],
-            },
+            marker={"size": 10, "symbol": shapes},
             text=[setting_label(axes, row) for row in own.to_dict("records")],
             textposition="top right",
             textfont={"size": 10},

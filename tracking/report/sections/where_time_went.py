@@ -24,22 +24,19 @@ def where_time_went(found: Analysis) -> Section:
     if run.sweep.cores is None:
         section.notes.append("The run folder does not say how many cores it had: no efficiency.")
         return section
-    table = stage_times(run.tasks)
     section.notes += _sentences(run.tasks, run.sweep.cores)
-    section.tables.append(times_table(table))
+    section.tables.append(_times_table(stage_times(run.tasks)))
     return section
 
 
 def _last_command(seconds: float, tasks: pd.DataFrame) -> str:
     """Seconds on the clock, which are not those of the sweep if it was resumed or run again."""
-    said = f"The last command took {seconds:,.0f} s on the clock."
-    before = int(tasks["cached"].sum())
-    if not before:
-        return said
-    return (
-        f"{said} It found {before:,} of the {len(tasks):,} results in place, so this is "
-        "not the time of the whole sweep."
+    said, before = f"The last command took {seconds:,.0f} s on the clock.", tasks["cached"].sum()
+    more = (
+        f" It found {before:,} of the {len(tasks):,} results in place, so this is not the time of "
+        "the whole sweep."
     )
+    return said + (more if before else "")
 
 
 def _sentences(tasks: pd.DataFrame, cores: int) -> list[str]:
@@ -61,59 +58,37 @@ def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
     if tasks is None or not tasks["batch_size_reduced"].any():
         return []
     labels = tasks.loc[tasks["batch_size_reduced"].astype(bool), "label"].unique().tolist()
-    named = some(labels)
     return [
         f"{len(labels)} training{'s' * (len(labels) > 1)} ran with a smaller batch than "
-        f"configured, for lack of memory: {named}. Batch size changes what is learned, so "
+        f"configured, for lack of memory: {some(labels)}. Batch size changes what is learned, so "
         "the comparison with the others is not quite fair."
     ]
 
 
-def times_table(times: pd.DataFrame) -> Table:
-    """`stage_times` as text."""
+def _times_table(times: pd.DataFrame) -> Table:
     columns = [
         words("stage"),
         numbers("tasks", "tasks", ","),
         numbers("task seconds", "task_seconds", ",.1f"),
         numbers("wall seconds", "wall", ",.1f"),
-        numbers("overhead a task (ms)", "overhead", _milliseconds),
+        numbers("overhead a task (ms)", "overhead", lambda s: digits(1000 * s, ",.1f")),
         numbers("peak memory (MB)", "peak_memory", lambda size: digits(size / 1e6, ",.0f")),
     ]
-    return Table.of(
-        "Seconds by stage",
-        times,
-        columns,
-        name="stages",
-        units={"task_seconds": "s", "wall": "s", "overhead": "s", "peak_memory": "bytes"},
-    )
-
-
-def _milliseconds(seconds: float) -> str:
-    return digits(1000 * seconds, ",.1f")
+    units = dict.fromkeys(("task_seconds", "wall", "overhead"), "s") | {"peak_memory": "bytes"}
+    return Table.of("Seconds by stage", times, columns, units, name="stages")
 
 
 def stage_times(tasks: pd.DataFrame) -> pd.DataFrame:
-    """Seconds of every stage.
+    """Seconds of every stage in the order of `tasks`, of those tasks that ran.
 
-    Args:
-        tasks: stage; seconds, of the task's own work; started and ended, seconds since the start
-            of the sweep, NaN for a task that did not run in it; peak_memory, bytes or NaN.
-
-    Returns:
-        One row a stage in the order of `tasks`: stage, tasks (that ran), task_seconds, wall
-        (seconds from its first start to its last end), overhead (mean over tasks of the seconds
-        from start to end beyond the task's own) and peak_memory (bytes, the largest). Empty if no
-        task ran.
+    Columns stage, tasks, task_seconds, wall (from its first start to its last end), overhead (mean
+    over tasks of the seconds from start to end beyond the task's own) and peak_memory (bytes, the
+    largest).
     """
-    rows = [
-        (
-            stage,
-            len(own),
-            own["seconds"].sum(),
-            own["ended"].max() - own["started"].min(),
-            (own["ended"] - own["started"] - own["seconds"]).mean(),
-            own["peak_memory"].max(),
-        )
-        for stage, own in tasks[tasks["started"].notna()].groupby("stage", sort=False)
-    ]
+    rows = []
+    for stage, own in tasks[tasks["started"].notna()].groupby("stage", sort=False):
+        wall = own["ended"].max() - own["started"].min()
+        overhead = (own["ended"] - own["started"] - own["seconds"]).mean()
+        spent = (own["seconds"].sum(), wall, overhead)
+        rows.append((stage, len(own), *spent, own["peak_memory"].max()))
     return pd.DataFrame(rows, columns=_COLUMNS)
