@@ -36,17 +36,9 @@ _Rank = tuple[int, int, int]
 
 
 class Schedule:
-    """Hands out tasks whose inputs are there: trial by trial, and late stages first.
-
-    So a sweep that is stopped has whole results of its first trials, not the trainings of all.
-
-    Args:
-        tasks: all tasks, each after its inputs, those of the first trial first.
-        done: keys of those whose results are in the store already.
-
-    Raises:
-        ValueError: a task needs one that is neither done nor before it.
-    """
+    """Hands out tasks whose inputs are there: trial by trial, and late stages first. So a sweep
+    that is stopped has whole results of its first trials, not the trainings of all. Of `tasks` each
+    comes after its inputs; the results of `done` keys are in the store."""
 
     def __init__(self, tasks: Sequence[Task], done: Collection[str]) -> None:
         self.failed: dict[str, Failure] = {}
@@ -74,11 +66,7 @@ class Schedule:
         heapq.heappush(self._ready[task.gpu], (self._rank[task.key], task))
 
     def next(self, gpu: bool = True) -> Task | None:
-        """A task to start, or None while all that are left wait for others.
-
-        Args:
-            gpu: whether it may be one that runs on a GPU.
-        """
+        """A task to start, of a GPU only if `gpu`; None while all that are left wait."""
         while queues := [
             queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
         ]:

@@ -96,22 +96,19 @@ def rigs_yaml(sweep: Sweep) -> str:
         if settings.recorded:
             own[name] = _of_log(sweep.points[0].point, settings.recorded)
     names = dict.fromkeys(point.point.placement for point in sweep.points)
+    for name in names.keys() - own.keys():
+        own[name] = {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
     vehicle = sweep.points[0].point.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
-    required = {key: own for key, own in sweep.source.items() if key == "requirements"}
     content = {
         **vehicle,
-        **required,
+        **{key: own for key, own in sweep.source.items() if key == "requirements"},
         "lidar": as_written(SensorSettings.model_validate(sensor)),
-        "placements": {name: own[name] if name in own else _of_paper(name) for name in names},
+        "placements": {name: own[name] for name in names},
     }
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
-
-
-def _of_paper(name: str) -> dict[str, object]:
-    return {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
 
 
 def _pose(mount: Mount) -> dict[str, object]:
