@@ -108,7 +108,6 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             names = {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"}
             check(Point, base, path, names, at_first | {axis: value})
     exclude = _exclusions(raw.get("exclude", []), grid, path)
-
     points = []
     for rung, settings in rungs:
         for combination in itertools.product(*grid.values()):

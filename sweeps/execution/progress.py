@@ -10,16 +10,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Self
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeRemainingColumn,
-)
-from rich.progress import Task as Bar
 from rich.table import Column
 from rich.text import Text
 
@@ -34,13 +26,13 @@ NOTED_S = 10.0
 """Seconds between two notes of a training's progress."""
 
 
-class RunningColumn(ProgressColumn):
+class RunningColumn(bars.ProgressColumn):
     """What the field `now` of a bar returns: takes the rest of the line and is cut there."""
 
     def __init__(self) -> None:
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
 
-    def render(self, bar: Bar) -> Text:
+    def render(self, bar: bars.Task) -> Text:
         """Called at every refresh."""
         return Text(visible(bar.fields["now"]()), "dim")
 
@@ -171,11 +163,11 @@ class StageProgress:
         bar, number, left = (Column(min_width=width, no_wrap=True) for width in (17, 5, 5))
         self._console = console
         self._running = Running(store.running_notes)
-        self._bars = Progress(
-            TextColumn("{task.description}", markup=False, table_column=bar),
-            BarColumn(16),
-            MofNCompleteColumn(table_column=number),
-            TimeRemainingColumn(compact=True, table_column=left),
+        self._bars = bars.Progress(
+            bars.TextColumn("{task.description}", markup=False, table_column=bar),
+            bars.BarColumn(16),
+            bars.MofNCompleteColumn(table_column=number),
+            bars.TimeRemainingColumn(compact=True, table_column=left),
             RunningColumn(),
             console=console,
             expand=True,

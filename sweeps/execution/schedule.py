@@ -8,25 +8,13 @@ from dataclasses import replace
 from sweeps.execution.failures import Failure
 from sweeps.tasks.task import Task
 
-PRIORITY = {
-    "pretrained": 14,
-    "judge": 13,
-    "measure": 12,
-    "evaluate": 12,
-    "command": 11,
-    "finetune": 11,
-    "pretrain": 10,
-    "collect": 8,
-    "ground_truth": 7,
-    "scene": 6,
-    "pog": 5,
-    "surrogates": 4,
-    "recall": 3,
-    "requirements": 2,
-    "accuracy": 1,
-    "sampling_error": 0,
-}
-"""Of stages of a trial whose inputs are there the highest goes first: what detectors wait for."""
+_ORDER: tuple[tuple[str, ...], ...] = (
+    *(("pretrained",), ("judge",), ("measure", "evaluate"), ("command", "finetune")),
+    *(("pretrain",), ("collect",), ("ground_truth",), ("scene",), ("pog",), ("surrogates",)),
+    *(("recall",), ("requirements",), ("accuracy",), ("sampling_error",)),
+)
+_PLACE = {stage: place for place, stages in enumerate(_ORDER) for stage in stages}
+"""Of stages of a trial whose inputs are there the first goes first: what detectors wait for."""
 
 _ENDS = ("evaluate", "judge", "measure")
 """Stages that end a trial."""
@@ -48,7 +36,7 @@ class Schedule:
         self._rank: dict[str, _Rank] = {}
         trial = 0
         for position, task in enumerate(tasks):
-            self._rank[task.key] = (trial, -PRIORITY[task.stage], position)
+            self._rank[task.key] = (trial, _PLACE[task.stage], position)
             trial += task.stage in _ENDS
         for task in tasks:
             if task.key in done:

@@ -35,16 +35,8 @@ from sweeps.configuration.file import ConfigError, named
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
+from sweeps.plan import named_files
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.named_files import (
-    check_network,
-    checkpoint_of,
-    curve_names,
-    curves_of,
-    digests_of,
-    generalist_of,
-    outside_of,
-)
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
 from sweeps.tasks import parameters
 from sweeps.tasks.results import Evaluated
@@ -121,10 +113,10 @@ class _Builder:
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
         self._check_recorded = cache(_check_recorded)
-        self._checkpoint = cache(checkpoint_of)
-        self._check_network = cache(check_network)
-        self._curves = cache(curves_of)
-        self._digests_of = cache(digests_of)
+        self._checkpoint = cache(named_files.checkpoint_of)
+        self._check_network = cache(named_files.check_network)
+        self._curves = cache(named_files.curves_of)
+        self._digests_of = cache(named_files.digests_of)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
         self._typical = cached({}, key=_classes_of)(self._typical_of)
@@ -209,7 +201,7 @@ class _Builder:
             names=of_objects,
             roi=grid_point.roi,
             classes=point.classes,
-            curves=self._curves(point.surrogate.curves, curve_names(point)),
+            curves=self._curves(point.surrogate.curves, named_files.curve_names(point)),
             seed=point.scene.seed,
             frames=RECALL_FRAMES,
             vehicle=grid_point.vehicle,
@@ -356,10 +348,10 @@ class _Builder:
 
     def _pretrained(self, trial: Trial, inputs: tuple[Task, ...], crop: Crop) -> Task[Evaluated]:
         point = trial.grid_point.point
-        outside = outside_of(point, self._as_collected(point, trial.grid_point.rig))
+        outside = named_files.outside_of(point, self._as_collected(point, trial.grid_point.rig))
         if outside is not None:
             raise ConfigError(f"placement {point.placement}: {outside}")
-        found = generalist_of(point)
+        found = named_files.generalist_of(point)
         path = point.training.checkpoint or PRETRAINED
         weights = self._once(
             Task("pretrained", path.name, parameters.PretrainedParams(found.digest, path))

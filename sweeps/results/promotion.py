@@ -157,7 +157,8 @@ def _standings(
         return [], {}
     point, axes = next((t.grid_point.point, _axes(t)) for own in group.values() for t in own)
     object_class = rung.object_class or (point.classes[0] if rung.by in OF_CLASSES else _ALL)
-    values = {name: _value(trials, rung, object_class, store) for name, trials in group.items()}
+    found = {n: _value_and_seconds(own, rung, object_class, store) for n, own in group.items()}
+    values = {name: value for name, (value, _) in found.items()}
     kept = survivors(values, rung.keep, rung.best)
     ranks = pd.Series(values).rank(
         method="min", ascending=rung.best == "minimize", na_option="bottom"
@@ -173,10 +174,10 @@ def _standings(
             "value": values[name],
             "rank": int(ranks[name]),
             "kept": name in kept,
-            "seconds": _seconds(trials, rung, store),
+            "seconds": seconds,
             "setting": ", ".join(f"{key}={value}" for key, value in rung.set.items()),
         }
-        for name, trials in group.items()
+        for name, (_, seconds) in found.items()
     ]
 
     def reason(name: str) -> str | None:
@@ -189,23 +190,19 @@ def _standings(
     return rows, {name: reason(name) for name in group if name not in kept}
 
 
-def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore) -> float:
-    """What a placement is ranked by: a mean over seeds for a metric; NaN if nothing is there."""
-    if rung.by not in RANKING:
-        task = trials[0].score_by(rung.by)
-        if not store.has(task):
-            return math.nan
-        table = store.read(task, lambda own: own.table)
-        own = table[table["surrogate"] == rung.by]
-        if object_class != _ALL:
-            own = own[own["class"] == object_class]
-        return math.fsum(own["value"])
-    return metric_mean(trials, rung.by, object_class, store)
-
-
-def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
-    if rung.by not in RANKING:
-        task = trials[0].score_by(rung.by)
-        return store.record(task).seconds if store.has(task) else math.nan
-    whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
-    return math.fsum(trial_seconds(trial, store) for trial in whole)
+def _value_and_seconds(
+    trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore
+) -> tuple[float, float]:
+    """What a placement is ranked by, a mean over seeds for a metric; NaN if nothing is there."""
+    if rung.by in RANKING:
+        whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
+        seconds = math.fsum(trial_seconds(trial, store) for trial in whole)
+        return metric_mean(trials, rung.by, object_class, store), seconds
+    task = trials[0].score_by(rung.by)
+    if not store.has(task):
+        return math.nan, math.nan
+    table = store.read(task, lambda own: own.table)
+    own = table[table["surrogate"] == rung.by]
+    if object_class != _ALL:
+        own = own[own["class"] == object_class]
+    return math.fsum(own["value"]), store.record(task).seconds

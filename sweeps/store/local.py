@@ -12,19 +12,10 @@ from pathlib import Path
 
 from lidarplace.files.atomic import naming, sync, temporary, unique, write_text
 from lidarplace.files.regular import regular
+from sweeps.store import result_folder as results
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.lock import locked
-from sweeps.store.result_folder import (
-    DamagedResult,
-    R,
-    Ran,
-    Record,
-    T,
-    read_content,
-    read_result,
-    whole,
-    write_result,
-)
+from sweeps.store.result_folder import DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import whole_folder
 from sweeps.tasks.task import Task
 
@@ -71,19 +62,19 @@ class Store:
         OSError: it cannot be written, nothing of it is left; TypeError as `write_result`."""
         with self.incoming(task) as folder:
             record = Record(label=task.label, seconds=seconds, **asdict(ran))
-            write_result(folder, value, f"{task.stage}/{task.key}", record)
+            results.write_result(folder, value, f"{task.stage}/{task.key}", record)
 
     def load(self, task: Task[R]) -> R:
         """Read a result. Large arrays are mapped, read-only. Raises FileNotFoundError: there is
         none; KeyError: it lacks a field; DamagedResult: it is not what was written, and is
         removed."""
-        return self.read(task, whole(task.result))
+        return self.read(task, results.whole(task.result))
 
     def read(self, task: Task[R], of: Callable[[R], T]) -> T:
         """What `of` takes from a result, of which no other fields are read; raises as `load`."""
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            found = read_result(folder, task.result, of)
+            found = results.read_result(folder, task.result, of)
         with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
             os.utime(folder)
         return found
@@ -92,7 +83,7 @@ class Store:
         """How the result was computed. Raises FileNotFoundError, DamagedResult as `load`."""
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            return read_content(folder).record
+            return results.read_content(folder).record
 
     def incoming(self, task: Task) -> AbstractContextManager[Path]:
         """An empty folder that becomes the task's result, unless that is there by then."""

@@ -11,22 +11,11 @@ from fsspec import AbstractFileSystem
 from fsspec.core import url_to_fs
 
 from lidarplace.files.secret_urls import public_url
+from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.local import Note, Store
-from sweeps.store.result_folder import (
-    RECORD,
-    DamagedResult,
-    R,
-    Ran,
-    Record,
-    T,
-    check_files,
-    damaged,
-    parse_content,
-    read_content,
-    whole,
-)
+from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
 from sweeps.tasks.task import Task
 
@@ -75,7 +64,7 @@ class RemoteStore:
             return
         filesystem, root = self._remote()
         folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
-        content = read_content(folder)
+        content = results.read_content(folder)
         if content.files:
             filesystem.put(
                 [str(folder / name) for name in content.files],
@@ -85,7 +74,7 @@ class RemoteStore:
 
     def load(self, task: Task[R]) -> R:
         """Read a result, see `Store.load`."""
-        return self.read(task, whole(task.result))
+        return self.read(task, results.whole(task.result))
 
     def read(self, task: Task[R], of: Callable[[R], T]) -> T:
         """What `of` takes from a result, see `Store.read`; all its files are copied here first.
@@ -111,7 +100,7 @@ class RemoteStore:
         place = f"{task.stage}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
-            return parse_content(data, place, f"{self.shown}/{place}").record
+            return results.parse_content(data, place, f"{self.shown}/{place}").record
         except DamagedResult:
             self._remove_result(place)
             raise
@@ -251,7 +240,7 @@ class RemoteStore:
         with self.local.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()
-            content = parse_content(data, place, f"{self.shown}/{place}")
+            content = results.parse_content(data, place, f"{self.shown}/{place}")
             files = content.files
             try:
                 if files:
@@ -260,8 +249,9 @@ class RemoteStore:
                         [str(folder / name) for name in files],
                     )
             except FileNotFoundError:
-                raise damaged(f"{self.shown}/{place}", "a file is missing") from None
-            check_files(folder, files, (), f"{self.shown}/{place}")  # digests when they are read
+                raise results.damaged(f"{self.shown}/{place}", "a file is missing") from None
+            # Digests when they are read.
+            results.check_files(folder, files, (), f"{self.shown}/{place}")
 
     def _put(self, path: Path, place: str) -> None:
         filesystem, root = self._remote()

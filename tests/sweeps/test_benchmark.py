@@ -86,9 +86,7 @@ def test_numbers_of_the_findings_come_out_again():
 def test_surrogates_of_boxes_are_those_of_the_study_to_the_digit(two_rigs):
     old = pd.read_parquet(STUDY / "tables" / "surrogates.parquet")
     old = old.set_index(["surrogate", "placement", "class"])["value"].sort_index()
-
     found = predict("s_mig")[0]
-
     for rig in ("line", "center"):
         assert found.loc[rig, "Car AP @ 0.7"] == old["s_mig", rig, "Car"]
         assert found.loc[rig, "recall of all"] == pytest.approx(old["s_mig", rig].sum(), rel=1e-15)
@@ -115,7 +113,6 @@ def test_the_weights_of_the_package_are_those_of_the_table(two_rigs):
 def test_the_truth_is_a_perfect_predictor_and_its_opposite_the_worst():
     predicted = {"truth": truth(), "opposite": -truth()}
     table = scores(predicted, (*HEADLINES, "Cyc. AP")).set_index("predictor")
-
     assert table.loc["truth", "rho"].to_numpy() == pytest.approx(1.0)
     assert table.loc["opposite", "rho"].to_numpy() == pytest.approx(-1.0)
     with_pairs = table[table["pairs"] > 0]
@@ -127,10 +124,8 @@ def test_the_truth_is_a_perfect_predictor_and_its_opposite_the_worst():
 
 def test_a_predictor_without_a_value_for_a_metric_has_no_number_there():
     one = truth().assign(**{"recall of all": np.nan, "Car recall": 1.0})
-
     metrics = ("recall of all", "Car recall", "Car AP over IoU")
     table = scores({"one": one}, metrics).set_index(["metric", "population"])
-
     without = table.loc[["recall of all", "Car recall"], ["rho", "low", "regret"]]
     assert without.isna().all(axis=None)
     assert np.isfinite(table.loc["Car AP over IoU", "rho"]).all()
@@ -169,7 +164,6 @@ def test_a_function_of_ones_own(module, two_rigs):
     found = predict("placing_own:heights")[0]
     assert found.loc["center"].nunique() == 1
     assert found.loc["line", "Car AP @ 0.7"] == pytest.approx(4 * 2.2)
-
     found = predict("placing_own:by_class")[0]
     assert found[["Ped. AP", "Cyc. AP"]].isna().all(axis=None)
     assert found["recall of all"].notna().all()
@@ -211,9 +205,7 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
     few = log.frames.iloc[::400]
     log = type(log)(log.boxes[log.boxes["frame"].isin(few["frame"])], few, log.buildings)
     monkeypatch.setattr(predictors, "log_of", lambda split: log)
-
     of_rig, found = predictors.resolved(str(tmp_path / "g.pt"))
-
     assert {*of_rig(found["line"])} == {*METRICS}
     errors = found["line"].evaluate.inputs[1].params.errors
     assert (errors.offset, errors.angle) == (0.01, pytest.approx(np.radians(0.5)))

@@ -103,7 +103,6 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     assert {(own.object_class, own.iou) for own in curves.curves} == {("Car", 0.5), ("Car", 0.7)}
     assert curves.of("Car", 0.7).most == pytest.approx(MOST, abs=0.04)
     assert curves.of("Car", 0.7).rate == pytest.approx(RATE, rel=0.15)
-
     rigs = rigs_of(plan.trials, store)
     assert list(rigs) == ["line", "center", "line_roll"]
     assert [len(trials) for trials in rigs.values()] == [2, 2, 2]
@@ -112,7 +111,6 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     found = [set(boxes["object_id"]) for trial, boxes in every if "center" in trial.label]
     for object_id, row in center.iterrows():
         assert row["found"] == np.mean([object_id in own for own in found])
-
     own = seen[seen["iou"] == 0.7]
     checked = check(own)
     assert checked.rigs == 3
@@ -154,7 +152,6 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
     lines = [line.split() for line in told.output.splitlines() if line.startswith("Car")]
     assert [line[2] for line in lines if len(line) == 8] == ["rig", "object"] * 2
     assert "Left out" in out.with_suffix(".html").read_text()
-
     assert "One rig: none can be left out" in run("--log", tmp_path / "log", *options[:4])
     bare = run("--log", tmp_path / "log", *options[:2], code=2)
     assert "--geometry: missing for rig low" in bare

@@ -1,7 +1,6 @@
 """What sweeps.commands.doctor says where something is missing, and on this machine."""
 
 import json
-import os
 import subprocess
 import sys
 from base64 import b64encode
@@ -13,6 +12,7 @@ from threading import Thread
 from urllib.parse import quote
 
 import pytest
+from typer.testing import CliRunner
 
 from sweeps.commands import doctor
 from sweeps.commands.doctor import Finding
@@ -24,24 +24,17 @@ ROOT = Path(__file__).parents[2]
 Usage = namedtuple("Usage", "total used free")
 
 
-def test_this_machine(tmp_path):
-    config = tmp_path / "grid.yaml"
-    config.write_text("ray: debug\ngrid:\n  placement: [line]\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "sweeps.main", "doctor", str(config), "--json"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+def test_this_machine(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("grid.yaml").write_text("ray: debug\ngrid: {placement: [line]}\n")
+    done = CliRunner().invoke(doctor.app, ["grid.yaml", "--json"])
     found = {item["check"]: item for item in json.loads(done.stdout)}
     assert found["packages"]["state"] == "good"
     assert found["SUMO"]["found"].startswith("Eclipse SUMO")
     assert found["scenes"]["found"].startswith("1 trials")
     assert found["Ray"]["found"] == "not used: ray is debug"
     missing = any(item["state"] == "missing" for item in found.values())
-    assert done.returncode == missing
+    assert done.exit_code == missing
     assert sorted(p.name for p in tmp_path.iterdir()) == ["grid.yaml"], "it leaves nothing behind"
 
 
@@ -244,7 +237,6 @@ def test_a_remote_store(monkeypatch):
     assert checks.remote_store("memory://bucket/store").state == "good"
     found = checks.remote_store("nonsense://bucket")
     assert (found.state, found.remedy) == ("missing", "correct store.url in the file")
-
     monkeypatch.setitem(sys.modules, "gcsfs", None)
     found = checks.remote_store("gs://bucket/store")
     assert found.state == "missing"
@@ -295,7 +287,6 @@ def test_overrides(monkeypatch, tmp_path):
     assert found.cleaned == f"{tmp_path}/other"
     found = called("--set", "store=s3://bucket/store")
     assert found.cleaned == found.store == "s3://bucket/store"
-
     assert doctor.scenes(config, ["grid.placement=[line, center]"]).found.startswith("2 trials")
     found = doctor.scenes(config, ["training.checkpoint=nothing.pt"])
     assert found.state == "missing"

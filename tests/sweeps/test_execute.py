@@ -337,11 +337,7 @@ def test_a_network_keeps_to_its_share_of_a_gpu(tmp_path, monkeypatch, share):
     backend = Remembering()
     assert not execute([training(1)], Store(tmp_path), backend, Recorder()).failures
     assert [need.gpu_share for own in backend.needs.values() for need in own] == taken == [share]
-
-
-def test_what_tasks_need():
-    assert need_of(training(1), 0.5) == Need(gpu_share=0.5)
-    assert need_of(Task("scene", "a", Toy()), 0.5) == Need()
+    assert need_of(Task("scene", "a", Toy()), share) == Need()
 
 
 def test_late_stages_come_first_and_none_without_its_input():

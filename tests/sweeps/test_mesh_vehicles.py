@@ -13,7 +13,6 @@ import pytest
 import yaml
 from search_files import write_search
 from small_log import write_sweep
-from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.clouds.collect import collect
@@ -31,7 +30,7 @@ from sweeps.results.rigs import write_rigs_page
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
-from tests.sweeps.toy import ran
+from tests.sweeps.toy import call, ran
 from tracking.run_folders.sweep import RunFolder
 
 trimesh = pytest.importorskip("trimesh")
@@ -106,9 +105,6 @@ def broken(folder):
         ("body.xyz", "body.xyz: "),
         ("line.obj", "a mesh needs triangles that have an area, found none"),
         ("nan.obj", "nan.obj: "),
-        ({"mesh": "body.stl", "scale": 0}, "vehicle.scale: expected more than 0, found 0"),
-        ({"scale": 2.0}, "scale: needs mesh"),
-        ({"mash": "body.stl"}, "vehicle.mash: unknown key (did you mean mesh?)"),
     ]
 
 
@@ -261,13 +257,11 @@ def test_requirements_and_their_page(folder):
     path = folder / "needs.yaml"
     path.write_text(yaml.safe_dump(file))
     assert len(read_question(path).vehicle.mesh.faces) == 12
-    result = CliRunner().invoke(requirements, [str(path), "--out", str(folder / "out")])
-    assert result.exit_code in (0, 1), result.output
-    changed = ["--out", str(folder / "boxes"), "--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"]
-    boxes = CliRunner().invoke(requirements, [str(path), *changed])
-    assert boxes.exit_code == result.exit_code
-    own, other = (pd.read_csv(folder / f"{name}.csv") for name in ("out", "boxes"))
-    pd.testing.assert_frame_equal(own, other, rtol=1e-5)
+    tables = []
+    for name, changes in (("mesh", []), ("boxes", ["--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"])):
+        call(requirements, path, "--out", folder / name, *changes, code=1)
+        tables.append(pd.read_csv(folder / f"{name}.csv"))
+    pd.testing.assert_frame_equal(*tables, rtol=1e-5)
 
 
 def test_a_studio_s_file(folder):

@@ -63,24 +63,6 @@ def test_only_what_judges_depends_on_the_overlaps(log, tmp_path):
     assert its.evaluate.params.ious == (("Truck", (0.7, 0.5)),)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"classes": ["truck"]}, r"has no box of class truck \(did you mean Truck\?\); .*Car \("),
-        ({"classes": ["Car", "Bus"]}, r"classes: log has no box of class Bus; .*Truck \(16\)"),
-        ({"classes": ["Cyclist"]}, "classes: log has no box of class Cyclist; its training"),
-        (
-            {"surrogate": {"names": ["expected_recall"]}},
-            r"surrogate.curves: .*curve of Truck .*class_settings.Truck.curve, .*lidarplace calib",
-        ),
-        ({"class_settings": {"Truck": {"curve": "Tram"}}, "surrogate": {}}, "curve of Tram"),
-    ],
-)
-def test_what_is_missing_is_told_before_anything_runs(log, tmp_path, changes, message):
-    with pytest.raises(ConfigError, match=message):
-        plan_of(log, tmp_path, **changes)
-
-
 def test_a_class_of_test_frames_alone(log, tmp_path):
     own = read_box_log(log)
     tests = own.frames.loc[own.frames["split"] == "test", "frame"]
@@ -95,7 +77,11 @@ def test_a_class_of_test_frames_alone(log, tmp_path):
 
 def test_a_curve_that_is_lent(log, tmp_path):
     lent = {"Truck": {"curve": "Car"}, "Scooter": {"curve": "Cyclist"}}
-    plan = plan_of(log, tmp_path, class_settings=lent, surrogate={"names": ["expected_recall"]})
+    surrogate = {"names": ["expected_recall"]}
+    told = r"surrogate.curves: .*curve of Truck .*class_settings.Truck.curve, .*lidarplace calib"
+    with pytest.raises(ConfigError, match=told):
+        plan_of(log, tmp_path, surrogate=surrogate)
+    plan = plan_of(log, tmp_path, class_settings=lent, surrogate=surrogate)
     curves = plan.trials[0].recall.params.curves
     assert curves.of("Truck", 0.5).rate == curves.of("Car", 0.5).rate
     assert curves.of("Scooter", 0.5).most == curves.of("Cyclist", 0.5).most

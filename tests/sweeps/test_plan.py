@@ -8,8 +8,6 @@ import torch
 import yaml
 
 from lidarplace.files.tables import read_parquet
-from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
 from lidarplace.rigs.weather import Weather
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
@@ -205,16 +203,13 @@ def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
 
 
 def test_a_log_of_ones_own(tmp_path):
-    frames = pd.DataFrame({"scene": "a", "frame": [1, 2, 3], "timestamp_s": 0.0, "route": 0})
-    frames["split"] = ["train", "train", "test"]
-    boxes = pd.DataFrame(columns=list(BOX_COLUMNS)).astype({"frame": int})
-    boxes = boxes.astype(dict.fromkeys(GEOMETRY, float))
-    write_box_log(tmp_path / "log", BoxLog(boxes, frames))
-    scene = {"source": "log", "folder": str(tmp_path / "log")}
-    plan = plan_of(tmp_path, scene=scene)
+    write_small_log(tmp_path / "log")
+    log = {"scene": {"source": "log", "folder": str(tmp_path / "log")}, "classes": ["Car"]}
+    plan = plan_of(tmp_path, **log)
     assert (stages(plan)["scene"], stages(plan)["collect"]) == (1, 2)
-    write_box_log(tmp_path / "log", BoxLog(boxes, frames.assign(route=[0, 1, 2])))
-    again = plan_of(tmp_path, scene=scene)
+    frames = pd.read_parquet(tmp_path / "log/frames.parquet")
+    frames.assign(route=range(4)).to_parquet(tmp_path / "log/frames.parquet")
+    again = plan_of(tmp_path, **log)
     assert plan.trials[0].scenes[0].key != again.trials[0].scenes[0].key, "content counts"
 
 

@@ -135,7 +135,6 @@ def test_the_outcome_is_the_same_after_a_stop(tmp_path, quick):
     assert not stopped.complete
     whole, _, _ = run(sweep, plan, tmp_path)
     trained.clear()
-
     again = run(sweep, plan, tmp_path, store)[0]
     assert again.pruned == whole.pruned
     columns = ["rung", "placement", "value", "rank", "kept"]

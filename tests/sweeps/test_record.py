@@ -68,7 +68,6 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     value = stages.scene(SceneParams(LogRecording(scene, scene.digest())))
     pd.testing.assert_frame_equal(value.boxes, log.boxes)
     pd.testing.assert_frame_equal(value.buildings, log.buildings)
-
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
     ours = stages.collect(
@@ -81,7 +80,6 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     theirs = stages.collect(params, value)
     with pytest.raises(ValueError, match="the clouds have changed since the command was given"):
         stages.collect(replace(params, digest="another"), value)
-
     numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()
     assert ours.frames.tolist() == theirs.frames.tolist() == numbers
     assert ours.counts.sum() > 500

@@ -271,10 +271,13 @@ def test_a_fetch_that_breaks_off_spoils_nothing(machine, url, monkeypatch):
         assert texts(folder) == {"last.pt": "whole"}
 
 
-def test_notes_and_references_are_seen_by_all(machine):
+def test_notes_and_references_are_seen_by_all(machine, url):
     one, other = machine("one"), machine("other")
+    filesystem, root = fsspec.url_to_fs(url)
     with one.running(TASK, Note("n1")):
         assert other.running_notes([TASK]) == {TASK.key: Note("n1")}
+        filesystem.pipe_file(f"{root}/{TASK.stage}/{one.local.note(TASK).name}", b'{"host": ')
+        assert other.running_notes([TASK]) == {}, "it is not whole"
     assert other.running_notes([TASK]) == {}
     lost = one.running(TASK, Note())
     lost.__enter__()  # and never left
@@ -292,14 +295,6 @@ def test_notes_and_references_are_seen_by_all(machine):
     with pytest.raises(ValueError, match="no sweep 'odd'; there are tiny"):
         other.forget("tiny", "odd")
     assert one.references() == {"tiny": {"a"}}
-
-
-def test_a_note_that_is_not_whole_is_left_out(machine, url):
-    store = machine("one")
-    filesystem, root = fsspec.url_to_fs(url)
-    with store.running(TASK, Note("n1")):
-        filesystem.pipe_file(f"{root}/{TASK.stage}/{store.local.note(TASK).name}", b'{"host": ')
-        assert store.running_notes([TASK]) == {}
 
 
 def test_a_sweep_at_a_url_cannot_be_locked_out(machine, monkeypatch):
