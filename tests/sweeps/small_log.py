@@ -41,11 +41,11 @@ SMALL = {
 """A sweep on the log, in the folder in which the command is given."""
 
 
-def write_sweep(folder: Path, name: str = "grid.yaml", **keys: object) -> Path:
+def write_sweep(folder: Path, file: str = "grid.yaml", /, **keys: object) -> Path:
     """The small sweep, from anywhere, with other keys; its log is written if it is not there."""
     if not (folder / "log").exists():
         write_small_log(folder / "log")
     scene = {"source": "log", "folder": str(folder / "log")}
     own = {"scene": scene, "output": str(folder / "runs")}
-    (folder / name).write_text(yaml.safe_dump(SMALL | own | keys))
-    return folder / name
+    (folder / file).write_text(yaml.safe_dump(SMALL | own | keys))
+    return folder / file
