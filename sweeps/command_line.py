@@ -19,14 +19,8 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb of the program.
-
-    Attributes:
-        module: has its app.
-        line: of help; "" is the first line of the module's docstring.
-        extra: what has to be installed in addition to the base, by the name of an extra; "" for
-            nothing.
-    """
+    """The module that has the app of a verb, its line of help, "" for the first line of the
+    module's docstring, and the extra that has to be installed in addition to the base, if any."""
 
     module: str
     line: str = ""

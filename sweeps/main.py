@@ -7,20 +7,14 @@ from pathlib import Path
 
 
 def main(*verb: str) -> None:
-    """Start the program.
-
-    Args:
-        verb: comes before the words of the command line.
-    """
+    """Start the program; `verb` comes before the words of the command line."""
     # Until a verb takes care of it, Ctrl-C ends the program without the traceback of an import.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if (folder := _foreign_package()) is not None:
-        print(
-            f"{folder}: hides the package {folder.stem} of lidarplace; run lidarplace in another "
-            "folder, or rename this one",
-            file=sys.stderr,
-        )
+        hint = "run lidarplace in another folder, or rename this one"
+        hides = f"{folder}: hides the package {folder.stem} of lidarplace"
+        print(f"{hides}; {hint}", file=sys.stderr)
         sys.exit(2)
     from sweeps.command_line import app
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from lidarplace.command_line.invocation import command
 from lidarplace.command_line.verbs import wrong
 
 
@@ -42,6 +43,16 @@ def _check_pairs(value: list[str] | None) -> list[str] | None:
         except ConfigError as error:
             wrong(error)
     return value
+
+
+def given(config: Path | None, kind: str, example: str, json_alone: bool) -> Path:
+    """The file of a `run` or a `search`; ends the program where `--json` has nothing to show."""
+    if config is None:
+        wrong(f"missing configuration file, such as {example}")
+    if json_alone:
+        told = command("status", "--json")
+        wrong(f"--json: needs --dry-run or --schema; for the progress of a {kind}: {told}")
+    return config
 
 
 SetOption = Annotated[

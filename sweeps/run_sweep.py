@@ -18,7 +18,6 @@ from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.execution.progress import StageProgress
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
@@ -45,12 +44,8 @@ def run_sweep(
 ) -> bool:
     """Run the plan, log it, report it. Returns whether all trials finished and were logged.
 
-    Args:
-        command: what makes the sweep again.
-        rerun_failed: retry failures by data or settings, too.
-
-    Raises:
-        as `sweeps.execution.runner.drive`.
+    `command` makes the sweep again, `rerun_failed` retries failures by data or settings, too.
+    Raises as `sweeps.execution.runner.drive`.
     """
     for typical in plan.typical:
         console.print(f"anchors of {typical}", soft_wrap=True)
@@ -63,22 +58,15 @@ def run_sweep(
     for trial, failure in failed:
         console.print(f"failed: {trial.label}: {failure.reason}", soft_wrap=True)
     if failed:
-        console.print(
-            f"{len(failed)} of {len(plan.trials)} trials failed; see "
-            f"{sweep.common.output / sweep.common.name / 'failed'}. "
-            "--rerun-failed tries all of them again."
-        )
+        folder = sweep.common.output / sweep.common.name / "failed"
+        said = f"{len(failed)} of {len(plan.trials)} trials failed; see {folder}. "
+        console.print(f"{said}--rerun-failed tries all of them again.")
     return logged and not failed
 
 
 @dataclass(frozen=True)
 class SweepWork:
-    """The steps of a sweep.
-
-    Attributes:
-        command, rerun_failed: see `run_sweep`.
-        started: on the clock of `Outcome.times`.
-    """
+    """The steps of a sweep, started on the clock of `Outcome.times`."""
 
     console: Console
     sweep: Sweep
@@ -93,10 +81,15 @@ class SweepWork:
         sweep, plan = self.sweep, self.plan
         self.store.refer(reference(sweep), [task.key for task in plan.tasks])
         keep_to_quota(self.console, sweep, self.store)
+        parameters = {
+            "placements": len({trial.grid_point.point.placement for trial in plan.trials}),
+            "trials": len(plan.trials),
+            "axes": ", ".join(sorted(sweep.axes)),
+        }
         return ParentRun(
             sweep_key(sweep, plan),
             sweep.common.name,
-            _parameters(sweep, plan),
+            parameters,
             tags=source_tags(),
             note=note(sweep.source, self.command, sweep.common.urls),
             about=ABOUT,
@@ -114,16 +107,14 @@ class SweepWork:
         except ValueError as error:
             wrong(error)
         outcome = Outcome()
-        with StageProgress(self.console, at_most(sweep, plan), store) as progress:
-            listener = TrialLog(
-                progress,
-                plan.trials,
-                store,
-                axes=further_axes(sweep),
-                there=cached,
-                failures=failures,
-                pictures=folder / "pictures",
-            )
+        listener = TrialLog(
+            *(self.console, at_most(sweep, plan), store, failures),
+            trials=plan.trials,
+            axes=further_axes(sweep),
+            there=cached,
+            pictures=folder / "pictures",
+        )
+        with listener:
             log.follow(listener.ended)
 
             def run_tasks(tasks: list[Task]) -> bool:
@@ -134,15 +125,8 @@ class SweepWork:
             cores = backend.cores if outcome.times else None
         listener.end(outcome.failures)
         log.hold()
-        return Run(
-            outcome=outcome,
-            promotion=promotion,
-            cached=cached,
-            cores=cores,
-            command=self.command,
-            started=self.started,
-            seconds=time.monotonic() - self.started,
-        )
+        seconds = time.monotonic() - self.started
+        return Run(outcome, promotion, cached, cores, self.command, self.started, seconds)
 
     def report(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
         """Tables; and report, artifacts and summary, if a trial finished."""
@@ -162,12 +146,9 @@ class SweepWork:
 
 def _failed(plan: Plan, run: Run) -> list[tuple[Trial, Failure]]:
     """Trials that failed, and why; without those that were pruned."""
-    return [
-        (trial, failure)
-        for trial in plan.trials
-        if trial.key not in run.promotion.pruned
-        and (failure := trial_failure(trial, run.outcome.failures))
-    ]
+    known, failures = run.promotion.pruned, run.outcome.failures
+    run_on = (trial for trial in plan.trials if trial.key not in known)
+    return [(own, failure) for own in run_on if (failure := trial_failure(own, failures))]
 
 
 def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
@@ -195,15 +176,6 @@ def sweep_key(sweep: Sweep, plan: Plan) -> str:
     keys = sorted(trial.key for trial in plan.trials)
     content = json.dumps([keys, rungs, sorted(sweep.axes)])
     return hashlib.sha256(content.encode()).hexdigest()[:12]
-
-
-def _parameters(sweep: Sweep, plan: Plan) -> dict[str, object]:
-    """Parameters of the parent run."""
-    return {
-        "placements": len({trial.grid_point.point.placement for trial in plan.trials}),
-        "trials": len(plan.trials),
-        "axes": ", ".join(sorted(sweep.axes)),
-    }
 
 
 def _print_summary(console: Console, folder: Path) -> None:

@@ -17,11 +17,8 @@ def is_search(path: Path) -> bool:
 
 
 def read_either(path: Path, overrides: Sequence[str] = ()) -> Sweep:
-    """The sweep of a file; of a search one that has its scene, store and output.
-
-    Raises:
-        ConfigError: anything wrong with the file, a key or a value.
-    """
+    """The sweep of a file; of a search one that has its scene, store and output. Raises
+    ConfigError."""
     if not is_search(path):
         return read_sweep(path, overrides)
     from sweeps.search.problem.problem import read_problem  # Optuna

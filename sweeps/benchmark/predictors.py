@@ -45,20 +45,10 @@ OfRig = Callable[[Trial], Mapping[str, float]]
 
 
 def predict(predictor: str, every: _Every = iter) -> tuple[pd.DataFrame, float]:
-    """What a predictor says of all rigs.
-
-    Args:
-        predictor: a surrogate or another name, a checkpoint of a generalist, or `module:function`.
-        every: goes over the names of the rigs, and may show how far it is.
-
-    Returns:
-        A row a rig, a column for each of `METRICS`, NaN where it has no value; and seconds of a
-        rig, without what is done once for all.
-
-    Raises:
-        InputError, OSError: there is no such predictor, or it fails, gives what is no finite number
-            or the same for all rigs.
-    """
+    """What a predictor says of all rigs, a row a rig, a column for each of `METRICS`, NaN where it
+    has no value; and seconds of a rig, without what is done once for all. `every` goes over their
+    names, and may show progress. Raises InputError, OSError: there is no such predictor, or it
+    fails, gives what is no finite number or the same for all rigs."""
     of_rig, rigs = resolved(predictor)
     values, seconds = {}, []
     for rig in every(rigs):
@@ -82,9 +72,8 @@ def resolved(predictor: str) -> tuple[OfRig, Mapping[str, Trial]]:
         found = registry[predictor]
     except PluginError as error:
         hint = f"{error}{did_you_mean(predictor, SURROGATES.own)}"
-        expected = (
-            f"{', '.join(SURROGATES.own)}, {PRETRAINED}, a checkpoint (.pt), or module:function"
-        )
+        known = (*SURROGATES.own, PRETRAINED, "a checkpoint (.pt), or module:function")
+        expected = ", ".join(map(str, known))
         raise InputError(hint, place="predictor", expected=expected) from None
     if isinstance(found, Surrogate):
         return _surrogate(predictor, found)

@@ -21,7 +21,7 @@ class LeftOut:
     """How well a curve predicts each part of the observations that was not in its fit.
 
     Attributes:
-        parts: how many parts were left out in turn.
+        parts: their number.
         brier: mean squared difference of probability and what became of the object.
         brier_of_mean: the same of the share found in the other parts, for every object alike.
         error: mean distance of a part's predicted recall from the measured one.
@@ -63,11 +63,7 @@ class Check:
 
 
 def check(seen: pd.DataFrame) -> Check:
-    """Fit a curve to observations of one class and overlap, and leave parts of them out.
-
-    Args:
-        seen: columns of `sweeps.calibration.observations`.
-    """
+    """Fit a curve to `observations` of one class and overlap, and leave parts of them out."""
     name, iou = str(seen["class"].iloc[0]), float(seen["iou"].iloc[0])
     whole = fit(name, iou, seen["cells"], seen["found"])
     left_out, expected = {}, seen["found"] * np.nan
@@ -75,23 +71,19 @@ def check(seen: pd.DataFrame) -> Check:
         part = np.asarray(seen.groupby(keys, sort=True).ngroup(), np.int64)
         parts = int(part.max()) + 1
         if unit != "rig" and parts > MOST_PARTS:
-            part = np.asarray(np.random.default_rng(0).permutation(parts) % MOST_PARTS, np.int64)[
-                part
-            ]
+            drawn = np.random.default_rng(0).permutation(parts) % MOST_PARTS
+            part = np.asarray(drawn, np.int64)[part]
         if parts > 1:
             left_out[unit], predicted = _without_each(seen, part, name, iou)
             expected = predicted if unit == "rig" else expected
-    of_rig = (
-        seen.assign(
-            expected=expected,
-            fitted=whole.probability(seen["cells"]),
-            log_points=np.log1p(seen["points"]),
-            enough_points=seen["points"] >= ENOUGH_POINTS,
-            log_cells=np.log1p(seen["cells"]),
-        )
-        .groupby("rig")[["found", "expected", "fitted", "log_points", "enough_points", "log_cells"]]
-        .mean()
-    )
+    measures = {
+        "rho": expected,
+        "rho_fitted": whole.probability(seen["cells"]),
+        "rho_log_points": np.log1p(seen["points"]),
+        "rho_enough_points": seen["points"] >= ENOUGH_POINTS,
+        "rho_log_cells": np.log1p(seen["cells"]),
+    }
+    of_rig = seen.assign(**measures).groupby("rig")[["found", *measures]].mean()
     rho = of_rig.corr(method="spearman")["found"]
     one = seen[seen["rig"] == seen["rig"].iloc[0]]
     return Check(
@@ -100,11 +92,7 @@ def check(seen: pd.DataFrame) -> Check:
         objects=len(one),
         individuals=len(one[["scene", "object_id"]].drop_duplicates()),
         left_out=left_out,
-        rho=float(rho["expected"]),
-        rho_fitted=float(rho["fitted"]),
-        rho_log_points=float(rho["log_points"]),
-        rho_enough_points=float(rho["enough_points"]),
-        rho_log_cells=float(rho["log_cells"]),
+        **{name: float(rho[name]) for name in measures},
     )
 
 

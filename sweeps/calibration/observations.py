@@ -35,21 +35,16 @@ def rigs_of(trials: Sequence[Trial], store: AnyStore) -> Judged:
         if not all(isinstance(task.params, CollectParams) for task in trial.collect_test):
             raise ConfigError("scene.clouds: which rays made recorded clouds is not known")
         axes = {k: v for k, v in trial.grid_point.axes.items() if k not in ("detector", "seed")}
-        label = " · ".join(
-            [axes.pop("placement", trial.grid_point.point.placement)]
-            + [f"{name}={value}" for name, value in axes.items()]
-        )
-        own.setdefault(label, []).append(trial)
+        label = [axes.pop("placement", trial.grid_point.point.placement)]
+        label += [f"{name}={value}" for name, value in axes.items()]
+        own.setdefault(" · ".join(label), []).append(trial)
     return own
 
 
 def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
-    """A row for every object, rig and overlap, columns `COLUMNS`.
-
-    The objects are those of the test frames that count, the overlaps those of the class.
-    `found` is the share of the rig's detectors that found the object, points and cells are what the
-    rig hits of it, with the azimuth steps of its clouds.
-    """
+    """A row for every object of the test frames that counts, rig and overlap of the class, columns
+    `COLUMNS`: `found` is the share of the rig's detectors that found the object, points and cells
+    are what the rig hits of it, with the azimuth steps of its clouds."""
     counted: dict[tuple[object, ...], tuple[CountedObjects, pd.DataFrame]] = {}
     tables = []
     for label, trials in rigs.items():
@@ -61,8 +56,8 @@ def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
         # The clouds of all parts of a scene are of one rig; it has their azimuth steps.
         (placement,) = {task.params.placement for task in first.collect_test}
         boxes = [store.read(trial.evaluate, lambda found: found.detections) for trial in trials]
-        own = of_rig(label, placement, boxes, *counted[key], point.classes, point.own_ious())
-        tables.append(own)
+        of_point = (*counted[key], point.classes, point.own_ious())
+        tables.append(of_rig(label, placement, boxes, *of_point))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -72,15 +67,9 @@ def _test_objects(trial: Trial, store: AnyStore) -> tuple[CountedObjects, pd.Dat
     frames = log.frames[log.frames["split"] == "test"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     point = trial.grid_point.point
-    objects = CountedObjects.from_log(
-        replace(log, boxes=boxes, frames=frames),
-        point.voxel_roi(),
-        point.classes,
-        CELL_M,
-        seed=point.scene.seed,
-        vehicle=trial.grid_point.vehicle,
-    )
-    return objects, frames
+    own = (replace(log, boxes=boxes, frames=frames), point.voxel_roi(), point.classes, CELL_M)
+    seed, vehicle = point.scene.seed, trial.grid_point.vehicle
+    return CountedObjects.from_log(*own, seed=seed, vehicle=vehicle), frames
 
 
 def of_rig(
@@ -92,13 +81,8 @@ def of_rig(
     classes: Sequence[str],
     ious: Mapping[str, Overlaps],
 ) -> pd.DataFrame:
-    """Columns `COLUMNS` of one rig.
-
-    Args:
-        detections: of each of its detectors, columns frame, class, `GEOMETRY` and score.
-        frames: scene, frame and route of the frames of `objects`.
-        ious: overlaps of classes that have not KITTI's.
-    """
+    """Columns `COLUMNS` of one rig, from the detections of each of its detectors, objects and the
+    scene, frame and route of their frames, and overlaps of classes that have not KITTI's."""
     seen: SurfaceCells = objects.seen_by([placement])[0]
     routes = frames.set_index("frame")["route"]
     scene = objects.table["scene"].astype(str)

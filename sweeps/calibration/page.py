@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from sweeps.calibration.left_out import Check
-from tracking.pages.section import Column, Section, Table, numbers, words
+from tracking.pages.section import Section, Table, numbers, words
 
 _NAME = [words("class", "object_class"), numbers("IoU", "iou", "g")]
 _RHOS = {
@@ -20,13 +20,8 @@ _RHOS = {
 def checks_section(checks: Sequence[Check]) -> Section:
     """The curves, and how well they predict rigs, routes and objects that were left out."""
     rows = pd.DataFrame([{**vars(own), **vars(own.curve)} for own in checks])
-    left_out = pd.DataFrame(
-        [
-            {**vars(own.curve), "unit": unit, **vars(found)}
-            for own in checks
-            for unit, found in own.left_out.items()
-        ]
-    )
+    parts = ((own.curve, unit, found) for own in checks for unit, found in own.left_out.items())
+    left_out = pd.DataFrame([{**vars(own), "unit": u, **vars(found)} for own, u, found in parts])
     counts = [numbers(name, name, ",") for name in ("rigs", "objects", "individuals")]
     shape = [numbers("most", "most", "g"), numbers("rate a cell", "rate", "g")]
     tables = [Table.of("Detection curves", rows, [*_NAME, *counts, *shape])]
@@ -36,8 +31,7 @@ def checks_section(checks: Sequence[Check]) -> Section:
             numbers("parts", "parts", ","),
             numbers("Brier", "brier", ".4f"),
             numbers("of the mean", "brier_of_mean", ".4f"),
-            _percent("error"),
-            _percent("spread"),
+            *(numbers(f"{name} (%)", name, _percent) for name in ("error", "spread")),
         ]
         tables.append(Table.of("Left out", left_out, [*_NAME, *columns]))
     notes = [
@@ -59,5 +53,5 @@ def checks_section(checks: Sequence[Check]) -> Section:
     return Section("Detection curves", notes, tables=tables, columns=1)
 
 
-def _percent(name: str) -> Column:
-    return numbers(f"{name} (%)", name, lambda share: f"{100 * share:.1f}")
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"

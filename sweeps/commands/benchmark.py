@@ -69,7 +69,6 @@ def benchmark(
 
 
 def _print_scores(scores: pd.DataFrame) -> None:
-    """One predictor by metric and population."""
     from sweeps.benchmark.markdown import percent, rho_cell
     from tracking.labels import digits, span
 

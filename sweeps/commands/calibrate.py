@@ -12,17 +12,7 @@ from lidarplace.command_line.options import FRONT_ROI, RoiOption
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
-from sweeps.options import (
-    CalibOption,
-    ClassesOption,
-    DetectionClassMapOption,
-    GeometryOption,
-    LayoutOption,
-    RigsOption,
-    SetOption,
-    SplitOption,
-    WorldFrameOption,
-)
+from sweeps import options
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,19 +35,19 @@ def calibrate(
             metavar="FILE", help="file for the curves, and a page; by default they are only printed"
         ),
     ] = None,
-    set_: SetOption = None,
+    set_: options.SetOption = None,
     log: Annotated[
         Path | None, typer.Option(help="box log of the detections, instead of a sweep")
     ] = None,
-    rig: RigsOption = None,
-    geometry: GeometryOption = None,
-    layout: LayoutOption = None,
-    world: WorldFrameOption = False,
-    calib: CalibOption = None,
-    class_map: DetectionClassMapOption = "paper",
+    rig: options.RigsOption = None,
+    geometry: options.GeometryOption = None,
+    layout: options.LayoutOption = None,
+    world: options.WorldFrameOption = False,
+    calib: options.CalibOption = None,
+    class_map: options.DetectionClassMapOption = "paper",
     roi: RoiOption = FRONT_ROI,
-    class_: ClassesOption = None,
-    split: SplitOption = "test",
+    class_: options.ClassesOption = None,
+    split: options.SplitOption = "test",
 ) -> None:
     """Fit the curves of expected_recall to the detections of a sweep, or to those of --log.
 
@@ -121,7 +111,6 @@ def _of_sweep(config: Path, overrides: list[str]) -> pd.DataFrame:
 
 
 def _of_detections(asked: Asked) -> pd.DataFrame:
-    """Observations of rigs, whose geometry must be known."""
     import pandas as pd
 
     from lidarplace.recall.counted_objects import CountedObjects

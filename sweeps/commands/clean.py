@@ -55,12 +55,18 @@ def clean(
     alone. A store at a URL needs --unlocked, because no lock shows whether a sweep uses it;
     --dry-run locks nothing.
     """
+    from pydantic import ByteSize, TypeAdapter, ValidationError
+
     from sweeps.store.cleaning import clean_store
 
     with checked_input():
         if dry_run and forget:
             raise ValueError("--forget: cannot be combined with --dry-run")
-        limit = None if quota is None else _bytes(quota)
+        try:
+            limit = None if quota is None else TypeAdapter(ByteSize).validate_python(quota)
+        except ValidationError:
+            expected = "expected a size such as 500MB or 50GB"
+            raise ValueError(f"--quota {quota}: {expected}") from None
         opened = _store_of(store)
         with nullcontext() if unlocked or dry_run else opened.exclusive():
             opened.forget(*forget or ())
@@ -88,42 +94,24 @@ def _store_of(name: str) -> AnyStore:
     return opened
 
 
-def _bytes(size: str) -> int:
-    from pydantic import ByteSize, TypeAdapter, ValidationError
-
-    try:
-        return int(TypeAdapter(ByteSize).validate_python(size))
-    except ValidationError:
-        raise ValueError(f"--quota {size}: expected a size such as 500MB or 50GB") from None
-
-
 def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:
     """Print sizes by stage and by sweep, and what was removed."""
     summary, whole = summary_of(cleaned, dry_run), _of_results(_results(cleaned), cleaned)
-    stages = table(
-        None,
-        ("stage", "results", "size", "of no sweep", "size of these"),
-        ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items()),
-    )
+    rows = ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items())
+    stages = table(None, ("stage", "results", "size", "of no sweep", "size of these"), rows)
     stages.add_row("all", *_counted(*whole.values()), style="bold")
     console.print(stages)
     usable = [e for e in cleaned.contents if e.kind == "working" and e not in cleaned.leftovers]
-    told = {
-        "checkpoints of unfinished trainings": usable,
-        "leftovers of killed processes": cleaned.leftovers,
-    }
-    for what, entries in told.items():
-        console.print(f"{what}: {_told(entries)}")
+    console.print(f"checkpoints of unfinished trainings: {_told(usable)}")
+    console.print(f"leftovers of killed processes: {_told(cleaned.leftovers)}")
     rows = ((n, own["refers_to"], *_counted(own)) for n, own in summary["sweeps"].items())
     console.print(table(None, ("sweep", "refers to", "of these there", "size"), rows))
     done = "would be removed" if dry_run else "removed"
     console.print(f"{done}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}")
     if limit is not None and cleaned.kept_bytes > limit:
-        console.print(
-            f"what sweeps refer to is larger than {decimal(limit)}; name those that are needed no "
-            "more with --forget",
-            soft_wrap=True,
-        )
+        larger = f"what sweeps refer to is larger than {decimal(limit)}"
+        hint = "name those that are needed no more with --forget"
+        console.print(f"{larger}; {hint}", soft_wrap=True)
 
 
 def summary_of(cleaned: Cleaned, dry_run: bool) -> dict[str, Any]:

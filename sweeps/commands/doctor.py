@@ -38,33 +38,18 @@ _SIGNS = {
 }
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What a check found, see `checks.Found`.
-
-    Attributes:
-        check: what was looked at.
-        needed_for: what does not work without it.
-    """
+@dataclass(frozen=True, kw_only=True)
+class Finding(Found):
+    """Further what was looked at, and what does not work without it."""
 
     check: str
-    found: str
     needed_for: str
-    state: checks.State = "good"
-    remedy: str = ""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a configuration asks of the machine; the defaults without one.
-
-    Attributes:
-        path: the file.
-        overrides: KEY=VALUE in place of what the file says.
-        run_folder: of the sweep; the folder of all of them without a configuration.
-        folder: of the store, or of the copies from a remote one.
-        store: URL of a remote store, None for a folder.
-    """
+    """What a configuration asks of the machine; the defaults without one. `folder` is that of the
+    store, or of the copies from a remote one, whose URL is `store`."""
 
     path: Path | None = None
     overrides: tuple[str, ...] = ()
@@ -100,10 +85,8 @@ def doctor(
     try:
         findings = look(asked_of(config, set_ or []) if config else Asked())
     except ImportError as error:  # a package is missing without which no file can be read
-        findings = [
-            *look(Asked()),
-            Finding(str(config), f"cannot be read: {error}", "this sweep", "missing", "make setup"),
-        ]
+        unread = Found(f"cannot be read: {error}", "missing", "make setup")
+        findings = [*look(Asked()), _finding(str(config), "this sweep", unread)]
     if as_json:
         print_json([asdict(finding) for finding in findings])
     else:
@@ -136,9 +119,6 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
 
 def look(asked: Asked) -> list[Finding]:
     """All findings, in the order in which things are needed. One check does not stop the others."""
-    client = asked.ray.startswith("ray://")
-    postgres = asked.tracking_uri.startswith("postgres")
-    s3 = (asked.store or "").startswith("s3")
     wanted: list[tuple[str, str, Callable[[], Found]]] = [
         ("packages", "everything", partial(checks.packages, None, True)),
         ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
@@ -159,10 +139,11 @@ def look(asked: Asked) -> list[Finding]:
 
         kind = "this search" if is_search(asked.path) else "this sweep"
         wanted.append(("scenes", kind, partial(scenes, asked.path, asked.overrides)))
+    postgres = asked.tracking_uri.startswith("postgres")
     for extra, name, needed_for, needed in (
-        ("cluster", "Ray client", "ray: ray://…", client),
+        ("cluster", "Ray client", "ray: ray://…", asked.ray.startswith("ray://")),
         ("postgres", "PostgreSQL driver", "MLflow in PostgreSQL", postgres),
-        ("s3", "S3 client", "store: s3://…", s3),
+        ("s3", "S3 client", "store: s3://…", (asked.store or "").startswith("s3")),
         ("carla", "CARLA client", "point clouds from a CARLA server", False),
     ):
         wanted.append((name, needed_for, partial(checks.packages, extra, needed)))
@@ -206,8 +187,12 @@ def _tried(name: str, needed_for: str, check: Callable[[], Found]) -> Finding:
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         remedy = needs(error) if isinstance(error, ModuleNotFoundError) else None
-        return Finding(name, text, "see the message", "missing", remedy or "make setup")
-    return Finding(name, found.found, needed_for, found.state, found.remedy)
+        found, needed_for = Found(text, "missing", remedy or "make setup"), "see the message"
+    return _finding(name, needed_for, found)
+
+
+def _finding(check: str, needed_for: str, found: Found) -> Finding:
+    return Finding(**vars(found), check=check, needed_for=needed_for)
 
 
 def _print(console: Console, findings: list[Finding]) -> None:
@@ -218,19 +203,14 @@ def _print(console: Console, findings: list[Finding]) -> None:
         table.add_row(_SIGNS[finding.state], finding.check, finding.found, finding.needed_for)
     console.print(table)
     # Below the table, where a command is one line that can be copied.
-    for state, title in (
-        ("missing", "Missing"),
-        ("weak", "Could be better"),
-        ("optional", "Not asked for"),
-    ):
+    titles = {"missing": "Missing", "weak": "Could be better", "optional": "Not asked for"}
+    for state, title in titles.items():
         mends = [f for f in findings if f.state == state and f.remedy]
         if mends:
             console.print("\n", _SIGNS[state], " ", Text(title, "bold"), sep="")
         for finding in mends:
-            console.print(
-                Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan")),
-                soft_wrap=True,
-            )
+            mend = Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan"))
+            console.print(mend, soft_wrap=True)
     missing = [f.check for f in findings if f.state == "missing"]
     last = f"Missing: {', '.join(missing)}" if missing else "All that is needed is there."
     console.print(f"\n{last}")

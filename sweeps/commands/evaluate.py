@@ -10,21 +10,9 @@ import typer
 from lidarplace.command_line.options import FRONT_ROI, LogArgument, RoiOption
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
-from sweeps.options import (
-    CalibOption,
-    ClassesOption,
-    CountedOption,
-    DetectionClassMapOption,
-    GeometryOption,
-    LayoutOption,
-    RigsOption,
-    SplitOption,
-    WorldFrameOption,
-)
+from sweeps import options
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
-
     import pandas as pd
     from rich.table import Table
 
@@ -44,16 +32,16 @@ def evaluate(
     detections: Annotated[
         list[Path] | None, typer.Argument(help="files, or folders of them, of one rig")
     ] = None,
-    rig: RigsOption = None,
-    geometry: GeometryOption = None,
-    layout: LayoutOption = None,
-    world: WorldFrameOption = False,
-    calib: CalibOption = None,
-    class_map: DetectionClassMapOption = "paper",
+    rig: options.RigsOption = None,
+    geometry: options.GeometryOption = None,
+    layout: options.LayoutOption = None,
+    world: options.WorldFrameOption = False,
+    calib: options.CalibOption = None,
+    class_map: options.DetectionClassMapOption = "paper",
     roi: RoiOption = FRONT_ROI,
-    class_: ClassesOption = None,
-    split: SplitOption = "test",
-    counted: CountedOption = "visible",
+    class_: options.ClassesOption = None,
+    split: options.SplitOption = "test",
+    counted: options.CountedOption = "visible",
     generalist: Annotated[
         bool,
         typer.Option(
@@ -95,7 +83,9 @@ def evaluate(
             write_evaluation(out, worth, found, ONE_FOR_ALL[0] if generalist else "specialist")
             page = build_report(out)
     if as_json:
-        print_json(_plain(means))
+        names = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
+        rows = means[names].astype(object)
+        print_json(rows.where(rows.notna(), None).to_dict("records"))
         return
     say("\n".join(found.notes))
     output().print(_shown(means, several))
@@ -114,15 +104,7 @@ def evaluate(
         say(page.with_name("decision.html"))
 
 
-def _plain(means: pd.DataFrame) -> list[dict[Hashable, object]]:
-    """Rows for a script; None for what is not known."""
-    names = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
-    rows = means[names].astype(object)
-    return rows.where(rows.notna(), None).to_dict("records")
-
-
 def _shown(means: pd.DataFrame, several: bool) -> Table:
-    """A row for every rig and class; percent at the strict IoU, with intervals."""
     from lidarplace.base.metrics import METRICS
     from tracking.kitti_iou import headline_iou, judged
     from tracking.labels import digits
@@ -133,11 +115,8 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
         for metric in SHOWN:
             cells.append("")
             for row in judged(own, means, str(name), metric).to_dict("records"):
-                sure = (
-                    f" ({row['low']:.1f} to {row['high']:.1f})"
-                    if row["high"] - row["low"] > 0.05
-                    else ""
-                )
+                low, high = row["low"], row["high"]
+                sure = f" ({low:.1f} to {high:.1f})" if high - low > 0.05 else ""
                 cells[-1] = f"{digits(row['mean'], '.1f')}{sure}"
         iou = f"{headline_iou(means, str(name)):g}"
         objects = f"{own['ground_truths'].max():,}"

@@ -48,6 +48,8 @@ def failures(
     and OUT/objects.parquet and .csv with the result of each object. The frames need the
     configuration of the sweep in RUN and its results in the store.
     """
+    from lidarplace.files.atomic import replacing
+    from lidarplace.files.csv import write_csv
     from tracking.pages.files_beside import FOLDER, write_csv_files
     from tracking.report.failures import write_failures
     from tracking.report.sections.failures import FILE, counted_failures
@@ -60,7 +62,10 @@ def failures(
         section = counted_failures(found)
         out.mkdir(parents=True, exist_ok=True)
         write_csv_files(out / FOLDER, [section])
-        _write_objects(found, out)
+        table = found.table()
+        with replacing(out / "objects.parquet") as partial:
+            table.to_parquet(partial, index=False)
+        write_csv(table, out / "objects.csv")
         extent = f"{folder.sweep.name}: {folder.sweep.frames.test:,} test frames."
         page = write_failures(
             out / FILE, found, shown, section, folder.roi, folder.sweep.body, extent, {}
@@ -73,7 +78,6 @@ def failures(
 
 
 def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
-    """Raises ValueError that says what is not there."""
     from tracking.findings.failures import failures
     from tracking.findings.groups import copies, groups, without
     from tracking.findings.promotion import fully_trained
@@ -148,15 +152,10 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     by_place = {
         tuple(identity(t, run.axes)[key] for key in place): t for t in with_detector(plan.trials)
     }
-    trials = {
-        str(key): by_place[row]
-        for key, row in zip(wanted.index, wanted.itertuples(index=False, name=None), strict=True)
-        if row in by_place
-    }
+    rows = zip(wanted.index, wanted.itertuples(index=False, name=None), strict=True)
+    trials = {str(key): by_place[row] for key, row in rows if row in by_place}
     needed = {
-        task.key: task
-        for trial in trials.values()
-        for task in (trial.evaluate, *trial.collect_test)
+        task.key: task for own in trials.values() for task in (own.evaluate, *own.collect_test)
     }
     recorded = set() if run.tasks is None else set(run.tasks.get("key", ()))
     known = recorded & store.finished(needed.values())
@@ -166,14 +165,3 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
             f"this code; {command('run')} {config} makes them"
         )
     return failure_frames(found, trials, store), ""
-
-
-def _write_objects(found: Failures, out: Path) -> None:
-    """What became of each object, as Parquet and CSV."""
-    from lidarplace.files.atomic import replacing
-    from lidarplace.files.csv import write_csv
-
-    table = found.table()
-    with replacing(out / "objects.parquet") as partial:
-        table.to_parquet(partial, index=False)
-    write_csv(table, out / "objects.csv")

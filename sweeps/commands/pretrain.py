@@ -88,25 +88,21 @@ def pretrain(
     try:
         params = task.params
         collected = [own.params for own in task.inputs if isinstance(own.params, CollectParams)]
-        rigs = [own.placement for own in collected]
-        domain = asdict(domain_of(rigs, params.point_range, value.classes)) if rigs else None
-        write_checkpoint(
-            out, value.state_dict, params.detector, value.classes, params.typical, domain
-        )
+        rigs, classes = [own.placement for own in collected], value.classes
+        domain = asdict(domain_of(rigs, params.point_range, classes)) if rigs else None
+        of_network = (params.detector, classes, params.typical)
+        write_checkpoint(out, value.state_dict, *of_network, domain)
     except OSError as error:
         say(f"failed: {error}")
         raise typer.Exit(1) from None
-    curve = value.curve
-    losses = curve.loc[curve["metric"] == "loss", "value"].tolist()
-    console.print(
-        f"{out}: {task.label}, classes {', '.join(value.classes)}, from {value.weights}, "
-        f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last",
-        soft_wrap=True,
+    losses = value.curve.loc[value.curve["metric"] == "loss", "value"].tolist()
+    say(
+        f"{out}: {task.label}, classes {', '.join(classes)}, from {value.weights}, "
+        f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last"
     )
 
 
 def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep, Task[Trained]]:
-    """What a file trains on, and the sweep that names its store. Raises ConfigError."""
     from sweeps.configuration.file import named
     from sweeps.configuration.grid import read_sweep
     from sweeps.plan.plan import read_plan

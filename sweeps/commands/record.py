@@ -44,14 +44,10 @@ def record(
     def recorded() -> tuple[list[tuple[str, BoxLog]], bool]:
         """The log of every scene that did not fail, and whether none failed."""
         failures = run_tasks(console, sweep.common, store, tasks)
-        good = {
-            parts: label
-            for parts, label in scenes.items()
-            if not any(part.key in failures for part in parts)
-        }
         logs = [
             (label, join_logs([store.load(part) for part in parts]))
-            for parts, label in good.items()
+            for parts, label in scenes.items()
+            if not any(part.key in failures for part in parts)
         ]
         return logs, not failures
 

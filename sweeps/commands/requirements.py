@@ -49,7 +49,7 @@ def requirements(
     from rich.progress import track
 
     from lidarplace.requirements.judge import judge
-    from lidarplace.requirements.tables import worst_cases
+    from lidarplace.requirements.tables import by_rig, case_table, worst_cases
     from sweeps.configuration.question import read_question
     from tracking.pages.requirements import verdict_table
 
@@ -64,7 +64,8 @@ def requirements(
             judge(question.laid, rig, question.vehicle, further)
             for rig, further in zip(rigs, question.further, strict=True)
         ]
-        cases = _cases(question, outcomes)
+        names = (rig.name for rig in question.rigs)
+        cases = by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
         worst = worst_cases(cases, ["rig"])
         paths = _write(question, outcomes, cases, worst, out)
     if as_json:
@@ -106,14 +107,6 @@ def _as_json(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _cases(question: Question, outcomes: Sequence[Sequence[Outcome]]) -> pd.DataFrame:
-    """A row for each rig, requirement and case."""
-    from lidarplace.requirements.tables import by_rig, case_table
-
-    names = (rig.name for rig in question.rigs)
-    return by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
-
-
 def _write(
     question: Question,
     outcomes: Sequence[Sequence[Outcome]],
@@ -136,7 +129,6 @@ def _write(
 def _sections(
     question: Question, outcomes: Sequence[Sequence[Outcome]], worst: pd.DataFrame
 ) -> Iterator[Section]:
-    """The verdicts, and for each requirement the ground around every rig."""
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.tables import Ground
     from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table

@@ -6,20 +6,13 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line.invocation import called, command
+from lidarplace.command_line.invocation import called
 from lidarplace.command_line.terminal import output, say
-from lidarplace.command_line.verbs import (
-    JsonOption,
-    checked_input,
-    new_app,
-    print_json,
-    verb,
-    wrong,
-)
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.configuration.sweep import SweepFile
 from sweeps.execution.interrupted import interruptible
 from sweeps.execution.memory import check_memory
-from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
+from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption, given
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
 from sweeps.results.rigs import write_rigs_page
@@ -52,11 +45,7 @@ def run(
     if schema:
         print_json(SweepFile.model_json_schema())
         return
-    if config is None:
-        wrong("missing configuration file, such as examples/grid.yaml")
-    if as_json and not dry_run:
-        told = command("status", "--json")
-        wrong(f"--json: needs --dry-run or --schema; for the progress of a sweep: {told}")
+    config = given(config, "sweep", "examples/grid.yaml", as_json and not dry_run)
     with checked_input():
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
@@ -79,7 +68,6 @@ def run(
 
     with checked_input():
         check_writable(sweep, store)
-    if not interruptible(
-        console, lambda: run_sweep(console, sweep, plan, store, called(), rerun_failed)
-    ):
+    what = (sweep, plan, store, called(), rerun_failed)
+    if not interruptible(console, lambda: run_sweep(console, *what)):
         raise typer.Exit(1)

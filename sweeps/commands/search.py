@@ -6,18 +6,11 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line.invocation import called, command
+from lidarplace.command_line.invocation import called
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import (
-    JsonOption,
-    checked_input,
-    new_app,
-    print_json,
-    verb,
-    wrong,
-)
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.execution.interrupted import interruptible
-from sweeps.options import DryRunOption, SchemaOption, SetOption
+from sweeps.options import DryRunOption, SchemaOption, SetOption, given
 
 app = new_app()
 
@@ -47,11 +40,7 @@ def search(
     if schema:
         print_json(SearchFile.model_json_schema())
         return
-    if config is None:
-        wrong("missing configuration file, such as examples/search.yaml")
-    if as_json and not dry_run:
-        told = command("status", "--json")
-        wrong(f"--json: needs --dry-run or --schema; for the progress of a search: {told}")
+    config = given(config, "search", "examples/search.yaml", as_json and not dry_run)
     from sweeps.search.greedy.certificate import check_candidates
     from sweeps.search.output.terminal import planned, print_problem
     from sweeps.search.problem.problem import read_problem

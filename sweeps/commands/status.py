@@ -97,8 +97,8 @@ def print_state(console: Console, state: SweepState, every: bool) -> None:
     if len(trials) < len(state.trials):
         console.print(f"{len(state.trials) - len(trials)} more trials: --all lists them")
     if by_status["failed"]:
-        again = command("run")
-        console.print(f"What failed for good is tried again by {again} with --rerun-failed.")
+        again = f"{command('run')} with --rerun-failed"
+        console.print(f"What failed for good is tried again by {again}.")
 
 
 def print_search(console: Console, state: SearchState, every: bool) -> None:
@@ -116,9 +116,8 @@ def print_search(console: Console, state: SearchState, every: bool) -> None:
         console.print(f"best so far: trial {found['trial']}: {values}{rays}")
     if len(best) < len(state.best):
         console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")
-    for failure in state.failures:
-        text = f"trial {failure['trial']} failed: {failure['reason']}"
-        console.print(text, soft_wrap=True)
+    for own in state.failures:
+        console.print(f"trial {own['trial']} failed: {own['reason']}", soft_wrap=True)
     if state.verify is not None:
         console.print()
         print_state(console, state.verify, every)

@@ -23,11 +23,8 @@ from sweeps.configuration.sweep import NAME
 Model = TypeVar("Model", bound=BaseModel)
 
 
-_VERBS = {
-    "search": ("a search", "search"),
-    "grid": ("a sweep", "run"),
-    "exclude": ("a sweep", "run"),
-}
+_SWEEP = ("a sweep", "run")
+_VERBS = {"search": ("a search", "search"), "grid": _SWEEP, "exclude": _SWEEP}
 """Keys that only one kind of file has, and the verb that takes it."""
 
 _WORDS = {
@@ -67,8 +64,9 @@ def named(place: object, file: Path | None = None) -> Iterator[None]:
         raise ConfigError(f"{place}: {error}") from None
 
 
-def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
-    """The mapping in `path`, whose keys are fields of `model`. Raises ConfigError."""
+def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
+    """The mapping in `path`, whose keys are fields of `model`, with the `KEY=VALUE` of every
+    `--set`; not checked yet. Raises ConfigError: unreadable, or what cannot be put in."""
     try:
         raw = read_yaml_file(path)
     except OSError as error:
@@ -78,14 +76,15 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
     if not isinstance(raw, dict):
         what = "nothing" if raw is None else type(raw).__name__
         raise ConfigError(f"{path}: expected a mapping of keys, found {what}")
+    unknown = [key for key in raw if key not in model.model_fields]
     for key, (kind, verb) in _VERBS.items():
-        if key in raw and key not in model.model_fields:
+        if key in unknown:
             raise ConfigError(f"{path}: {key}: key of {kind}; run this file with {command(verb)}")
-    for key in raw:
-        if key not in model.model_fields:
-            problem = unknown_key(str(key), model)
-            raise ConfigError(problem, place=str(path), key=shortened(str(key)))
+    for key in map(str, unknown):
+        raise ConfigError(unknown_key(key, model), place=str(path), key=shortened(key))
     FOLDERS.append(path.parent.resolve())
+    for pair in overrides:
+        _override(raw, pair, path, model)
     return raw
 
 
@@ -95,20 +94,8 @@ def public_yaml(config: Mapping[str, Any]) -> str:
 
 
 def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
-    """The YAML of `path` with the `KEY=VALUE` of every `--set`, and with a name; not checked yet.
-
-    Raises:
-        ConfigError: a file that cannot be read, an override that cannot be put in, no name.
-    """
-    raw = read_yaml(path, model)
-    for pair in overrides:
-        override(raw, pair, path, model)
-    _name_by_file(raw, path)
-    return raw
-
-
-def _name_by_file(raw: dict[str, Any], path: Path) -> None:
-    """Name what has no name after its file. Raises ConfigError if that cannot be a name."""
+    """`read_yaml`, with the name of the file where it has none. Raises ConfigError."""
+    raw = read_yaml(path, overrides, model)
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
         raise ConfigError(
@@ -116,7 +103,7 @@ def _name_by_file(raw: dict[str, Any], path: Path) -> None:
             "name, which has letters, digits and _.- alone; give another, such as "
             f"--set name={other}"
         )
-    raw.setdefault("name", path.stem)
+    return {**raw, "name": raw.get("name", path.stem)}
 
 
 def split_override(pair: str) -> tuple[str, str]:
@@ -128,8 +115,7 @@ def split_override(pair: str) -> tuple[str, str]:
     return key.strip(), text
 
 
-def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]) -> None:
-    """Put the `KEY=VALUE` of a `--set` into `raw`; values are YAML. Raises ConfigError."""
+def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]) -> None:
     key, text = split_override(pair)
     try:
         value = parse_yaml(text)
@@ -184,15 +170,13 @@ def check(
         index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
         key = names[keys] + index if names and keys in names else key_path(loc)
         if first["type"] == "extra_forbidden":
-            parent = _model_at(model, loc[:-1], data)
-            message = unknown_key(str(loc[-1]), parent)
+            message = unknown_key(str(loc[-1]), _model_at(model, loc[:-1], data))
         else:
             message = _expected_first(what_is_wrong(_plainly(first)))
         raise ConfigError(message, place=str(path), key=key or None) from None
 
 
 def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
-    """One of pydantic's `errors()` with a message in terms of YAML."""
     said = str(mistake["msg"]).removeprefix("String ")
     if mistake["type"] in ("too_short", "too_long"):
         bound, end = ("at least", "min") if mistake["type"] == "too_short" else ("at most", "max")
@@ -205,9 +189,8 @@ def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
 
 def _expected_first(line: str) -> str:
     """`what_is_wrong` in the order of all error lines: expected X, found Y."""
-    found, semicolon, expected = (
-        line.partition("; ") if line.startswith("found ") else ("", "", line)
-    )
+    parts = line.partition("; ") if line.startswith("found ") else ("", "", line)
+    found, semicolon, expected = parts
     words = re.match(r"(?:Input )?(?:should (?:be|have)|allowed (?:is|are)|expected) ", expected)
     if words is None:
         return "missing" if line == "is missing" else line
@@ -217,7 +200,6 @@ def _expected_first(line: str) -> str:
 def _model_at(
     model: type[BaseModel], loc: Sequence[int | str], data: Mapping[str, Any]
 ) -> type[BaseModel]:
-    """The model that a key path of `model` leads to."""
     for part in loc:
         if part == "scene":
             model = KINDS[source_of(data[part])].settings

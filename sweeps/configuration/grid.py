@@ -4,7 +4,8 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import ConfigError, check, named, read_named, unknown_key
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
-from sweeps.configuration.whole_paths import with_whole_paths
+from sweeps.configuration.whole_paths import portable
 from tracking.findings.groups import ONE_FOR_ALL
 from training.settings import TrainingSettings
 
@@ -34,7 +35,6 @@ class GridPoint:
     """A point of the grid.
 
     Attributes:
-        point: what is trained and evaluated.
         rig: its placement, with its LiDARs and in its weather.
         axes: its place on the axes, key path -> value.
         rung: which rung of `promote` it is trained for; their number for the full training.
@@ -64,7 +64,6 @@ class Sweep:
     """A configuration that has been read, checked and multiplied out.
 
     Attributes:
-        common: what all points share.
         points: the product of the axes less what is excluded, last axis fastest; once for every
             rung of `promote` that trains, the full trainings last.
         axes: key paths of the grid, and those that rungs of `promote` set.
@@ -81,21 +80,14 @@ class Sweep:
 
 def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
-
-    Raises:
-        ConfigError: anything wrong with the file, a key or a value.
-    """
+    Raises ConfigError."""
     sweep = build_sweep(read_named(path, overrides, SweepFile), path)
     _check_mounts(sweep, path)
     return sweep
 
 
 def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
-    """The sweep of a configuration as plain data; `path` is for messages.
-
-    Raises:
-        ConfigError: anything wrong with a key or a value.
-    """
+    """The sweep of a configuration as plain data; `path` is for messages. Raises ConfigError."""
     grid = _axes(raw, path)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
     own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
@@ -116,7 +108,6 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             names = {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"}
             check(Point, base, path, names, at_first | {axis: value})
     exclude = _exclusions(raw.get("exclude", []), grid, path)
-
     points = []
     for rung, settings in rungs:
         for combination in itertools.product(*grid.values()):
@@ -127,19 +118,19 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             point = check(Point, base, path, names, axes | settings)
             if not settings:  # the full trainings
                 _check_rungs(checked_common, point, path)
-            try:
+            with named(f"{path}: {'grid.placement' if 'placement' in grid else 'placement'}"):
                 rig = rigs.of(point)
-            except ValueError as error:
-                key = "grid.placement" if "placement" in grid else "placement"
-                raise ConfigError(f"{path}: {key}: {error}") from None
-            set_by_rungs = {key: _value_at(point, key) for _, own in rungs for key in own}
+            plain: Any = point.model_dump(mode="json")
+            set_by_rungs = {
+                key: reduce(getitem, key.split("."), plain) for _, own in rungs for key in own
+            }
             axes |= set_by_rungs
             if "judge" in axes:
                 axes["judge"] = point.judged_by
             points.append(GridPoint(point, rig, axes, rung, tuple(set_by_rungs)))
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
-    source = with_whole_paths(raw, path.parent)
+    source = portable(raw, path.parent)
     return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs)
 
 
@@ -173,12 +164,8 @@ def _check_own_values(
     """Refuse what the file says wrongly outside of the grid, though an axis replaces it."""
     for key in dict.fromkeys(axis.partition(".")[0] for axis in at_first):
         if key in own:
-            changes = {
-                axis: value
-                for axis, value in at_first.items()
-                if axis.partition(".")[0] != key
-                or (axis.startswith(f"{key}.") and not _has(own, axis))
-            }
+            said = [a for a in at_first if a.partition(".")[0] == key and _has(own, a)]
+            changes = {axis: value for axis, value in at_first.items() if axis not in said}
             check(Point, own, path, changes=changes)
     if "placement" in own and "placement" in at_first:
         with named(f"{path}: placement"):
@@ -199,22 +186,20 @@ def _trained_rungs(
     """Rungs that train, by their number, and what they set; at last the full trainings."""
     rungs = []
     for number, rung in enumerate(common.promote):
+        where = f"{path}: promote[{number}].set"
         for key in rung.set:
             if key in grid:
-                raise ConfigError(f"{path}: promote[{number}].set.{key}: is an axis of the grid")
+                raise ConfigError(f"{where}.{key}: is an axis of the grid")
             if key != "judge" and not key.startswith("training."):
-                raise ConfigError(
-                    f"{path}: promote[{number}].set.{key}: expected judge or a key of training, "
-                    "such as training.epochs"
-                )
-        refuse_overlaps(rung.set, f"{path}: promote[{number}].set", grid, "an axis of the grid")
+                expected = "judge or a key of training, such as training.epochs"
+                raise ConfigError(f"{where}.{key}: expected {expected}")
+        refuse_overlaps(rung.set, where, grid, "an axis of the grid")
         if rung.set:
             rungs.append((number, rung.set))
     return [*rungs, (len(common.promote), {})]
 
 
 def _check_rungs(common: Common, point: Point, path: Path) -> None:
-    """Refuse a rung that ranks by what the point has not."""
     for number, rung in enumerate(common.promote):
         key = f"{path}: promote[{number}]"
         if rung.by in RANKING and point.detector is None:
@@ -241,15 +226,8 @@ def refuse_overlaps(
     others: Collection[str] = (),
     whose: str = "which is also set",
 ) -> None:
-    """Refuse a key path inside of another: which of the two counts would depend on their order.
-
-    Args:
-        key_paths: of the mapping `where`, which the message names.
-        others: key paths that are set next to them; `whose` says what they are.
-
-    Raises:
-        ConfigError: the key path that is inside of another, or that has another inside.
-    """
+    """Refuse a key path of the mapping `where` inside of another, or of one that is set next to it,
+    `whose`: which of the two counts would depend on their order. Raises ConfigError."""
     for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
         what = "which is also set" if outer in key_paths else whose
         raise ConfigError(f"{where}.{inner}: is inside {outer}, {what}")
@@ -267,15 +245,7 @@ def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, s
 
 
 def _effort(training: TrainingSettings) -> float:
-    """How often a training sees a frame of the data."""
     return training.epochs * training.frame_share
-
-
-def _value_at(point: Point, key_path: str) -> Any:
-    value: Any = point.model_dump(mode="json")
-    for key in key_path.split("."):
-        value = value[key]
-    return value
 
 
 def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
@@ -284,13 +254,11 @@ def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
         raise ConfigError(f"{path}: grid: expected a mapping of key paths, found {found(grid)}")
     for axis, values in grid.items():
         if str(axis).partition(".")[0] not in Point.model_fields:
-            raise ConfigError(
-                f"{path}: grid.{shortened(str(axis))}: {unknown_key(str(axis), Point)}"
-            )
+            problem = unknown_key(str(axis), Point)
+            raise ConfigError(f"{path}: grid.{shortened(str(axis))}: {problem}")
         if not isinstance(values, list) or not values:
-            raise ConfigError(
-                f"{path}: grid.{axis}: expected a list of at least 1 value, found {found(values)}"
-            )
+            expected = f"expected a list of at least 1 value, found {found(values)}"
+            raise ConfigError(f"{path}: grid.{axis}: {expected}")
         seen = set()
         for value in values:
             if _key(value) in seen:
@@ -322,21 +290,17 @@ def _exclusions(rules: Any, grid: Mapping[str, list[Any]], path: Path) -> list[d
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
-            raise ConfigError(
-                f"{path}: exclude[{i}]: expected a mapping of axes to values, found {found(rule)}"
-            )
+            expected = f"expected a mapping of axes to values, found {found(rule)}"
+            raise ConfigError(f"{path}: exclude[{i}]: {expected}")
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
+            place = f"{path}: exclude[{i}].{shortened(str(key))}"
             if key not in grid:
-                raise ConfigError(
-                    f"{path}: exclude[{i}].{shortened(str(key))}: no axis of the grid; "
-                    f"expected {', '.join(grid) or 'none'}"
-                )
+                expected = ", ".join(grid) or "none"
+                raise ConfigError(f"{place}: no axis of the grid; expected {expected}")
             for value in values:
                 if _key(value) not in known[key]:
-                    raise ConfigError(
-                        f"{path}: exclude[{i}].{key}: expected one of {found(grid[key])}, found "
-                        f"{found(value)}"
-                    )
+                    expected = found(grid[key])
+                    raise ConfigError(f"{place}: expected one of {expected}, found {found(value)}")
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

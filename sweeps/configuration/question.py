@@ -29,7 +29,7 @@ from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from sweeps.configuration.file import check as check_file
-from sweeps.configuration.file import named, override, read_yaml
+from sweeps.configuration.file import named, read_yaml
 
 
 class RequirementsFile(Settings):
@@ -58,14 +58,8 @@ class RequirementsFile(Settings):
 
 @dataclass(frozen=True)
 class Question:
-    """What a file asks.
-
-    Attributes:
-        rigs: each under another name.
-        vehicle: carries them; what is kept out belongs to its body.
-        laid: the requirements, laid out around it.
-        further: cameras and radars of each rig.
-    """
+    """Rigs of different names, the vehicle that carries them, to whose body belongs what is kept
+    out, the requirements, laid out around it, and cameras and radars of each rig."""
 
     rigs: tuple[Placement, ...]
     vehicle: Vehicle
@@ -74,16 +68,9 @@ class Question:
 
 
 def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
-    """Read a file, its rigs and curves, and lay out its requirements.
-
-    Raises:
-        ValueError: a mistake in one of the files; names file, key and what is wrong.
-        OSError: one cannot be read.
-    """
-    raw = read_yaml(path, RequirementsFile)
-    for pair in overrides:
-        override(raw, pair, path, RequirementsFile)
-    file = check_file(RequirementsFile, raw, path)
+    """Read a file, its rigs and curves, and lay out its requirements. Raises ValueError, which
+    names file, key and what is wrong, and OSError."""
+    file = check_file(RequirementsFile, read_yaml(path, overrides, RequirementsFile), path)
     curves = default_curves() if file.curves is None else read_curves(file.curves)
     with named(path):
         body = vehicle_of(file.vehicle)
@@ -111,7 +98,6 @@ def laid_out(
 
 
 def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, ...]]]:
-    """Each with its cameras and radars."""
     lidar = file.lidar.lidar()
     taken = sorted(set(file.placements) & set(PAPER_PLACEMENTS))
     if taken:
@@ -142,7 +128,6 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
 
 
 def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> None:
-    """Raise ValueError if a LiDAR sits where none may."""
     for name, settings in keep_out.items():
         for number, mount in enumerate(rig.mounts, start=1):
             if depth_in(np.array([settings.box]), np.array([mount.position])).any():
@@ -158,11 +143,7 @@ def check_asked(
     requirements: Sequence[RequirementSettings],
     further: Sequence[MountedSensor] = (),
 ) -> None:
-    """Refuse a rig that cannot be asked.
-
-    Raises:
-        ValueError: a LiDAR is inside of the vehicle's body, or as `check_lidars`.
-    """
+    """Raise ValueError if a LiDAR is inside of the vehicle's body, and as `check_lidars`."""
     check_lidars(rig, requirements)
     kinds = ["lidar"] * len(rig.mounts) + [sensor.kind for sensor in further]
     for own in requirements:
@@ -176,22 +157,16 @@ def check_asked(
 
 
 def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) -> None:
-    """Refuse LiDARs that cannot be asked.
-
-    Raises:
-        ValueError: there is one, as `RequirementSettings.not_of` says.
-    """
+    """Raise ValueError if a LiDAR cannot be asked, as `RequirementSettings.not_of` says."""
     for own in requirements:
         for number, lidar in enumerate(rig.lidars, start=1):
-            found = own.not_of(lidar)
-            if found is not None:
+            if (found := own.not_of(lidar)) is not None:
                 key, told = found
                 raise ValueError(f"{own.name!r}: {key}: LiDAR {number} of {rig.name!r}: {told}")
 
 
 def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:
-    """Raise ValueError if sensors of a rig, which are of these kinds, can be dead in too many
-    ways."""
+    """Raise ValueError if sensors of a rig, of these kinds, can be dead in too many ways."""
     needs = () if own.at_least is None else own.at_least.needs
     count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}
     with named(f"{own.name!r}: also_when.sensors_dead"):

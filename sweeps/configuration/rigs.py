@@ -37,10 +37,8 @@ class Rigs:
     def of(self, point: Point, name: str | None = None) -> Placement:
         """The rig of a point, or the one called `name` with its LiDARs and in its weather.
 
-        Raises:
-            ValueError: there is none of that name, two of its LiDARs are in one place, the weather
-                makes no difference to a LiDAR that is in it, or LiDARs of a recorded rig are not
-                those of the point's scene.
+        Raises ValueError: there is none of that name, two of its LiDARs are in one place, the
+        weather does not fit them, or LiDARs of a recorded rig are not those of the point's scene.
         """
         name, subset = name or point.placement, None
         if names := self.recorded(name):

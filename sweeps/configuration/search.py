@@ -398,11 +398,8 @@ class SearchSettings(Settings):
         """What the values of a generalist are over so many kinds of traffic; "" of a single one."""
         traffic = [f"{len(tests)} kinds of traffic"] if len(tests) > 1 else []
         vehicles = [f"{self.vehicles} vehicles of a rig"] if self.vehicles is not None else []
-        return (
-            f"the {self.over} over {' with '.join(traffic + vehicles)}"
-            if traffic + vehicles
-            else ""
-        )
+        kinds = " with ".join(traffic + vehicles)
+        return f"the {self.over} over {kinds}" if kinds else ""
 
     @model_validator(mode="after")
     def _fits(self) -> SearchSettings:
@@ -507,12 +504,10 @@ class SearchSettings(Settings):
                 )
         if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
             unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
-            if unknown or not self.models:
-                raise ValueError(
-                    f"models.{unknown[0]}.power: not in the catalogue; set it"
-                    if unknown
-                    else "models: define the LiDARs there, so that their power is known"
-                )
+            if unknown:
+                raise ValueError(f"models.{unknown[0]}.power: not in the catalogue; set it")
+            if not self.models:
+                raise ValueError("models: define the LiDARs there, so that their power is known")
             for own in self.further_settings:
                 if own.power is None:
                     key = "cameras" if own in self.cameras else "radars"
@@ -521,15 +516,12 @@ class SearchSettings(Settings):
             raise ValueError("objective: margin needs search.requirements")
 
     def _check_sampler(self) -> None:
-        if self.sampler not in ("cmaes",):
+        if self.sampler != "cmaes":
             return
         if len(self.objective) > 1:
             raise ValueError("sampler: cmaes knows one objective; take nsga2, nsga3, tpe or gp")
-        limits = {
-            name: value
-            for name, value in self.constraints.model_dump().items()
-            if value is not None and not (name == "distance" and value == 0)
-        }
+        own = self.constraints.model_dump().items()
+        limits = [k for k, v in own if v is not None and (k, v) != ("distance", 0)]
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
         if limits and not self.objective[0].judged:
             raise ValueError(

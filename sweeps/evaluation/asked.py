@@ -33,7 +33,6 @@ class Asked:
     """What was read.
 
     Attributes:
-        test: the frames to evaluate, and the objects that count.
         rigs: detections that are right or wrong about these, by rig and by training.
         paths: of the files, by rig.
         geometry: where the LiDARs are, of rigs of which that is known.
@@ -63,12 +62,7 @@ def asked_for(
     split: str,
     counted: str,
 ) -> Asked:
-    """Read what the options of `sweeps.options` name.
-
-    Raises:
-        OSError: a file cannot be read.
-        ValueError: an option or a file is wrong.
-    """
+    """Read what the options of `sweeps.options` name. Raises OSError, ValueError."""
     if bool(detections) == bool(rigs):
         problem = "both, or none" if detections else "no detections"
         expected = "DETECTIONS of one rig, or --rig NAME=PATH for each of several"
@@ -125,7 +119,6 @@ def asked_for(
 
 
 def _by_rig(option: str, pairs: Sequence[str]) -> dict[str, list[str]]:
-    """Values by name of options NAME=VALUE. Raises InputError."""
     found: dict[str, list[str]] = {}
     for pair in pairs:
         name, _, value = pair.partition("=")

@@ -47,7 +47,6 @@ def results_of(found: Worth) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
-    """Columns that distinguish the trials, and what each of them is worth."""
     return [
         ({"trial": f"{name}/{seed}", "placement": name, "detector": DETECTOR, "seed": seed}, own)
         for name, seeds in found.items()
@@ -68,11 +67,7 @@ def check_free(folder: Path) -> None:
 
 
 def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> None:
-    """Write all that reports read; pages are made of it by `tracking.report.build`.
-
-    Args:
-        judge: "generalist" if one network made the detections of all rigs.
-    """
+    """Write all that reports read. The judge is "generalist" if one network made all detections."""
     test = asked.test
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(found)

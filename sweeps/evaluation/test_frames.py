@@ -26,15 +26,8 @@ _FRAMES = 200
 
 @dataclass(frozen=True)
 class TestFrames:
-    """What detections are compared with.
-
-    Attributes:
-        log: the frames of one split, with all boxes.
-        objects: those that count, as of `ground_truth`.
-        classes: of the objects.
-        roi: region in which objects count.
-        said: which objects count, a sentence.
-    """
+    """The frames of one split, with all boxes, and the objects that count, as of `ground_truth`:
+    their classes, the region that they are in, and a sentence on them."""
 
     __test__ = False  # of pytest, which takes the name for one of its own
 
@@ -48,16 +41,10 @@ class TestFrames:
     def of(
         cls, whole: BoxLog, split: str, crop: Crop, classes: Sequence[str], counted: Counted
     ) -> TestFrames:
-        """The frames of a split and what counts in them, by the rules of a sweep.
-
-        Args:
-            classes: none: all that the log has in these frames.
-            counted: "visible": to an ideal sensor on the roof, as in a sweep; "points": with a real
-                point of the rig that recorded the log.
-
-        Raises:
-            InputError: there is no such frame or object, or the log has no real points.
-        """
+        """The frames of a split and what counts in them, by the rules of a sweep, of all classes
+        there if none is named. Counted are objects visible to an ideal sensor on the roof, as in a
+        sweep, or with real points of the rig that recorded the log. Raises InputError: there is no
+        such frame or object, or the log has no real points."""
         frames = whole.frames[whole.frames["split"] == split].reset_index(drop=True)
         if frames.empty:
             found = ", ".join(sorted(set(whole.frames["split"]))) or "no frame"

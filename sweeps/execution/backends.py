@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import or_
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.failures import Failure
-from sweeps.execution.needs import Need
+from sweeps.execution.memory import Need
 
 T = TypeVar("T")
-T_co = TypeVar("T_co", covariant=True)
 
 _LOOK_S = 2.0
 """How often the driver looks whether machines came or went."""
@@ -38,86 +37,40 @@ class Room:
     memory: float = math.inf
 
 
-class Job(Protocol[T_co]):
-    """A call that was handed out."""
-
-    def result(self) -> T_co:
-        """What it returned, once it has ended. What it raised is raised.
-
-        Raises:
-            WorkerDied: there is no result.
-            BackendLost: no call can end any more.
-        """
-
-
-class Backend(Protocol):
-    """Where calls run.
-
-    Attributes:
-        gpus_per_training: share of a GPU that a training gets.
-        slots: calls to hand out at once.
-        room: what trainings share.
-        cores: calls that run at once.
-    """
-
-    @property
-    def gpus_per_training(self) -> float: ...
-    @property
-    def slots(self) -> int: ...
-    @property
-    def room(self) -> Room: ...
-    @property
-    def cores(self) -> int: ...
-
-    def share(self, value: T) -> T:
-        """`value` as an argument of many calls: each machine gets it once."""
-
-    def submit(
-        self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
-    ) -> Job[T]:
-        """Start a call.
-
-        Args:
-            function: of a module, with what it needs of its own.
-            name: what a person calls it.
-            need: what it asks for.
-        """
-
-    def wait(self, jobs: Sequence[Job[T]]) -> Job[T] | None:
-        """One that has ended; None if none has for a while.
-
-        Raises BackendLost: no call can end any more.
-        """
-
-
 @dataclass(frozen=True, eq=False)
 class Later(Generic[T]):
-    """A job that runs in this process, when its result is asked for."""
+    """A call in this process, made when its result is asked for."""
 
     function: Callable[..., T]
     arguments: Sequence[Any]
 
     def result(self) -> T:
+        """What the call returned, once it has ended. What it raised is raised; and WorkerDied:
+        there is no result, BackendLost: no call can end any more."""
         return self.function(*self.arguments)
 
 
 class InProcess:
-    """Runs one call after the other in this process: `ray: debug`, for a debugger."""
+    """Runs one call after the other in this process: `ray: debug`, for a debugger. A backend has a
+    share of a GPU that a training gets, calls to hand out at once, what trainings share, and calls
+    that run at once."""
 
-    slots: int = 1
-    room: Room = Room()
-    cores: int = 1
-    gpus_per_training: float = 1.0
+    slots = cores = 1
+    room = Room()
+    gpus_per_training = 1.0
 
     def share(self, value: T) -> T:
+        """`value` as an argument of many calls: each machine gets it once."""
         return value
 
     def submit(
         self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
-    ) -> Job[T]:
+    ) -> Later[T]:
+        """Start a call of a function of a module, which a person calls `name`."""
         return Later(function, arguments)
 
-    def wait(self, jobs: Sequence[Job[T]]) -> Job[T] | None:
+    def wait(self, jobs: Sequence[Any]) -> Any:
+        """A job that has ended; None if none has for a while. Raises BackendLost."""
         return jobs[0]
 
 
@@ -135,13 +88,8 @@ class RayJob(Generic[T]):
 
 
 class OnRay:
-    """Runs calls as Ray tasks, one CPU each. Ray tries again what a dying machine took down, and
-    machines may come and go.
-
-    Args:
-        start: gives Ray, initialised, to whoever asks for machines first: where all results are
-            in the store, nobody does.
-    """
+    """As `InProcess`, as Ray tasks. Ray tries again what a dying machine took down, and machines
+    may come and go. `start` gives Ray, initialised, when machines are first asked for."""
 
     def __init__(self, start: Callable[[], Any], settings: RaySettings) -> None:
         self._start = start
@@ -176,7 +124,7 @@ class OnRay:
 
     def submit(
         self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
-    ) -> Job[T]:
+    ) -> RayJob[T]:
         self._look()
         run = self._run.options(
             name=name,
@@ -215,7 +163,7 @@ def _call(folder: str, function: Callable[..., T], *arguments: Any) -> T:
 
 @contextmanager
 def _translated(ray: Any) -> Iterator[None]:
-    """Ray's errors as those of `Job`."""
+    """Ray's errors as those of `Later.result`."""
     try:
         yield
     except ray.exceptions.RayTaskError as error:
@@ -228,12 +176,14 @@ def _translated(ray: Any) -> Iterator[None]:
         raise WorkerDied(f"the worker died: {Failure.of(error).reason}") from error
 
 
+Backend: TypeAlias = InProcess | OnRay
+Job = Later[T] | RayJob[T]
+
+
 @contextmanager
 def backend_for(settings: RaySettings) -> Iterator[Backend]:
-    """The backend that `ray:` asks for, shut down at the end with all calls that still run.
-
-    What `sweeps.execution.ray_cluster.ray_session` raises comes from the first use.
-    """
+    """The backend that `ray:` asks for, shut down at the end with all calls that still run. What
+    `ray_session` raises comes from the first use."""
     if settings.address == "debug":
         yield InProcess()
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import shlex
@@ -48,10 +49,9 @@ except ValueError as error:
 
 @dataclass(frozen=True)
 class Found:
-    """What a check found.
+    """What a check found, in one line.
 
     Attributes:
-        found: what is there, in one line.
         state: "good"; "weak": works, but worse than it could; "optional": not there, and not asked
             for; "missing": needed and not there.
         remedy: one command or step that mends it.
@@ -157,29 +157,19 @@ def sumo(needed: bool) -> Found:
 
 
 def disk(folder: Path, cleaned: str) -> Found:
-    """Space, inodes and the right to write where results lie.
-
-    Args:
-        cleaned: the argument with which `lidarplace clean` makes room.
-    """
+    """Space, inodes and the right to write where results lie; `cleaned` is what `lidarplace clean`
+    takes to make room."""
     try:
         existing = check_takes_files(folder)
     except OSError as error:
         return _not_writable(error, "name another output or store in the file")
-    free = shutil.disk_usage(existing).free
-    inodes = os.statvfs(existing)
-    found = f"{free / _GB:,.0f} GB free"
-    if inodes.f_files:  # some file systems do not count them
-        found += f", {inodes.f_favail:,} files"
-    state: State = "good"
-    if free < 20 * _GB or (inodes.f_files and inodes.f_favail < 200_000):
-        state = "weak"
-    if free < _GB or (inodes.f_files and inodes.f_favail < 5_000):
-        state = "missing"
-    if state == "good":
+    free, inodes = shutil.disk_usage(existing).free, os.statvfs(existing)
+    files = inodes.f_favail if inodes.f_files else math.inf  # some file systems do not count them
+    found = f"{free / _GB:,.0f} GB free" + (f", {files:,} files" if inodes.f_files else "")
+    if free >= 20 * _GB and files >= 200_000:
         return Found(found)
-    clean = command("clean", cleaned)
-    return Found(found, state, f"{clean}, or another output in the file")
+    state: State = "missing" if free < _GB or files < 5_000 else "weak"
+    return Found(found, state, f"{command('clean', cleaned)}, or another output in the file")
 
 
 def memory() -> Found:
@@ -196,9 +186,9 @@ def memory() -> Found:
 def shared_memory() -> Found:
     """/dev/shm, where Ray keeps its objects; a sweep's results go through files."""
     free = shutil.disk_usage("/dev/shm").free
-    state: State = "good" if free >= 0.1 * _GB else "weak"
-    remedy = "" if state == "good" else "mount -o remount,size=2G /dev/shm (docker: --shm-size=2g)"
-    return Found(f"{free / _GB:.1f} GB free in /dev/shm", state, remedy)
+    found = f"{free / _GB:.1f} GB free in /dev/shm"
+    remedy = "mount -o remount,size=2G /dev/shm (docker: --shm-size=2g)"
+    return Found(found) if free >= 0.1 * _GB else Found(found, "weak", remedy)
 
 
 def mlflow(uri: str) -> Found:
@@ -253,8 +243,7 @@ def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requir
     for requirement in map(Requirement, requires(package) or []):
         marker = requirement.marker
         always = marker is None or marker.evaluate({"extra": ""})
-        for_extra = marker is not None and not always and marker.evaluate({"extra": extra or ""})
-        if for_extra if extra else always:
+        if always if not extra else not always and marker and marker.evaluate({"extra": extra}):
             found.append(requirement)
             for further in requirement.extras:
                 with suppress(PackageNotFoundError):  # it is missing itself, which is found
@@ -263,13 +252,11 @@ def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requir
 
 
 def _text(requirement: Requirement) -> str:
-    """A requirement as pip takes it, without the conditions."""
     extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
     return f"{requirement.name}{extras}{requirement.specifier}"
 
 
 def _install(requirements: Sequence[str]) -> str:
-    """The command that installs them here."""
     python = Path(sys.executable)
     shown = python.relative_to(Path.cwd()) if python.is_relative_to(Path.cwd()) else python
     return shlex.join([str(shown), "-m", "pip", "install", *requirements])

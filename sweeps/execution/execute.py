@@ -1,13 +1,14 @@
 """Run the tasks of a plan on a backend; results go to the store."""
 
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
-from sweeps.execution.needs import Need, need_of
+from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Ended, try_task
 from sweeps.store.open import AnyStore
@@ -26,13 +27,8 @@ class Listener(Protocol):
 
 @dataclass
 class Outcome:
-    """What became of tasks that had no result.
-
-    Attributes:
-        failures: by key, of the tasks that failed or could not run.
-        times: by key, when a task began and ended on its worker, seconds of the driver's clock that
-            never jumps.
-    """
+    """By key, failures of tasks that had no result, and when a task began and ended on its worker,
+    seconds of the driver's `time.monotonic`."""
 
     failures: dict[str, Failure] = field(default_factory=dict)
     times: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -49,16 +45,12 @@ def execute(
     """Run all tasks that have no result in the store yet.
 
     A task that fails takes down those that need its result; the others go on. A training for which
-    a GPU is too small is tried again with half the batch, and the GPU to itself. Whoever meets a
-    damaged result ends all: what waits for it is known when it is asked again what is there.
+    a GPU is too small is tried again with half the batch, and the GPU to itself.
 
     Args:
         tasks: each after its inputs.
-        outcome: of tasks that ran before; takes up what happens.
+        outcome: of tasks that ran before; takes up what happens, and is returned.
         known: failures of earlier runs, by key; these tasks are not tried again.
-
-    Returns:
-        `outcome`, or a new one.
 
     Raises:
         DamagedResult: a result that a task needs was damaged, and is gone.
@@ -87,12 +79,8 @@ def execute(
 
 @dataclass
 class _Execution:
-    """Tasks between their schedule and the backend.
-
-    Attributes:
-        running: what was handed out, and what it asked for.
-        halvings: how often the batch of a training is halved, by its key.
-    """
+    """Tasks between their schedule and the backend: those that run, and what they asked for; and
+    how often the batch of a training is halved, by its key."""
 
     store: AnyStore
     backend: Backend
@@ -100,7 +88,7 @@ class _Execution:
     outcome: Outcome
     schedule: Schedule
     running: dict[Job[Ended], tuple[Task, Need]] = field(default_factory=dict)
-    halvings: dict[str, int] = field(default_factory=dict)
+    halvings: Counter[str] = field(default_factory=Counter)
 
     def hand_out(self) -> None:
         """Start tasks while the backend takes some; it is not asked while there are none."""
@@ -111,20 +99,15 @@ class _Execution:
                 self._finish(task)
                 continue
             need = need_of(task, self.backend.gpus_per_training)
-            if halvings := self.halvings.get(task.key, 0):
+            if halvings := self.halvings[task.key]:
                 need = replace(need, gpu_share=max(1.0, need.gpu_share))
-            name = f"{task.stage}: {task.label}"
-            job = self.backend.submit(
-                try_task, task, self.store, halvings, need.gpu_share, name=name, need=need
-            )
+            name, how = f"{task.stage}: {task.label}", (self.store, halvings, need.gpu_share)
+            job = self.backend.submit(try_task, task, *how, name=name, need=need)
             self.running[job] = (task, need)
             self.listener.started(task)
 
     def take_back(self, job: Job[Ended]) -> None:
-        """Note how a task ended.
-
-        Raises DamagedResult: a result that it needs was damaged, and is gone.
-        """
+        """Note how a task ended. Raises DamagedResult: a result that it needs was damaged."""
         ended = _ended(job)
         task, _ = self.running.pop(job)
         now, failure = time.monotonic(), ended.failure
@@ -134,8 +117,8 @@ class _Execution:
             self._finish(task)
         elif failure.damaged or not all(map(self.store.has, task.inputs)):
             raise DamagedResult(failure.reason)
-        elif failure.out_of_gpu_memory and _can_be_halved(task, self.halvings.get(task.key, 0)):
-            self.halvings[task.key] = 1 + self.halvings.get(task.key, 0)
+        elif failure.out_of_gpu_memory and _can_be_halved(task, self.halvings[task.key]):
+            self.halvings[task.key] += 1
             self.schedule.again(task)
         else:
             self.fail(task, failure)
@@ -161,7 +144,6 @@ class _Execution:
 
 
 def _ended(job: Job[Ended]) -> Ended:
-    """How a task ended, also if its worker could not even begin."""
     try:
         return job.result()
     except WorkerDied as error:

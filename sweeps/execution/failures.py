@@ -18,11 +18,9 @@ from sweeps.tasks.task import Task
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task has no result.
+    """Why a task has no result: one line, and the traceback.
 
     Attributes:
-        reason: one line.
-        log: the traceback.
         lasting: data or settings are to blame, so trying again gives the same; else the machine.
         out_of_gpu_memory: a smaller batch may help.
         follows: the task was not run, as one that it needs had failed; reason and log are of that.
@@ -40,8 +38,7 @@ class Failure:
     def of(cls, error: BaseException) -> Failure:
         """What to keep of an exception, while it is handled."""
         text = hide_secrets(" ".join(str(error).split()))
-        name = type(error).__name__
-        place = plugin_place(error)
+        name, place = type(error).__name__, plugin_place(error)
         damaged = isinstance(error, DamagedResult)
         return cls(
             text if isinstance(error, ValueError) and not place else f"{place}{name}: {text}",
@@ -70,12 +67,8 @@ class FailureFolder:
         return {path.stem: _read(path) for path in sorted(self.folder.glob("*.json"))}
 
     def known(self, rerun: bool, there: Collection[str]) -> dict[str, Failure]:
-        """Failures that would come again, by key. All others are forgotten: they are tried again.
-
-        Args:
-            rerun: try all of them again.
-            there: keys of results, which outweigh an old failure.
-        """
+        """Failures that would come again, by key; none of those if `rerun`. All others are
+        forgotten: they are tried again, or `there` has the keys of their results."""
         known = {}
         for key, failure in self.read().items():
             # What followed comes again with what it follows, if that fails again.

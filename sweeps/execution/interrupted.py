@@ -41,16 +41,9 @@ def interruptible(console: Console, work: Callable[[], T]) -> T:
 
 
 def until_whole(work: Callable[[], T], say: Callable[[str], object]) -> T:
-    """What `work` returns, which begins again after a `DamagedResult`, as a resumed command does.
-
-    A store removes what it finds damaged, so `work` does not meet it twice.
-
-    Args:
-        say: takes the line that names the result.
-
-    Raises:
-        DamagedResult: the same result is damaged again and again.
-    """
+    """What `work` returns, which begins again after a `DamagedResult`, as a resumed command does: a
+    store removes what it finds damaged. Raises it if the same result is damaged again and again.
+    `say` takes the line that names it."""
     from sweeps.store.result_folder import DamagedResult
 
     met = Counter[str]()

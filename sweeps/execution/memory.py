@@ -1,12 +1,14 @@
-"""What work on voxels holds in memory, and whether this machine has it, before anything runs."""
+"""What tasks need of a machine: memory of voxels, known before anything runs, GPUs and CPUs."""
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.filesize import decimal
 
 from lidarplace.base.roi import Roi
+from sweeps.tasks.parameters import CommandParams
 from sweeps.tasks.task import Task
 
 _BYTES_A_VOXEL = {
@@ -33,17 +35,13 @@ def voxel_memory(task: Task) -> int:
 
 
 def _roi_of(task: Task) -> Roi:
-    """The ROI of a task on voxels; surrogates have that of their POG."""
     roi: Roi = (task.inputs[0] if task.stage == "surrogates" else task).params.roi
     return roi
 
 
 def check_memory(tasks: Iterable[Task], ray: str) -> None:
-    """Raise ValueError if the voxels of one of `tasks` cannot fit into this machine's memory.
-
-    Args:
-        ray: address; other machines than this one do the tasks of a cluster.
-    """
+    """Raise ValueError if the voxels of a task cannot fit into this machine's memory, where it does
+    the tasks: not if `ray` is the address of a cluster."""
     largest = max(tasks, key=voxel_memory, default=None)
     total, _ = machine_memory()
     if largest is not None and ray in ("local", "debug") and voxel_memory(largest) > total:
@@ -66,3 +64,18 @@ def machine_memory() -> tuple[int, int]:
         used = int(Path("/sys/fs/cgroup/memory.current").read_text(encoding="ascii"))
         available = min(available, total - used)
     return total, max(0, available)
+
+
+@dataclass(frozen=True)
+class Need:
+    """Memory in bytes, 0 if unknown; the share of one GPU, of a command more; and CPUs."""
+
+    memory: int = 0
+    gpu_share: float = 0.0
+    cpus: int = 1
+
+
+def need_of(task: Task, gpus_per_training: float) -> Need:
+    if isinstance(task.params, CommandParams):
+        return Need(gpu_share=task.params.judge.gpus, cpus=task.params.judge.cpus)
+    return Need(voxel_memory(task), gpus_per_training if task.gpu else 0.0)

@@ -10,16 +10,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Self
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeRemainingColumn,
-)
-from rich.progress import Task as Bar
 from rich.table import Column
 from rich.text import Text
 
@@ -34,24 +26,20 @@ NOTED_S = 10.0
 """Seconds between two notes of a training's progress."""
 
 
-class RunningColumn(ProgressColumn):
+class RunningColumn(bars.ProgressColumn):
     """What the field `now` of a bar returns: takes the rest of the line and is cut there."""
 
     def __init__(self) -> None:
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
 
-    def render(self, bar: Bar) -> Text:
+    def render(self, bar: bars.Task) -> Text:
         """Called at every refresh."""
         return Text(visible(bar.fields["now"]()), "dim")
 
 
 class Running:
-    """Tasks between their start and their end; read by another thread than the driver's.
-
-    Args:
-        notes: what workers noted of tasks, by key, such as `Store.running_notes`.
-        clock: seconds.
-    """
+    """Tasks between their start and their end; read by another thread than the driver's. `notes`
+    are what workers noted of tasks, by key, such as `Store.running_notes`."""
 
     def __init__(
         self,
@@ -94,7 +82,6 @@ class Running:
         return ", ".join([*named, *([f"{more} more"] if more > 0 else [])])
 
     def _progress_of(self, task: Task) -> str:
-        """What is noted of a training."""
         if task.resumable and self._clock() - self._looked > NOTED_S:
             self._looked = self._clock()
             trainings = [own for own, _ in list(self._since.values()) if own.resumable]
@@ -125,29 +112,21 @@ def about(seconds: float) -> str:
 
 
 class TimeLeft:
-    """Learns from tasks that end. Machines go on as they did: as many tasks at once.
-
-    Args:
-        tasks: those to run.
-    """
+    """Learns from tasks that end. Machines go on as they did: as many tasks at once."""
 
     def __init__(self, tasks: Iterable[Task]) -> None:
         self._left = Counter(task.stage for task in tasks)
         self._seconds: dict[str, list[float]] = {}
 
     def ended(self, stage: str, seconds: float | None) -> None:
-        """Take note of a task; `seconds` it took, None if it never began."""
+        """Take note of the seconds of a task, None if it never began."""
         self._left[stage] -= 1
         if seconds is not None:
             self._seconds.setdefault(stage, []).append(seconds)
 
     def seconds(self, running: Running, elapsed: float) -> float | None:
-        """Seconds to the end; None while a stage is left of which no task has ended.
-
-        Args:
-            running: what runs now.
-            elapsed: seconds since the first task began.
-        """
+        """Seconds to the end, `elapsed` since the first task began; None while a stage is left of
+        which no task has ended."""
         mean = {s: sum(own) / len(own) for s, own in dict(self._seconds).items()}
         left = {stage: count for stage, count in self._left.items() if count > 0}
         if not left.keys() <= mean.keys() or elapsed <= 0:
@@ -170,15 +149,9 @@ SHARE = 0.05
 
 
 class StageProgress:
-    """Shows how far every stage is. Use as a context manager and as the executor's listener.
-
-    Lines come from a thread of their own, as the driver may wait for a training for hours.
-
-    Args:
-        tasks: those to expect; of a stage that is not among them nothing is shown.
-        store: has results, and notes of what runs.
-        failures: keeps why tasks failed.
-    """
+    """Shows how far every stage of `tasks` is; the listener of `execute`. Lines come from a thread
+    of their own, as the driver may wait for a training for hours. `failures` keeps why tasks
+    failed."""
 
     def __init__(
         self,
@@ -190,11 +163,11 @@ class StageProgress:
         bar, number, left = (Column(min_width=width, no_wrap=True) for width in (17, 5, 5))
         self._console = console
         self._running = Running(store.running_notes)
-        self._bars = Progress(
-            TextColumn("{task.description}", markup=False, table_column=bar),
-            BarColumn(16),
-            MofNCompleteColumn(table_column=number),
-            TimeRemainingColumn(compact=True, table_column=left),
+        self._bars = bars.Progress(
+            bars.TextColumn("{task.description}", markup=False, table_column=bar),
+            bars.BarColumn(16),
+            bars.MofNCompleteColumn(table_column=number),
+            bars.TimeRemainingColumn(compact=True, table_column=left),
             RunningColumn(),
             console=console,
             expand=True,
@@ -207,7 +180,7 @@ class StageProgress:
         self._total = Counter(task.stage for task in tasks)
         cached = store.finished(tasks)
         self._done = Counter(task.stage for task in tasks if task.key in cached)
-        self._failed: Counter[str] = Counter()
+        self._failed = Counter[str]()
         self._left = TimeLeft(task for task in tasks if task.key not in cached)
         self._bar = {
             stage: self._bars.add_task(

@@ -40,13 +40,9 @@ class ClusterError(ValueError):
 
 @contextmanager
 def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
-    """Ray, initialised as `settings` ask, and shut down at the end.
-
-    Raises:
-        ConnectionError: Ray cannot be started here.
-        ClusterError: the cluster cannot be joined, or one of its nodes cannot work for this driver;
-            one line that says what to mend.
-    """
+    """Ray, initialised as `settings` ask, and shut down at the end. Raises ConnectionError: Ray
+    cannot be started here; ClusterError: the cluster cannot be joined, or one of its nodes cannot
+    work for this driver."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
@@ -86,30 +82,24 @@ def _alone() -> dict[str, str]:
 @contextmanager
 def _environment(variables: Mapping[str, str]) -> Iterator[None]:
     """Variables for the block alone: other Rays, such as a cluster's, are started otherwise."""
-    before = {name: os.environ.get(name) for name in variables}
+    before = {name: os.environ[name] for name in variables if name in os.environ}
     os.environ.update(variables)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in variables:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+_QUIET = {"log_to_driver": False, "logging_level": "ERROR"}
 
 
 def _start(ray: ModuleType, settings: RaySettings) -> None:
-    """Start Ray on this machine."""
+    counts = {"num_cpus": settings.num_cpus, "num_gpus": settings.num_gpus}
+    worker = {"env_vars": THREADS | {"PYTHONPATH": _python_path()}}
     try:
-        ray.init(
-            address="local",
-            num_cpus=settings.num_cpus,
-            num_gpus=settings.num_gpus,
-            include_dashboard=False,
-            log_to_driver=False,
-            logging_level="ERROR",
-            runtime_env={"env_vars": THREADS | {"PYTHONPATH": _python_path()}},
-        )
+        ray.init(address="local", include_dashboard=False, runtime_env=worker, **counts, **_QUIET)
     except Exception as error:  # Ray raises no narrower one
         raise ConnectionError(f"Ray did not start: {_last_line(str(error))}") from error
 
@@ -135,10 +125,7 @@ def _check_token_file() -> None:
 
 
 def enter_folder(folder: str) -> None:
-    """Make the driver's folder a worker's: relative paths mean there what they mean here.
-
-    Raises FileNotFoundError: this node has no such folder.
-    """
+    """Make the driver's folder a worker's, for relative paths. Raises FileNotFoundError."""
     if not Path(folder).is_dir():
         raise FileNotFoundError(
             f"node {platform.node()} has no folder {folder}, in which the sweep was started"
@@ -147,7 +134,6 @@ def enter_folder(folder: str) -> None:
 
 
 def _join(ray: ModuleType, address: str) -> None:
-    """Connect to a running cluster and look at its nodes."""
     where = f"ray.address {address}"
     if address.startswith("ray://"):
         if importlib.util.find_spec("grpc") is None:
@@ -165,16 +151,10 @@ def _join(ray: ModuleType, address: str) -> None:
         _check_head(where, address)
     try:
         with warnings.catch_warnings(action="ignore"):
-            ray.init(
-                address=address,
-                log_to_driver=False,
-                logging_level="ERROR",
-                runtime_env=_cluster_environment(),
-            )
+            ray.init(address=address, runtime_env=_cluster_environment(), **_QUIET)
     except (ConnectionError, ray.exceptions.RayError) as error:
-        raise ClusterError(
-            f"{where}: Ray does not answer: {_last_line(str(error))}. {hint}"
-        ) from None
+        why = _last_line(str(error))
+        raise ClusterError(f"{where}: Ray does not answer: {why}. {hint}") from None
     except RuntimeError as error:
         if "Version mismatch" not in str(error):
             raise
@@ -187,7 +167,6 @@ def _join(ray: ModuleType, address: str) -> None:
 
 
 def _cluster_environment() -> dict[str, Any]:
-    """Ray's runtime environment: the code of this project, and the variables of a worker."""
     return {
         "py_modules": [str(_ROOT / package) for package in PACKAGES] + _plug_ins(),
         "excludes": ["__pycache__/"],
@@ -205,10 +184,8 @@ def _plug_ins() -> list[str]:
 
 
 def _python_path() -> str:
-    folders = (str(Path(place).parent) for place in _plug_ins())
-    return os.pathsep.join(
-        filter(None, dict.fromkeys((str(_ROOT), *folders, os.environ.get("PYTHONPATH"))))
-    )
+    folders = [str(_ROOT), *(str(Path(place).parent) for place in _plug_ins())]
+    return os.pathsep.join(filter(None, dict.fromkeys([*folders, os.environ.get("PYTHONPATH")])))
 
 
 def _check_port(where: str, address: str) -> None:
@@ -224,9 +201,7 @@ def _check_head(where: str, address: str) -> None:
     """Ask for the cluster's status in a process of its own: Ray's driver ends or hangs instead."""
     command = [sys.executable, "-m", "ray.scripts.scripts", "status", "--address", address]
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=_STATUS_S, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_STATUS_S)
     except subprocess.TimeoutExpired:
         raise ClusterError(f"{where}: does not answer within {_STATUS_S:.0f} s") from None
     if not done.returncode:
@@ -241,17 +216,12 @@ def _check_head(where: str, address: str) -> None:
 
 
 def _check_nodes(ray: ModuleType, where: str) -> None:
-    """Every node has the driver's folder and the driver's packages."""
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
     look = ray.remote(num_cpus=0)(_look_at_node)
-    looks = [
-        look.options(
-            scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
-        ).remote(os.getcwd())
-        for node in ray.nodes()
-        if node["Alive"]
-    ]
+    alive = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
+    places = (NodeAffinitySchedulingStrategy(node, soft=False) for node in alive)
+    looks = [look.options(scheduling_strategy=own).remote(os.getcwd()) for own in places]
     own = _versions()
     try:
         nodes = ray.get(looks, timeout=_NODES_S)
@@ -272,7 +242,6 @@ def _check_nodes(ray: ModuleType, where: str) -> None:
 
 
 def _look_at_node(folder: str) -> tuple[str, bool, dict[str, str]]:
-    """Name of this node, whether it has that folder, and its versions."""
     return platform.node(), Path(folder).is_dir(), _versions()
 
 

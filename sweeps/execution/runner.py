@@ -32,14 +32,8 @@ class Work(Protocol[T]):
     """A sweep or a search, step by step. Each step goes on from what an earlier run left."""
 
     def open(self, folder: Path, say: Say) -> ParentRun:
-        """Prepare the run folder, which no other driver has, and the store.
-
-        Returns:
-            The state of MLflow.
-
-        Raises:
-            ValueError: something that is asked for cannot be had.
-        """
+        """Prepare the run folder, which no other driver has, and the store. Returns the state of
+        MLflow. Raises ValueError: something that is asked for cannot be had."""
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> T:
         """Run all that is not there yet, and log it."""
@@ -51,12 +45,7 @@ class Work(Protocol[T]):
 def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> tuple[T, bool]:
     """Run a sweep or a search from where it stopped.
 
-    Args:
-        common: what every configuration has.
-        store: where results of tasks are.
-
-    Returns:
-        What was found, and whether MLflow has got all.
+    Returns what was found, and whether MLflow has got all.
 
     Raises:
         typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had.
@@ -102,11 +91,7 @@ def run_tasks(
     tasks: Sequence[Task],
     failures: FailureFolder | None = None,
 ) -> Mapping[str, Failure]:
-    """Run what is not in the store yet. Returns the failures by key.
-
-    Args:
-        failures: keeps them for a reader.
-    """
+    """Run what is not in the store yet. Returns the failures by key; `failures` keeps them."""
     with (
         store.in_use(),
         backend_for(common.ray) as backend,

@@ -8,25 +8,13 @@ from dataclasses import replace
 from sweeps.execution.failures import Failure
 from sweeps.tasks.task import Task
 
-PRIORITY = {
-    "pretrained": 14,
-    "judge": 13,
-    "measure": 12,
-    "evaluate": 12,
-    "command": 11,
-    "finetune": 11,
-    "pretrain": 10,
-    "collect": 8,
-    "ground_truth": 7,
-    "scene": 6,
-    "pog": 5,
-    "surrogates": 4,
-    "recall": 3,
-    "requirements": 2,
-    "accuracy": 1,
-    "sampling_error": 0,
-}
-"""Of stages of a trial whose inputs are there the highest goes first: what detectors wait for."""
+_ORDER: tuple[tuple[str, ...], ...] = (
+    *(("pretrained",), ("judge",), ("measure", "evaluate"), ("command", "finetune")),
+    *(("pretrain",), ("collect",), ("ground_truth",), ("scene",), ("pog",), ("surrogates",)),
+    *(("recall",), ("requirements",), ("accuracy",), ("sampling_error",)),
+)
+_PLACE = {stage: place for place, stages in enumerate(_ORDER) for stage in stages}
+"""Of stages of a trial whose inputs are there the first goes first: what detectors wait for."""
 
 _ENDS = ("evaluate", "judge", "measure")
 """Stages that end a trial."""
@@ -36,17 +24,9 @@ _Rank = tuple[int, int, int]
 
 
 class Schedule:
-    """Hands out tasks whose inputs are there: trial by trial, and late stages first.
-
-    So a sweep that is stopped has whole results of its first trials, not the trainings of all.
-
-    Args:
-        tasks: all tasks, each after its inputs, those of the first trial first.
-        done: keys of those whose results are in the store already.
-
-    Raises:
-        ValueError: a task needs one that is neither done nor before it.
-    """
+    """Hands out tasks whose inputs are there: trial by trial, and late stages first. So a sweep
+    that is stopped has whole results of its first trials, not the trainings of all. Of `tasks` each
+    comes after its inputs; the results of `done` keys are in the store."""
 
     def __init__(self, tasks: Sequence[Task], done: Collection[str]) -> None:
         self.failed: dict[str, Failure] = {}
@@ -56,7 +36,7 @@ class Schedule:
         self._rank: dict[str, _Rank] = {}
         trial = 0
         for position, task in enumerate(tasks):
-            self._rank[task.key] = (trial, -PRIORITY[task.stage], position)
+            self._rank[task.key] = (trial, _PLACE[task.stage], position)
             trial += task.stage in _ENDS
         for task in tasks:
             if task.key in done:
@@ -74,11 +54,7 @@ class Schedule:
         heapq.heappush(self._ready[task.gpu], (self._rank[task.key], task))
 
     def next(self, gpu: bool = True) -> Task | None:
-        """A task to start, or None while all that are left wait for others.
-
-        Args:
-            gpu: whether it may be one that runs on a GPU.
-        """
+        """A task to start, of a GPU only if `gpu`; None while all that are left wait."""
         while queues := [
             queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
         ]:

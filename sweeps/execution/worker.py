@@ -6,8 +6,9 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from cachetools import LRUCache, cached
@@ -25,12 +26,7 @@ from sweeps.tasks.task import Task
 
 @dataclass(frozen=True)
 class Ended:
-    """How a task ended.
-
-    Attributes:
-        failure: why it has no result; None if it has one.
-        seconds: that it took with loading and storing.
-    """
+    """Why a task has no result, None if it has one; and the seconds with loading and storing."""
 
     failure: Failure | None
     seconds: float
@@ -53,54 +49,35 @@ def run_task(task: Task, store: AnyStore, halvings: int = 0, gpu_share: float = 
     """Compute one result from those in the store, and store it.
 
     Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
-    clouds larger than the memory can be trained on.
-
-    Args:
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
-        gpu_share: of a GPU's memory that a network may take.
+    clouds larger than the memory can be trained on. A network takes `gpu_share` of a GPU's memory;
+    `halvings` is how often its batch size is halved, after that was too small.
     """
     if isinstance(task.params, NetworkParams) and gpu_share:
-        _leave_the_rest(gpu_share)
+        import torch
+
+        if torch.cuda.is_available():  # batches that need more do not fit
+            torch.cuda.set_per_process_memory_fraction(min(1.0, gpu_share))
     node, pid = socket.gethostname(), os.getpid()
     since = datetime.now().isoformat(" ", timespec="seconds")
     with store.running(task, Note(node, pid, since)) as note:
         reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
-        function = FUNCTIONS[task.stage]
+        call = partial(FUNCTIONS[task.stage], task.params, *inputs)
         if task.resumable:
+            how = {"on_step": _Progress(task, note).on_step, "halvings": halvings}
             with store.working_folder(task) as folder:
-                on_step = _Progress(task, note).on_step
-                value = function(
-                    task.params,
-                    *inputs,
-                    folder=folder,
-                    on_step=on_step,
-                    batch_size=None,  # it finds out
-                    halvings=halvings,
-                )
+                value = call(folder=folder, batch_size=None, **how)  # it finds the size out
         else:
-            value = function(task.params, *inputs)
+            value = call()
         seconds = time.perf_counter() - start
         ran = Ran(node, pid, peak_memory())
         if isinstance(value, Trained):
             seconds += value.earlier_seconds
-            ran = replace(
-                ran,
-                batch_size_reduced=value.batch_size_reduced,
-                earlier_seconds=value.earlier_seconds,
-            )
+            ran = Ran(node, pid, ran.peak_memory, value.batch_size_reduced, value.earlier_seconds)
         store.save(task, value, seconds, ran)
         if task.resumable:
             store.discard(task)
-
-
-def _leave_the_rest(gpu_share: float) -> None:
-    """Limit this process to a share of a GPU's memory; batches that need more do not fit."""
-    import torch
-
-    if torch.cuda.is_available():
-        torch.cuda.set_per_process_memory_fraction(min(1.0, gpu_share))
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))

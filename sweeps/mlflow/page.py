@@ -4,6 +4,7 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
 
 from lidarplace.base.metrics import Overlaps, headline_metric, iou_of
 from lidarplace.files.secret_urls import hide_secrets
@@ -12,7 +13,6 @@ from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import further_axes
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.results.trial_results import axis_values
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import Dataset
 
 _SHOWN_SURROGATES = ("expected_ig", "s_mig", "covered_entropy")
@@ -47,18 +47,13 @@ def columns(sweep: Sweep) -> list[str]:
 
 
 def _column(object_class: str, ious: Mapping[str, Overlaps]) -> str:
-    """What a class is judged by, as MLflow knows it."""
     iou = iou_of(object_class, ious).strict
     return f"metrics.{headline_metric(object_class)}.{object_class}.{iou:.2f}"
 
 
 def note(source: Mapping[str, object], command: str, addresses: Iterable[str]) -> str:
-    """How to make a sweep or a search again, Markdown.
-
-    Args:
-        source: the configuration.
-        addresses: whose secrets are not shown.
-    """
+    """How to make a sweep or a search of a configuration again, Markdown, without the secrets of
+    addresses."""
     config = public_yaml(source)
     command = hide_secrets(command, *addresses)
     if len(config) > _LONGEST_CONFIG:
@@ -89,28 +84,14 @@ def tags(trial: Trial, axes: Sequence[str]) -> dict[str, object]:
 
 def datasets(trial: DetectorTrial) -> list[Dataset]:
     """The recorded frames that a trial was trained and tested on; the digest is the store's key."""
-    train, test = trial.grid_point.point.scene.frame_counts()
-    collected = {"train": trial.learns.inputs, "test": trial.collect_test}
-    found = []
-    for context, frames in (("train", train), ("test", test)):
-        scenes = [
-            t.inputs[0]
-            for t in collected[context]
-            if t.stage == "collect" and t.params.split == context
-        ]
-        found.append(
-            Dataset(
-                name=f"{trial.scene_label} {context}",
-                digest=_digest(scenes),
-                context="train" if context == "train" else "test",
-                source={"scene": ", ".join(task.label for task in scenes)},
-                profile={"frames": frames},
-            )
-        )
+    contexts: tuple[Literal["train", "test"], ...] = ("train", "test")
+    collected, found = (trial.learns.inputs, trial.collect_test), []
+    counts = trial.grid_point.point.scene.frame_counts()
+    for context, tasks, frames in zip(contexts, collected, counts, strict=True):
+        of_split = (t for t in tasks if t.stage == "collect" and t.params.split == context)
+        scenes = [task.inputs[0] for task in of_split]
+        name, keys = f"{trial.scene_label} {context}", "/".join(task.key for task in scenes)
+        digest = keys if len(scenes) == 1 else hashlib.sha256(keys.encode()).hexdigest()[:24]
+        labels = {"scene": ", ".join(task.label for task in scenes)}
+        found.append(Dataset(name, digest, context, labels, {"frames": frames}))
     return found
-
-
-def _digest(tasks: Sequence[Task]) -> str:
-    if len(tasks) == 1:
-        return tasks[0].key
-    return hashlib.sha256("/".join(task.key for task in tasks).encode()).hexdigest()[:24]

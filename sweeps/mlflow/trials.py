@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
+from rich.console import Console
 
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
@@ -22,37 +23,29 @@ from sweeps.tasks.task import Task
 from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
 
-class TrialLog:
-    """The executor's listener: shows progress, and yields the trials that have ended.
-
-    The driver is the only writer. Trials without a detector, and those that were pruned before they
-    began, have no run: they may be thousands, and MLflow takes some 40 ms of a core for each. Their
-    values are in the tables that the parent run keeps.
-
-    Args:
-        axes: the further ones.
-        there: keys of results of before.
-        pictures: folder of those that are drawn for MLflow.
-    """
+class TrialLog(StageProgress):
+    """Also yields the trials that have ended. Trials without a detector, and those that were pruned
+    before they began, have no run: they may be thousands, and MLflow takes some 40 ms of a core for
+    each. `axes` are the further ones, `there` keys of results of before."""
 
     def __init__(
         self,
-        progress: StageProgress,
-        trials: Sequence[Trial],
+        console: Console,
+        tasks: Sequence[Task],
         store: AnyStore,
+        failures: FailureFolder,
         *,
+        trials: Sequence[Trial],
         axes: Sequence[str],
         there: Collection[str],
-        failures: FailureFolder,
         pictures: Path,
     ) -> None:
-        self._progress = progress
+        super().__init__(console, tasks, store, failures)
         self._trials = with_detector(trials)
         self._store = store
         self._axes = axes
         self._times = dict.fromkeys(there, _now_ms())
-        self._failures = failures
-        self._failed: Mapping[str, Failure] = {}
+        self._known: Mapping[str, Failure] = {}
         self._pictures = pictures
 
     def ended(self) -> Iterator[EndedTrial]:
@@ -60,25 +53,18 @@ class TrialLog:
         for trial in self._trials:
             if all(task.key in self._times for task in trial.results):
                 yield EndedTrial(trial.key, partial(self._finished, trial))
-            elif failure := trial_failure(trial, self._failed):
+            elif failure := trial_failure(trial, self._known):
                 yield EndedTrial(trial.key, partial(self._without_results, trial), failure.reason)
 
     def end(self, failures: Mapping[str, Failure]) -> None:
         """Take up the failures, by the task's key, and what another driver finished."""
         there = self._store.finished(task for trial in self._trials for task in trial.results)
         self._times |= dict.fromkeys(there - self._times.keys(), _now_ms())
-        self._failed = failures
-
-    def started(self, task: Task) -> None:
-        self._progress.started(task)
+        self._known = failures
 
     def finished(self, task: Task) -> None:
-        self._progress.finished(task)
+        super().finished(task)
         self._times[task.key] = _now_ms()
-
-    def failed(self, task: Task, failure: Failure) -> None:
-        self._progress.failed(task, failure)
-        self._failures.write(task, failure)
 
     def _finished(self, trial: DetectorTrial) -> TrialRun:
         store = self._store
@@ -105,13 +91,9 @@ class TrialLog:
 
     def _without_results(self, trial: Trial) -> TrialRun:
         known = trial.surrogates.key in self._times
-        return TrialRun(
-            trial.label,
-            self._params(trial),
-            self._metrics(trial, pd.DataFrame()) if known else {},
-            ended=_now_ms(),
-            tags=tags(trial, self._axes),
-        )
+        metrics = self._metrics(trial, pd.DataFrame()) if known else {}
+        shown = tags(trial, self._axes)
+        return TrialRun(trial.label, self._params(trial), metrics, ended=_now_ms(), tags=shown)
 
     def _metrics(self, trial: Trial, results: pd.DataFrame) -> dict[str, float]:
         named = trial_metrics(results, surrogate_table(trial, self._store))

@@ -12,20 +12,16 @@ from training.typical_objects import TypicalObject, typical_objects
 
 
 def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
-    """Boxes of the frames to train on and to test on, with the classes that the scene counts.
-
-    Raises:
-        ConfigError: the log cannot be read.
-    """
+    """Boxes of the frames to train on and to test on. Raises ConfigError: the log cannot be
+    read."""
     try:
-        own = scene.read()
-        other = own
+        train = test = scene.read()
         if scene.test_folder is not None:
-            other = scene.model_copy(update={"folder": scene.test_folder}).read()
+            test = scene.model_copy(update={"folder": scene.test_folder}).read()
     except (OSError, ValueError) as error:
         raise ConfigError(f"scene: {error}") from None
     found = {}
-    for split, log in (("train", own), ("test", other)):
+    for split, log in {"train": train, "test": test}.items():
         frames = log.frames.loc[log.frames["split"] == split, "frame"]
         found[split] = log.boxes[log.boxes["frame"].isin(frames)]
     return found
@@ -34,11 +30,8 @@ def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
 def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
     """What is to be known of classes that the training frames of a log lack, a sentence each.
 
-    A class that the configuration names by itself has to be there. Of the three that are meant
-    unless others are named, some may be missing, or all where nothing is there at all.
-
-    Raises:
-        ConfigError: a class is not in the training frames.
+    Raises ConfigError for a class that the configuration names by itself. Of the three that are
+    meant unless others are named, some may be missing, or all where nothing is there at all.
     """
     assert isinstance(point.scene, LogScene)
     counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
@@ -52,11 +45,9 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
                 "the training frames, from which surrogates are and detectors learn"
             )
         else:
-            why = (
-                f"{point.scene.name} has no box of class {name}"
-                f"{did_you_mean(name, counts['train'])}; "
-                f"its training frames have {listed(counts['train'])}"
-            )
+            hint, there = did_you_mean(name, counts["train"]), listed(counts["train"])
+            why = f"{point.scene.name} has no box of class {name}{hint}; "
+            why += f"its training frames have {there}"
         if none or name not in CLASSES:
             raise ConfigError(f"classes: {why}")
         said.append(f"{why}.")
@@ -64,15 +55,9 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
 
 
 def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[TypicalObject, ...]:
-    """Of the classes whose anchors are not the preset's, in the order of the classes.
-
-    Args:
-        boxes: of a log, see `boxes_by_split`; None: traffic is simulated, and all stand on the
-            ground.
-
-    Raises:
-        ConfigError: the boxes of a class have no size.
-    """
+    """Of the classes whose anchors are not the preset's, in the order of the classes, by
+    `boxes_by_split` of a log; None: traffic is simulated, and all stand on the ground. Raises
+    ConfigError: the boxes of a class have no size."""
     found = []
     for name in point.classes:
         size = point.class_settings[name].size if name in point.class_settings else None
@@ -83,8 +68,7 @@ def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[Typ
             try:
                 (measured,) = typical_objects(boxes["train"], [name])
             except ValueError as error:
-                raise ConfigError(
-                    f"classes: {error}; class_settings.{name}.size names it"
-                ) from None
+                hint = f"class_settings.{name}.size names it"
+                raise ConfigError(f"classes: {error}; {hint}") from None
         found.append(TypicalObject(name, size or measured.size, measured.bottom))
     return tuple(found)

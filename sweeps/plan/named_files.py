@@ -57,11 +57,9 @@ def checkpoint_of(
     typical: tuple[TypicalObject, ...],
     fixed: frozenset[str],
 ) -> tuple[str, tuple[TypicalObject, ...]]:
-    """SHA-256 of a checkpoint that fits; better reported now than after hours of scenes.
-
-    And the typical objects of the classes: those of the checkpoint, unless `new_heads` are trained,
-    before those of the data. Sizes of the configuration, of the classes `fixed`, stay.
-    """
+    """SHA-256 of a checkpoint that fits, and the typical objects of the classes: those of the
+    checkpoint, unless `new_heads` are trained, before those of the data; of `fixed` ones those that
+    the configuration gives."""
     # torch, which a sweep from scratch need not wait for
     from training.checkpoints import load_checkpoint, read_checkpoint
 
@@ -76,10 +74,8 @@ def checkpoint_of(
 
 
 def generalist_of(point: Point) -> Generalist:
-    """The generalist of `judge: pretrained`.
-
-    Raises ConfigError: the file cannot be read, or belongs to another network.
-    """
+    """The generalist of `judge: pretrained`. Raises ConfigError: the file cannot be read, or
+    belongs to another network."""
     path = point.training.checkpoint or PRETRAINED
     with named("training.checkpoint", path):
         found = _read_generalist(path)
@@ -92,14 +88,8 @@ def generalist_of(point: Point) -> Generalist:
 
 
 def outside_of(point: Point, rig: Placement) -> str | None:
-    """How a rig, the ROI or a class is outside of what `judge: pretrained` was trained on.
-
-    Args:
-        rig: with its LiDARs as their clouds are simulated.
-
-    Returns:
-        A line, or None if nothing is. Raises as `generalist_of`.
-    """
+    """How a rig, with the LiDARs of its clouds, the ROI or a class is outside of what `judge:
+    pretrained` was trained on, a line; None if nothing is. Raises as `generalist_of`."""
     roi = point.roi
     crop = crop_for(roi.x, roi.y, roi.z, rig)
     outside = generalist_of(point).domain.outside(rig, crop, point.classes)
@@ -129,18 +119,15 @@ def digests_of(paths: Sequence[Path]) -> tuple[str, ...]:
     """Hashes of the content of files, and of folders with the names in them."""
     found = []
     for path in paths:
-        try:
-            inside = sorted(
-                own for own in path.rglob("*") if own.is_file() and own.suffix != ".pyc"
-            )
-            parts = [b"%s\0%s" % (bytes(own.relative_to(path)), _digest(own)) for own in inside]
-            found.append(
-                hashlib.sha256(b"".join(parts)).hexdigest()
-                if path.is_dir()
-                else _digest(path).hex()
-            )
-        except OSError as error:
-            raise ConfigError(f"judge.depends_on: {path}: {error.strerror}") from None
+        with named("judge.depends_on", path):
+            if path.is_dir():
+                files = (own for own in path.rglob("*") if own.is_file() and own.suffix != ".pyc")
+                parts = [
+                    b"%s\0%s" % (bytes(f.relative_to(path)), _digest(f)) for f in sorted(files)
+                ]
+                found.append(hashlib.sha256(b"".join(parts)).hexdigest())
+            else:
+                found.append(_digest(path).hex())
     return tuple(found)
 
 

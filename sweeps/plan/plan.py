@@ -35,36 +35,10 @@ from sweeps.configuration.file import ConfigError, named
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
+from sweeps.plan import named_files
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.named_files import (
-    check_network,
-    checkpoint_of,
-    curve_names,
-    curves_of,
-    digests_of,
-    generalist_of,
-    outside_of,
-)
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
-from sweeps.tasks.parameters import (
-    AccuracyParams,
-    CollectParams,
-    CommandParams,
-    GroundTruthParams,
-    MeasureParams,
-    NetworkParams,
-    PogParams,
-    PretrainedParams,
-    PretrainParams,
-    RecallParams,
-    RecordedParams,
-    RequirementsParams,
-    SamplingErrorParams,
-    SceneParams,
-    SurrogateParams,
-    TrainingParams,
-    keys_of,
-)
+from sweeps.tasks import parameters
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from training.settings import PRETRAINED, TrainingSettings
@@ -105,47 +79,28 @@ def make_plan(sweep: Sweep) -> Plan:
     trials = [builder.trial(grid_point) for grid_point in sweep.points]
     known: dict[str, Trial] = {}
     for trial in trials:
-        same = known.setdefault(trial.key, trial)
-        if same is not trial:
+        if (same := known.setdefault(trial.key, trial)) is not trial:
+            judge = trial.grid_point.point.judge
+            seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
+            hint = ", or name {seed} in judge.command" if seedless else ""
             raise ConfigError(
                 f"grid: '{same.label}' and '{trial.label}' are the same trial, which does not "
-                f"depend on {_difference(same, trial)}; exclude one{_hint(trial)}"
+                f"depend on {_difference(same, trial)}; exclude one{hint}"
             )
     laid = builder.laid(sweep.points[0].point)
     return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
 
 
-def _without_bfloat16() -> list[str]:
-    """What to say of a machine whose networks run in 32-bit floats all the same."""
-    from training.device import NO_BFLOAT16, cpu_has_bfloat16, device
-
-    return [] if device().type != "cpu" or cpu_has_bfloat16() else [NO_BFLOAT16]
-
-
 def ignored(name: str, sensors: Sequence[object]) -> list[str]:
     """That cameras and radars are of requirements alone; nothing without any."""
-    if not sensors:
-        return []
-    return [
-        f"{name}: cameras and radars ({len(sensors)}) make no clouds: detectors and surrogates "
-        "ignore them."
-    ]
-
-
-def _hint(trial: Trial) -> str:
-    judge = trial.grid_point.point.judge
-    seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
-    return ", or name {seed} in judge.command" if seedless else ""
+    said = f"cameras and radars ({len(sensors)}) make no clouds: detectors and surrogates"
+    return [f"{name}: {said} ignore them."] if sensors else []
 
 
 def _difference(one: Trial, other: Trial) -> str:
-    """The axes on which two trials differ, or the rungs, with both values."""
     places = [{**own.axes, "promote": own.rung} for own in (one.grid_point, other.grid_point)]
-    return ", ".join(
-        f"{axis} ({value} and {places[1][axis]})"
-        for axis, value in places[0].items()
-        if value != places[1][axis]
-    )
+    both = ((axis, value, places[1][axis]) for axis, value in places[0].items())
+    return ", ".join(f"{axis} ({a} and {b})" for axis, a, b in both if a != b)
 
 
 class _Builder:
@@ -158,10 +113,10 @@ class _Builder:
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
         self._check_recorded = cache(_check_recorded)
-        self._checkpoint = cache(checkpoint_of)
-        self._check_network = cache(check_network)
-        self._curves = cache(curves_of)
-        self._digests_of = cache(digests_of)
+        self._checkpoint = cache(named_files.checkpoint_of)
+        self._check_network = cache(named_files.check_network)
+        self._curves = cache(named_files.curves_of)
+        self._digests_of = cache(named_files.digests_of)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
         self._typical = cached({}, key=_classes_of)(self._typical_of)
@@ -180,18 +135,32 @@ class _Builder:
             parts = self._parts_of(point.scene)
         typical = self._typical(point)
         if point.detector is not None and point.training.mixed_precision == "everywhere":
-            self.cautions |= dict.fromkeys(_without_bfloat16())
+            from training.device import NO_BFLOAT16, cpu_has_bfloat16, device
+
+            if device().type == "cpu" and not cpu_has_bfloat16():
+                self.cautions[NO_BFLOAT16] = None
         if (own := self._common.placements.get(point.placement)) is not None:
             self.cautions |= dict.fromkeys(ignored(point.placement, (*own.cameras, *own.radars)))
         scenes = [
-            self._task("scene", grid_point, SceneParams(part.recording), (), part.name)
+            self._task("scene", grid_point, parameters.SceneParams(part.recording), (), part.name)
             for part in parts
         ]
         logs = tuple(
             scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
         )
         requirements = self._requirements(grid_point)
-        pog = self._task("pog", grid_point, PogParams(grid_point.roi, point.classes), logs)
+        pog = self._task(
+            "pog", grid_point, parameters.PogParams(grid_point.roi, point.classes), logs
+        )
+        settings = point.surrogate
+        scored = parameters.SurrogateParams(
+            placement=rig,
+            names=tuple(name for name in settings.names if name in POG_SURROGATES),
+            method=settings.method,
+            detection_probability=settings.detection_probability,
+            occlusion=settings.occlusion,
+            fitted_q=FITTED_Q,
+        )
         trial = Trial(
             grid_point=grid_point,
             label=trial_label(point, grid_point.axes),
@@ -200,18 +169,14 @@ class _Builder:
             scenes=tuple(scenes),
             requirements=requirements,
             pog=pog,
-            surrogates=self._task("surrogates", grid_point, _of_pog(point, rig), (pog,)),
+            surrogates=self._task("surrogates", grid_point, scored, (pog,)),
             recall=self._recall(grid_point, logs),
             **self._studies(grid_point, logs),
         )
-        return (
-            trial
-            if point.detector is None
-            else self._detected(trial, point.detector, parts, typical)
-        )
+        detector = point.detector
+        return trial if detector is None else self._detected(trial, detector, parts, typical)
 
     def _typical_of(self, point: Point) -> tuple[TypicalObject, ...]:
-        """Of the classes whose anchors are not the preset's; refuses a class that is not there."""
         if not isinstance(point.scene, LogScene):
             return typical_of(point, None)
         boxes = self._boxes_of(point.scene)
@@ -221,8 +186,7 @@ class _Builder:
     def _task(
         self, stage: str, grid_point: GridPoint, params: Any, inputs: tuple[Task, ...], *names: str
     ) -> Task:
-        """A task named after what makes a difference to it, and after `names`."""
-        keys = keys_of(params).union(*(task.uses for task in inputs))
+        keys = parameters.keys_of(params).union(*(task.uses for task in inputs))
         return self._once(Task(stage, task_label(grid_point, keys, *names), params, inputs))
 
     def _recall(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
@@ -232,12 +196,12 @@ class _Builder:
             return None
         errors, draws = point.mounting_errors.errors(), point.surrogate.mount_draws
         rig = self._as_collected(point, grid_point.rig)
-        params = RecallParams(
+        params = parameters.RecallParams(
             rigs=fleet(rig, errors, draws, point.scene.seed),
             names=of_objects,
             roi=grid_point.roi,
             classes=point.classes,
-            curves=self._curves(point.surrogate.curves, curve_names(point)),
+            curves=self._curves(point.surrogate.curves, named_files.curve_names(point)),
             seed=point.scene.seed,
             frames=RECALL_FRAMES,
             vehicle=grid_point.vehicle,
@@ -245,9 +209,8 @@ class _Builder:
         return self._task("recall", grid_point, params, logs)
 
     def _studies(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> dict[str, Task | None]:
-        """Accuracy and sampling error of the surrogates, as far as they are asked for."""
         point, settings = grid_point.point, grid_point.point.surrogate
-        found: dict[str, AccuracyParams | SamplingErrorParams] = {}
+        found: dict[str, Task | None] = {"accuracy": None, "sampling_error": None}
         asked = (name for name in settings.names if name in POG_SURROGATES)
         common: dict[str, Any] = {
             "placement": grid_point.rig,
@@ -260,21 +223,19 @@ class _Builder:
         chosen = spread(self._placements, settings.studied_placements)
         studied = point.placement in chosen or bool(self._common.promote)
         if studied and settings.accuracy:
-            found["accuracy"] = AccuracyParams(
+            accuracy = parameters.AccuracyParams(
                 **common,
                 object_class=point.classes[0],
                 resolutions=_resolutions(grid_point.roi),
                 azimuth_steps=ACCURACY_STEPS,
                 frame_shares=ACCURACY_SHARES,
             )
+            found["accuracy"] = self._task("accuracy", grid_point, accuracy, logs)
         if studied and settings.sampling_error:
-            found["sampling_error"] = SamplingErrorParams(
-                **common, classes=point.classes, method=settings.method
-            )
-        return {
-            stage: self._task(stage, grid_point, found[stage], logs) if stage in found else None
-            for stage in ("accuracy", "sampling_error")
-        }
+            common |= {"classes": point.classes, "method": settings.method}
+            drawn = parameters.SamplingErrorParams(**common)
+            found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
+        return found
 
     def laid(self, point: Point) -> tuple[Laid, ...]:
         """What is required of the placement of a point, laid out around the vehicle."""
@@ -296,7 +257,7 @@ class _Builder:
             further = () if own is None else own.further()
             check_asked(grid_point.rig, vehicle, self._common.requirements, further)
         asked = tuple(own.requirement for own in laid)
-        params = RequirementsParams(grid_point.rig, vehicle, asked, further)
+        params = parameters.RequirementsParams(grid_point.rig, vehicle, asked, further)
         return self._task("requirements", grid_point, params, ())
 
     def _detected(
@@ -306,12 +267,11 @@ class _Builder:
         parts: Sequence[ScenePart],
         typical: tuple[TypicalObject, ...],
     ) -> DetectorTrial:
-        """The same trial with the tasks of its detector."""
         grid_point, scenes = trial.grid_point, trial.scenes
         point, rig = grid_point.point, grid_point.rig
         # Without the resolution, which has no part in the ground truth.
         roi, settings = point.roi, point.training
-        edges = GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
+        edges = parameters.GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
         crop = crop_for(roi.x, roi.y, roi.z, rig, point.lidar.misaligned_heights)
         truths: dict[str, list[Task]] = {"train": [], "test": []}
         for part, scene in zip(parts, scenes, strict=True):
@@ -324,7 +284,7 @@ class _Builder:
         ) -> list[Task]:
             """Clouds of a rig in every part with frames of the split, of some of these frames."""
             params = self._collection(point, rig, split, crop, grid_point.vehicle)
-            if isinstance(params, CollectParams):
+            if isinstance(params, parameters.CollectParams):
                 params = replace(params, first=first, every=every)
             return [
                 self._task("collect", grid_point, params, (scene,), *names, part.name, split)
@@ -343,7 +303,7 @@ class _Builder:
         judge = point.judge
         if isinstance(judge, CommandJudge):
             name = re.sub(r"[^\w.=-]+", "-", trial.label)[:200]
-            params = CommandParams(
+            params = parameters.CommandParams(
                 judge,
                 self._digests_of(judge.depends_on),
                 point.classes,
@@ -353,7 +313,7 @@ class _Builder:
             )
             inputs = (*scenes, *collected("train", rig), *test, *truths["train"])
             found = self._once(Task("command", trial.label, params, inputs, gpu=judge.gpus > 0))
-            how = MeasureParams(point.classes, ious, point.metrics)
+            how = parameters.MeasureParams(point.classes, ious, point.metrics)
             inputs = (found, *truths["test"])
             measured = self._once(Task("measure", trial.label, how, inputs))
             return detected(finetune=None, evaluate=measured)
@@ -363,18 +323,14 @@ class _Builder:
             return detected(finetune=None, evaluate=evaluate)
         checkpoint = None
         if settings.checkpoint is not None:
-            checkpoint, typical = self._checkpoint(
-                settings.checkpoint,
-                settings.new_heads,
-                detector,
-                point.classes,
-                crop,
-                typical,
-                frozenset(n for n, own in point.class_settings.items() if own.size is not None),
-            )
+            sized = (name for name, own in point.class_settings.items() if own.size is not None)
+            asked = (detector, point.classes, crop, typical, frozenset(sized))
+            checkpoint, typical = self._checkpoint(settings.checkpoint, settings.new_heads, *asked)
         self._check_network(detector, point.classes, crop, typical)
-        network = NetworkParams(detector, point.classes, settings, crop, typical=typical)
-        training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
+        network = parameters.NetworkParams(detector, point.classes, settings, crop, typical=typical)
+        training = parameters.TrainingParams(
+            **vars(network), seed=point.seed, checkpoint=checkpoint
+        )
         before: tuple[Task, ...] = ()
         if point.judge != "specialist":
             before = (self._generalist(point, training, collected, truths["train"]),)
@@ -391,33 +347,29 @@ class _Builder:
         return detected(finetune=finetune, evaluate=evaluate)
 
     def _pretrained(self, trial: Trial, inputs: tuple[Task, ...], crop: Crop) -> Task[Evaluated]:
-        """What the weights of a file find as they are."""
         point = trial.grid_point.point
-        outside = outside_of(point, self._as_collected(point, trial.grid_point.rig))
+        outside = named_files.outside_of(point, self._as_collected(point, trial.grid_point.rig))
         if outside is not None:
             raise ConfigError(f"placement {point.placement}: {outside}")
-        found = generalist_of(point)
+        found = named_files.generalist_of(point)
         path = point.training.checkpoint or PRETRAINED
-        weights = self._once(Task("pretrained", path.name, PretrainedParams(found.digest, path)))
-        of_detection = ("batch_size", "mixed_precision", "score_threshold", "nms_threshold")
+        weights = self._once(
+            Task("pretrained", path.name, parameters.PretrainedParams(found.digest, path))
+        )
+        # Nothing is trained: what decides trainings alone is in no key.
+        of_detection = {"batch_size", "mixed_precision", "score_threshold", "nms_threshold"}
         settings = TrainingSettings().model_copy(
             update={name: getattr(point.training, name) for name in of_detection}
         )
-        params = NetworkParams(
-            found.detector,
-            point.classes,
-            settings,  # nothing is trained: what decides trainings alone is in no key
-            crop,
-            typical=found.typical,
-            ious=tuple(point.own_ious().items()),
-            metrics=point.metrics,
-        )
+        network = parameters.NetworkParams(found.detector, point.classes, settings, crop)
+        ious = tuple(point.own_ious().items())
+        params = replace(network, typical=found.typical, ious=ious, metrics=point.metrics)
         return self._once(Task("evaluate", trial.label, params, (weights, *inputs), gpu=True))
 
     def _generalist(
         self,
         point: Point,
-        training: TrainingParams,
+        training: parameters.TrainingParams,
         collected: Callable[..., list[Task]],
         truths: Sequence[Task],
     ) -> Task:
@@ -438,7 +390,9 @@ class _Builder:
         longer = training.training.model_copy(update={"epochs": settings.epochs})
         label = f"generalist of {len(rigs)} rigs · {point.detector} · seed {point.seed}"
         inputs = (*clouds, *truths)
-        params = PretrainParams(**vars(replace(training, training=longer)), scenes=(len(inputs),))
+        params = parameters.PretrainParams(
+            **vars(replace(training, training=longer)), scenes=(len(inputs),)
+        )
         return self._once(Task("pretrain", label, params, inputs, gpu=True, resumable=True))
 
     def _training_rigs(self, point: Point) -> list[Placement]:
@@ -462,7 +416,7 @@ class _Builder:
 
     def _collection(
         self, point: Point, placement: Placement, split: str, crop: Crop, body: Vehicle | None
-    ) -> CollectParams | RecordedParams:
+    ) -> parameters.CollectParams | parameters.RecordedParams:
         """What decides clouds besides the scene: also quirks and fewer azimuth steps."""
         scene, lidar = point.scene, point.lidar
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
@@ -485,18 +439,18 @@ class _Builder:
             try:
                 if not names:
                     check_rig(folder, placement)
-                    return RecordedParams(folder, self._digest_of(folder), split, crop)
+                    return parameters.RecordedParams(folder, self._digest_of(folder), split, crop)
                 self._check_recorded(scene, names)
                 lidars = scene.rig.subset(names).names
                 digest = self._digest_of(folder)
-                return RecordedParams(folder, digest, split, crop, scene.rig, lidars)
+                return parameters.RecordedParams(folder, digest, split, crop, scene.rig, lidars)
             except (OSError, ValueError) as error:
                 raise ConfigError(f"placement: {error}") from None
         placement = self._as_collected(point, placement)
         errors, vehicle = point.mounting_errors.errors(), point.mounting_errors.vehicle
         if split == "test" and vehicle is not None:
             placement, errors = errors.drawn(placement, scene.seed, vehicle), MountingErrors()
-        return CollectParams(
+        return parameters.CollectParams(
             placement, lidar.misaligned_heights, scene.seed, split, crop, errors, vehicle=body
         )
 
@@ -513,13 +467,11 @@ class _Builder:
 
 
 def _check_recorded(scene: LogScene, names: tuple[str, ...]) -> None:
-    """Raise ValueError if a frame, or one of the LiDARs, has no recorded cloud."""
     frames = read_frames(scene.folder)["frame"].to_numpy(np.int64)
     check_lidars(scene.real_clouds, scene.rig, names, frames)
 
 
 def _classes_of(point: Point) -> tuple[Any, ...]:
-    """What decides the typical objects of a point."""
     return point.scene, point.classes, tuple(point.class_settings.items())
 
 
@@ -532,18 +484,6 @@ def spread(names: Sequence[str], most: int) -> set[str]:
 def further_axes(sweep: Sweep) -> tuple[str, ...]:
     """Axes of the grid besides placement, detector and seed."""
     return tuple(axis for axis in sweep.axes if axis not in ("placement", "detector", "seed"))
-
-
-def _of_pog(point: Point, rig: Placement) -> SurrogateParams:
-    settings = point.surrogate
-    return SurrogateParams(
-        placement=rig,
-        names=tuple(name for name in settings.names if name in POG_SURROGATES),
-        method=settings.method,
-        detection_probability=settings.detection_probability,
-        occlusion=settings.occlusion,
-        fitted_q=FITTED_Q,
-    )
 
 
 def _resolutions(roi: Roi) -> tuple[float, ...]:

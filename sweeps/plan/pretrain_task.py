@@ -20,9 +20,7 @@ _MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate
 def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
     """A training on the clouds of all placements of a sweep, with the seed of its first point.
 
-    Raises:
-        ConfigError: there is no detector, or the grid has several detectors, trainings, scenes,
-            ROIs or lists of classes.
+    Raises ConfigError: no detector, or several, or trainings, scenes, ROIs, lists of classes.
     """
     for axis in sweep.axes:
         # A value may be a list or a mapping.
@@ -45,14 +43,8 @@ def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
 
 
 def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
-    """One training on the clouds of several, with the network and the settings that they share.
-
-    Args:
-        trainings: of sweeps, or of the generalists of searches.
-
-    Raises:
-        ConfigError: they differ in network, classes or settings.
-    """
+    """One training on the clouds of several, of sweeps or of the generalists of searches, with the
+    network and the settings that they share. Raises ConfigError: they differ in these."""
     every = [training.params for training in trainings]
     for name in ("detector", "classes", "training", "typical", "seed"):
         values = {repr(getattr(params, name)) for params in every}
@@ -73,7 +65,6 @@ def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
 
 
 def _around(ranges: Sequence[Crop]) -> Crop:
-    """The smallest range that holds all."""
     bounds = np.array(ranges)
     low, high = bounds[:, :3].min(axis=0), bounds[:, 3:].max(axis=0)
     return (*low.tolist(), *high.tolist())

@@ -13,18 +13,8 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.requirements.layout import Laid
 from sweeps.configuration.grid import GridPoint
 from sweeps.configuration.sweep import Point
+from sweeps.tasks import results as kinds
 from sweeps.tasks.parameters import NetworkParams
-from sweeps.tasks.results import (
-    Accuracy,
-    Collected,
-    Evaluated,
-    GroundTruth,
-    Pog,
-    PogScores,
-    Required,
-    Scores,
-    Trained,
-)
 from sweeps.tasks.task import Task
 from training.typical_objects import TypicalObject
 
@@ -34,12 +24,10 @@ class Trial:
     """What becomes of one point of the grid.
 
     Attributes:
-        grid_point: the point and its axes.
         label: "placement · detector · seed 1", and the further axes.
         scene_label: what its scene is called.
         interleaving: how its rings would lie between each other, where they coincide.
         scenes: the parts of its scene.
-        requirements: what becomes of them; None if there are none.
         pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
             surrogate of objects is asked for.
         accuracy, sampling_error: None if they are not asked for, or of other placements.
@@ -50,11 +38,11 @@ class Trial:
     scene_label: str
     interleaving: Interleaving | None
     scenes: tuple[Task[BoxLog], ...]
-    requirements: Task[Required] | None
-    pog: Task[Pog]
-    surrogates: Task[PogScores]
-    recall: Task[Scores] | None
-    accuracy: Task[Accuracy] | None
+    requirements: Task[kinds.Required] | None
+    pog: Task[kinds.Pog]
+    surrogates: Task[kinds.PogScores]
+    recall: Task[kinds.Scores] | None
+    accuracy: Task[kinds.Accuracy] | None
     sampling_error: Task[SamplingError] | None
 
     @cached_property
@@ -70,11 +58,11 @@ class Trial:
         return self.pog
 
     @property
-    def scores(self) -> tuple[Task[Scores], ...]:
+    def scores(self) -> tuple[Task[kinds.Scores], ...]:
         """The tasks whose results have tables of surrogates."""
         return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
 
-    def score_by(self, surrogate: str) -> Task[Scores]:
+    def score_by(self, surrogate: str) -> Task[kinds.Scores]:
         """The one of `scores` that has a surrogate."""
         return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
 
@@ -90,17 +78,16 @@ class DetectorTrial(Trial):
     """A trial of a point with a detector.
 
     Attributes:
-        ground_truths: of every part of the scene.
-        collect_test: of those with test frames.
+        ground_truths, collect_test: of the parts of the scene.
         finetune: the training whose weights evaluate the placement, which is shared where a
             generalist does; None where a command does.
         evaluate: what the detector finds in the test frames.
     """
 
-    ground_truths: tuple[Task[GroundTruth], ...]
-    collect_test: tuple[Task[Collected], ...]
-    finetune: Task[Trained] | None
-    evaluate: Task[Evaluated]
+    ground_truths: tuple[Task[kinds.GroundTruth], ...]
+    collect_test: tuple[Task[kinds.Collected], ...]
+    finetune: Task[kinds.Trained] | None
+    evaluate: Task[kinds.Evaluated]
 
     @property
     def learns(self) -> Task:
@@ -113,7 +100,6 @@ class DetectorTrial(Trial):
 
     @cached_property
     def results(self) -> tuple[Task, ...]:
-        """The tasks whose results the trial reports."""
         return (*super().results, self.learns, self.evaluate)
 
 
@@ -172,11 +158,8 @@ def _overlap(one: str, other: str) -> bool:
 
 def trial_label(point: Point, axes: Mapping[str, Any]) -> str:
     """The placement, detector, seed and the further axes of a point."""
-    further = [
-        f"{axis}={value}"
-        for axis, value in axes.items()
-        if axis not in ("placement", "detector", "seed")
-    ]
+    others = (axis for axis in axes if axis not in ("placement", "detector", "seed"))
+    further = [f"{axis}={axes[axis]}" for axis in others]
     detector = point.detected_by
     detected = [detector, f"seed {point.seed}"] if detector else []
     return " · ".join([point.placement, *detected, *further])

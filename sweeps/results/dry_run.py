@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rich.console import Console
 from rich.filesize import decimal
@@ -20,40 +21,14 @@ from training.typical_objects import as_plain, from_plain
 
 
 @dataclass(frozen=True)
-class PlannedRung:
-    """How many placements are kept by what, and what the trainings of the rung change."""
-
-    by: str
-    keep: int
-    set: dict[str, object]
-
-
-@dataclass(frozen=True)
-class PlannedScene:
-    """A scene, and its frames of each split."""
-
-    scene: str
-    train_frames: int
-    test_frames: int
-
-
-@dataclass(frozen=True)
-class PlannedTrial:
-    """A trial, and whether its results are there."""
-
-    key: str
-    label: str
-    cached: bool
-
-
-@dataclass(frozen=True)
 class Planned:
     """What a sweep would do.
 
     Attributes:
-        name: of the sweep.
         stages: tasks, and how many of them are cached, by stage; with `promote` at most so many.
-        trials: in the order of the grid.
+        rungs: by, keep, set.
+        scenes: scene, train_frames, test_frames.
+        trials: key, label, cached, in the order of the grid.
         requirements: what each asks of every placement: `lidarplace.requirements.tables.extents`.
         anchors: sizes that detectors start from, of classes that have not the preset's.
         memory: most bytes that the voxels of a task take.
@@ -62,9 +37,9 @@ class Planned:
 
     name: str
     stages: dict[str, dict[str, int]]
-    rungs: list[PlannedRung]
-    scenes: list[PlannedScene]
-    trials: list[PlannedTrial]
+    rungs: list[dict[str, Any]]
+    scenes: list[dict[str, Any]]
+    trials: list[dict[str, Any]]
     requirements: list[dict[str, str | int]]
     anchors: list[dict[str, object]]
     memory: int
@@ -78,16 +53,19 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
     total = Counter(task.stage for task in tasks)
     there = Counter(task.stage for task in tasks if task.key in cached)
     frames = {t.scene_label: t.grid_point.point.scene.frame_counts() for t in plan.trials}
+    counts = ("train_frames", "test_frames")
     return Planned(
         name=sweep.common.name,
         stages={s: {"tasks": count, "cached": there[s]} for s, count in total.items()},
         rungs=[
-            PlannedRung(**rung.model_dump(mode="json", include={"by", "keep", "set"}))
+            rung.model_dump(mode="json", include={"by", "keep", "set"})
             for rung in sweep.common.promote
         ],
-        scenes=[PlannedScene(label, train, test) for label, (train, test) in frames.items()],
+        scenes=[
+            {"scene": label, **dict(zip(counts, own, strict=True))} for label, own in frames.items()
+        ],
         trials=[
-            PlannedTrial(own.key, own.label, all(task.key in cached for task in own.results))
+            {"key": own.key, "label": own.label, "cached": {t.key for t in own.results} <= cached}
             for own in plan.trials
         ],
         requirements=extents(plan.laid),
@@ -114,28 +92,21 @@ def print_planned(console: Console, shown: Planned) -> None:
     )
     console.print(table(title, ("stage", "tasks", "cached", "to do"), rows))
     for number, rung in enumerate(shown.rungs):
-        changed = ", ".join(f"{key}={value}" for key, value in rung.set.items())
-        console.print(
-            f"rung {number}: {rung.by}{f' with {changed}' if changed else ''}, the best "
-            f"{rung.keep} placements are kept"
-        )
-    for scene in shown.scenes:
-        console.print(
-            f"scene {scene.scene}: {scene.train_frames} frames to train, "
-            f"{scene.test_frames} to test"
-        )
+        changed = ", ".join(f"{key}={value}" for key, value in rung["set"].items())
+        by = f"{rung['by']}{f' with {changed}' if changed else ''}"
+        console.print(f"rung {number}: {by}, the best {rung['keep']} placements are kept")
+    for own in shown.scenes:
+        frames = f"{own['train_frames']} frames to train, {own['test_frames']} to test"
+        console.print(f"scene {own['scene']}: {frames}")
     total, free = map(decimal, machine_memory())
-    console.print(
-        f"memory: the voxels of a task take up to {decimal(shown.memory)}; this machine has "
-        f"{total}, {free} of it free",
-        soft_wrap=True,
-    )
+    needed = f"memory: the voxels of a task take up to {decimal(shown.memory)}"
+    console.print(f"{needed}; this machine has {total}, {free} of it free", soft_wrap=True)
     if shown.requirements:
         console.print(extent_table(shown.requirements))
     for typical in from_plain({"typical": shown.anchors}):
         console.print(f"anchors of {typical}")
     for trial in shown.trials:
-        cached = "  (cached)" if trial.cached else ""
-        console.print(f"trial {trial.key}  {trial.label}{cached}")
+        cached = "  (cached)" if trial["cached"] else ""
+        console.print(f"trial {trial['key']}  {trial['label']}{cached}")
     for caution in shown.cautions:
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

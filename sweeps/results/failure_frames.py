@@ -23,11 +23,7 @@ POINTS = 3000
 def failure_frames(
     failures: Failures, trials: Mapping[str, DetectorTrial], store: AnyStore
 ) -> FailureFrames:
-    """The frames of `Failures.telling`, with the detections of the lowest seed.
-
-    Args:
-        trials: by key.
-    """
+    """The frames of `Failures.telling`, with the detections of the lowest seed; trials by key."""
     clouds, index, boxes = {}, {}, {}
     for key in failures.trials:
         clouds[key] = JoinedClouds([store.load(task) for task in trials[key].collect_test])

@@ -21,16 +21,11 @@ ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility
 def object_tables(
     trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """`objects` and `found` of the run folder; objects that several trials share stand there once.
-
-    Args:
-        trials: evaluated ones.
-        axes: further axes of the grid.
-    """
+    """`objects` and `found` of the run folder, of evaluated trials; `axes` are the further ones.
+    Objects that several trials share stand there once."""
     own = OBJECTS.axes_of(axes)
     of_setting: dict[tuple[object, ...], pd.DataFrame] = {}
-    found = []
-    first = 0
+    found, first = [], 0
     for trial in trials:
         setting = axis_values(trial, own)
         classes = trial.grid_point.point.classes
@@ -52,7 +47,6 @@ def _truths(trial: DetectorTrial) -> list[Task]:
 
 
 def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
-    """Those that count, with the routes of their frames."""
     truths = [store.load(task) for task in _truths(trial)]
     objects = pd.concat([truth.objects for truth in truths])
     frames = pd.concat([truth.frames for truth in truths])
@@ -62,21 +56,15 @@ def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
 
 
 def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
-    """Points on each object, and whether the detector of the trial found it."""
     detections = store.read(trial.evaluate, lambda found: found.detections)
     counts = pd.concat(
         [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
     ).set_index(["frame", "object_id"])["points"]
     counts = counts[~counts.index.duplicated()]  # an id that a frame has twice distinguishes no two
     points = counts.loc[pd.MultiIndex.from_frame(objects[["frame", "object_id"]])]
-    return pd.DataFrame(
-        {
-            "trial": trial.key,
-            "object": objects["object"].to_numpy(),
-            "points": points.to_numpy(np.int64),
-            "found": found_in(objects, detections),
-        }
-    )
+    columns = {"trial": trial.key, "object": objects["object"].to_numpy()}
+    columns |= {"points": points.to_numpy(np.int64), "found": found_in(objects, detections)}
+    return pd.DataFrame(columns)
 
 
 def found_in(objects: pd.DataFrame, detections: pd.DataFrame) -> NDArray[np.bool_]:

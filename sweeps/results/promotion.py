@@ -31,7 +31,7 @@ class Promotion:
 
     Attributes:
         pruned: by the trial's key, why it is not run.
-        standings: a row per rung, group and placement, see `table`.
+        standings: rows of `table`.
         complete: whether all rungs have decided, so that the full trainings may run.
     """
 
@@ -40,20 +40,17 @@ class Promotion:
     complete: bool = False
 
     def table(self) -> pd.DataFrame:
-        """Columns: rung, detector, the further axes, placement, by, class, value, rank (1 is best),
-        kept, seconds (of this rung alone) and setting (what its trainings change)."""
+        """A row per rung, group and placement: rung, detector, the further axes, placement, by,
+        class, value, rank (1 is best), kept, seconds (of this rung alone) and setting (what its
+        trainings change)."""
         return pd.DataFrame(self.standings)
 
 
 def promote(
     sweep: Sweep, plan: Plan, store: AnyStore, run: Callable[[list[Task]], bool]
 ) -> Promotion:
-    """Go up the rungs of a sweep and, at last, through the full trainings.
-
-    Args:
-        run: runs the tasks that a rung needs, as far as they have no result; returns whether to
-            go on.
-    """
+    """Go up the rungs of a sweep and, at last, through the full trainings. `run` runs the tasks a
+    rung needs, as far as they have no result, and returns whether to go on."""
 
     def decide(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str | None]:
         rows, verdicts = _standings(number, rung, group, store)
@@ -114,20 +111,14 @@ def _climb(
             return False
         for trials, contest in zip(groups, contests, strict=True):
             verdicts = decide(number, rung, contest)
-            later = (trial for trial in trials if trial.grid_point.rung > number)
-            for trial in _open(later, out):
+            for trial in trials:
                 name = trial.grid_point.point.placement
-                if name in verdicts:
+                if name in verdicts and trial.grid_point.rung > number and trial.key not in out:
                     out.add(trial.key)
                     if (reason := verdicts[name]) is not None:
                         pruned[trial.key] = reason
-    last = (trial for trial in plan.trials if trial.grid_point.rung == rungs[-1])
-    return run(plan.needed_for(task for trial in _open(last, out) for task in trial.results))
-
-
-def _open(trials: Iterable[Trial], out: Collection[str]) -> list[Trial]:
-    """Those that are not out, by key."""
-    return [trial for trial in trials if trial.key not in out]
+    last = (t for t in plan.trials if t.grid_point.rung == rungs[-1] and t.key not in out)
+    return run(plan.needed_for(task for trial in last for task in trial.results))
 
 
 def _groups(trials: Iterable[Trial]) -> list[list[Trial]]:
@@ -140,23 +131,20 @@ def _groups(trials: Iterable[Trial]) -> list[list[Trial]]:
 
 
 def _contest(trials: Iterable[Trial], rung: int, out: Collection[str]) -> dict[str, list[Trial]]:
-    """The trials of a rung that are not out, by placement."""
     contest: dict[str, list[Trial]] = {}
-    for trial in _open(trials, out):
-        if trial.grid_point.rung == rung:
+    for trial in trials:
+        if trial.grid_point.rung == rung and trial.key not in out:
             contest.setdefault(trial.grid_point.point.placement, []).append(trial)
     return contest
 
 
 def _looked_at(contests: Iterable[Mapping[str, list[Trial]]], rung: Rung) -> Iterator[Task]:
-    """Tasks whose results the rung needs."""
     for contest in contests:
         for trial in itertools.chain.from_iterable(contest.values()):
             yield from trial.results if rung.by in RANKING else (trial.pog, *trial.scores)
 
 
 def _axes(trial: Trial) -> dict[str, object]:
-    """The further axes, without those that rungs set."""
     fixed = ("placement", "detector", "seed", *trial.grid_point.set_by_rungs)
     return {axis: v for axis, v in trial.grid_point.axes.items() if axis not in fixed}
 
@@ -169,7 +157,8 @@ def _standings(
         return [], {}
     point, axes = next((t.grid_point.point, _axes(t)) for own in group.values() for t in own)
     object_class = rung.object_class or (point.classes[0] if rung.by in OF_CLASSES else _ALL)
-    values = {name: _value(trials, rung, object_class, store) for name, trials in group.items()}
+    found = {n: _value_and_seconds(own, rung, object_class, store) for n, own in group.items()}
+    values = {name: value for name, (value, _) in found.items()}
     kept = survivors(values, rung.keep, rung.best)
     ranks = pd.Series(values).rank(
         method="min", ascending=rung.best == "minimize", na_option="bottom"
@@ -185,10 +174,10 @@ def _standings(
             "value": values[name],
             "rank": int(ranks[name]),
             "kept": name in kept,
-            "seconds": _seconds(trials, rung, store),
+            "seconds": seconds,
             "setting": ", ".join(f"{key}={value}" for key, value in rung.set.items()),
         }
-        for name, trials in group.items()
+        for name, (_, seconds) in found.items()
     ]
 
     def reason(name: str) -> str | None:
@@ -201,24 +190,19 @@ def _standings(
     return rows, {name: reason(name) for name in group if name not in kept}
 
 
-def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore) -> float:
-    """What a placement is ranked by: a mean over seeds for a metric; NaN if nothing is there."""
-    if rung.by not in RANKING:
-        task = trials[0].score_by(rung.by)
-        if not store.has(task):
-            return math.nan
-        table = store.read(task, lambda own: own.table)
-        own = table[table["surrogate"] == rung.by]
-        if object_class != _ALL:
-            own = own[own["class"] == object_class]
-        return math.fsum(own["value"])
-    return metric_mean(trials, rung.by, object_class, store)
-
-
-def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
-    """What the rung took for a placement, over all its seeds."""
-    if rung.by not in RANKING:
-        task = trials[0].score_by(rung.by)
-        return store.record(task).seconds if store.has(task) else math.nan
-    whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
-    return math.fsum(trial_seconds(trial, store) for trial in whole)
+def _value_and_seconds(
+    trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore
+) -> tuple[float, float]:
+    """What a placement is ranked by, a mean over seeds for a metric; NaN if nothing is there."""
+    if rung.by in RANKING:
+        whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
+        seconds = math.fsum(trial_seconds(trial, store) for trial in whole)
+        return metric_mean(trials, rung.by, object_class, store), seconds
+    task = trials[0].score_by(rung.by)
+    if not store.has(task):
+        return math.nan, math.nan
+    table = store.read(task, lambda own: own.table)
+    own = table[table["surrogate"] == rung.by]
+    if object_class != _ALL:
+        own = own[own["class"] == object_class]
+    return math.fsum(own["value"]), store.record(task).seconds

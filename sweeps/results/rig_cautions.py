@@ -39,11 +39,11 @@ def rig_cautions(plan: Plan) -> list[str]:
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
-    coincide: dict[str, Interleaving] = {}
-    for name, trials in by_rig.items():
-        found = next((t.interleaving for t in trials if t.interleaving is not None), None)
-        if found is not None:
-            coincide[name] = found
+    coincide = {
+        name: found
+        for name, trials in by_rig.items()
+        if (found := next(filter(None, (trial.interleaving for trial in trials)), None))
+    }
     worst = sorted(coincide, key=lambda name: -coincide[name].before)
     named = [name for name in coincide if name in worst[:MOST_NAMED]]
     said = [coinciding(name, coincide[name]) for name in named]
@@ -59,8 +59,7 @@ def rig_cautions(plan: Plan) -> list[str]:
     if len(blinded) > MOST_NAMED:
         said.append(f"So do LiDARs of {len(blinded) - MOST_NAMED} rigs more.")
     for name, trials in by_rig.items():
-        outside_of = _outside(name, trials)
-        said += [*_wasted(name, trials[0]), *([outside_of] if outside_of else [])]
+        said += [*_wasted(name, trials[0]), *filter(None, [_outside(name, trials)])]
     return said
 
 
@@ -80,22 +79,20 @@ def _wasted(name: str, trial: Trial) -> list[str]:
         met = cast(mount, few, body_parts(body), ends=ends)
         stopped = float((met.target == BODY).mean())
         if stopped > MOST_STOPPED:
-            said.append(
-                f"{name}: {100 * stopped:.0f} % of what LiDAR {number} fires meets the vehicle."
-            )
+            fired = f"{100 * stopped:.0f} % of what LiDAR {number} fires"
+            said.append(f"{name}: {fired} meets the vehicle.")
     return said
 
 
 def facing(placement: Placement, vehicle: Vehicle, name: str) -> list[str]:
     """That LiDARs of a rig look into each other; nothing if none do."""
     pairs = [f"{i + 1} and {j + 1}" for i, j in facing_pairs(placement, vehicle)]
-    if not pairs:
-        return []
     more = f" and {len(pairs) - MOST_PAIRS} pairs more" if len(pairs) > MOST_PAIRS else ""
-    return [
+    said = (
         f"{name}: LiDARs {', '.join(pairs[:MOST_PAIRS])}{more} look into each other, which blinds "
         "or deceives those that are not made for it; raise, tilt or shield one."
-    ]
+    )
+    return [said] if pairs else []
 
 
 def coinciding(name: str, found: Interleaving) -> str:
@@ -108,15 +105,13 @@ def coinciding(name: str, found: Interleaving) -> str:
 
 
 def _outside(name: str, trials: Sequence[Trial]) -> str | None:
-    """By how much a rig is outside of what the generalist has seen."""
     for trial in with_detector(trials):
         training = trial.learns
         if training.stage != "pretrain" or not trial.collect_test:
             continue
         seen = [t.params.placement for t in training.inputs if isinstance(t.params, CollectParams)]
         own = trial.collect_test[0].params
-        beyond = outside(own.placement, seen) if isinstance(own, CollectParams) else None
-        if beyond is not None:
+        if isinstance(own, CollectParams) and (beyond := outside(own.placement, seen)) is not None:
             return beyond_what_is_seen(name, beyond)
     return None
 

@@ -24,6 +24,10 @@ from tracking.run_folders.sweep_json import LidarModel
 
 FILE = "rigs.yaml"
 
+_ALIKE = ("azimuth_steps", "range", "range_10", "range_80", "min_range", "range_noise", "drop_off")
+_ALIKE += ("window",)
+"""What a LiDAR and its settings have under one name and in one unit."""
+
 MOST_DRAWN = 40
 """Rigs; a page of more is not looked at."""
 
@@ -96,22 +100,19 @@ def rigs_yaml(sweep: Sweep) -> str:
         if settings.recorded:
             own[name] = _of_log(sweep.points[0].point, settings.recorded)
     names = dict.fromkeys(point.point.placement for point in sweep.points)
+    for name in names.keys() - own.keys():
+        own[name] = {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
     vehicle = sweep.points[0].point.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
-    required = {key: own for key, own in sweep.source.items() if key == "requirements"}
     content = {
         **vehicle,
-        **required,
+        **{key: own for key, own in sweep.source.items() if key == "requirements"},
         "lidar": as_written(SensorSettings.model_validate(sensor)),
-        "placements": {name: own[name] if name in own else _of_paper(name) for name in names},
+        "placements": {name: own[name] for name in names},
     }
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
-
-
-def _of_paper(name: str) -> dict[str, object]:
-    return {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
 
 
 def _pose(mount: Mount) -> dict[str, object]:
@@ -137,17 +138,10 @@ def _of_log(point: Point, names: tuple[str, ...]) -> dict[str, object]:
 def _model(lidar: Lidar) -> dict[str, object]:
     """A LiDAR whose beams turn, in the words of a configuration."""
     settings = SensorSettings(
+        **{name: getattr(lidar, name) for name in _ALIKE},
         elevations_deg=tuple(round(math.degrees(e), DIGITS) for e in lidar.elevations),
-        azimuth_steps=lidar.azimuth_steps,
         azimuth_deg=tuple(round(math.degrees(end), DIGITS) for end in lidar.azimuth),
-        range=lidar.range,
-        range_10=lidar.range_10,
-        range_80=lidar.range_80,
-        min_range=lidar.min_range,
-        range_noise=lidar.range_noise,
-        drop_off=lidar.drop_off,
         wavelength_nm=round(1e9 * lidar.wavelength, DIGITS),
-        window=lidar.window,
         offsets_m=lidar.offsets,
         size_mm=lidar.size and tuple(round(1000 * side, DIGITS) for side in lidar.size),
     )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import partial
 from importlib.metadata import version
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -37,8 +38,6 @@ from sweeps.results.trial_results import (
     with_columns,
 )
 from sweeps.store.open import AnyStore
-from sweeps.store.result_folder import R
-from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.recommendation import failures_to_show
@@ -49,22 +48,30 @@ from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from tracking.run_folders.table import Table
 from training.typical_objects import as_plain
 
+_OF_EVALUATION = {
+    contract.RESULTS: "metrics",
+    contract.PR_CURVES: "pr_curves",
+    contract.LEFT_OUT: "left_out",
+    contract.DISTANCE: "by_distance",
+    contract.SECTOR: "by_sector",
+}
+"""Tables that are fields of `Evaluated`."""
+_OF_STAGE = {
+    contract.EXPECTED_IG_BY_Q: ("surrogates", "by_q"),
+    contract.ACCURACY: ("accuracy", "table"),
+    contract.SAMPLING_ERROR: ("sampling_error", "estimates"),
+    contract.POG_RESAMPLES: ("sampling_error", "resamples"),
+    contract.REQUIREMENTS: ("requirements", "table"),
+}
+"""Tables that are fields of the result of one of a trial's tasks."""
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
 
 @dataclass(frozen=True)
 class Run:
-    """What happened when a plan was run.
-
-    Attributes:
-        outcome: of its tasks.
-        promotion: which trials were pruned.
-        cached: keys of the tasks that had a result before.
-        cores: tasks that could run at once; None where none ran.
-        command: what the user typed.
-        started: when, on the clock of `Outcome.times`.
-        seconds: that it took.
-    """
+    """What happened when a plan was run: keys of tasks that had a result before, how many tasks
+    could run at once, None where none ran, what the user typed, and when it started, on the clock
+    of `Outcome.times`."""
 
     outcome: Outcome
     promotion: Promotion
@@ -84,66 +91,43 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     good = [trial for trial in known if all(task.key in there for task in trial.results)]
     tested = with_detector(good)
 
-    def gathered(
-        own: Table,
-        task_of: Callable[[Trial], Task[R] | None],
-        table: Callable[[R], pd.DataFrame | None],
-    ) -> pd.DataFrame:
+    def of_stage(own: Table, task_of: str, field: str) -> pd.DataFrame:
         """One table of a stage."""
-        return _once(
-            own,
-            axes,
-            (
-                (trial, (task,), partial(store.read, task, table))
-                for trial in known
-                if (task := task_of(trial)) is not None and task.key in there
-            ),
+        tasks = ((trial, getattr(trial, task_of)) for trial in known)
+        read = attrgetter(field)
+        there_of = (
+            (trial, (task,), partial(store.read, task, read))
+            for trial, task in tasks
+            if task is not None and task.key in there
         )
+        return _once(own, axes, there_of)
 
-    def of_trials(table: Callable[[Evaluated], pd.DataFrame]) -> pd.DataFrame:
+    def of_evaluation(field: str) -> pd.DataFrame:
         """One table of the evaluations."""
-        return _stack([trial_results(trial, store, axes, table) for trial in tested])
+        return _stack([trial_results(own, store, axes, attrgetter(field)) for own in tested])
 
     objects, found = object_tables(tested, store, axes)
-    surrogates = _stack(
-        [
-            gathered(contract.SURROGATES, lambda trial: trial.surrogates, lambda own: own.table),
-            gathered(contract.SURROGATES, lambda trial: trial.recall, lambda own: own.table),
-        ]
-    )
-    by_q = gathered(contract.EXPECTED_IG_BY_Q, lambda trial: trial.surrogates, lambda own: own.by_q)
-    accuracy = gathered(contract.ACCURACY, lambda trial: trial.accuracy, lambda own: own.table)
-    estimates = gathered(
-        contract.SAMPLING_ERROR, lambda trial: trial.sampling_error, lambda own: own.estimates
-    )
-    resamples = gathered(
-        contract.POG_RESAMPLES, lambda trial: trial.sampling_error, lambda own: own.resamples
-    )
-    required = gathered(
-        contract.REQUIREMENTS, lambda trial: trial.requirements, lambda own: own.table
-    )
+    scored = [of_stage(contract.SURROGATES, stage, "table") for stage in ("surrogates", "recall")]
+    surrogates = _stack(scored)
     points = ((own, own.collect_test, partial(_points, own, store)) for own in tested)
     individuals = ((own, own.ground_truths, partial(_individuals, own, store)) for own in tested)
+    curves = [
+        with_columns(store.read(own.finetune, lambda training: training.curve), {"trial": own.key})
+        for own in tested
+        if own.finetune is not None
+    ]
     write_text(folder / "config.yaml", public_yaml(sweep.source))
     write_text(folder / FILE, rigs_yaml(sweep))
     for table, frame in (
         (contract.TRIALS, trials_table(plan, store, run, axes)),
-        (contract.RESULTS, of_trials(lambda own: own.metrics)),
         (contract.SURROGATES, surrogates),
-        (contract.EXPECTED_IG_BY_Q, by_q),
-        (contract.CURVES, _stack([_curve(t, store) for t in tested if t.finetune is not None])),
-        (contract.PR_CURVES, of_trials(lambda own: own.pr_curves)),
-        (contract.LEFT_OUT, of_trials(lambda own: own.left_out)),
-        (contract.DISTANCE, of_trials(lambda own: own.by_distance)),
-        (contract.SECTOR, of_trials(lambda own: own.by_sector)),
+        (contract.CURVES, _stack(curves)),
         (contract.POINTS, _once(contract.POINTS, axes, points)),
         (contract.INDIVIDUALS, _once(contract.INDIVIDUALS, axes, individuals)),
         (contract.OBJECTS, objects),
         (contract.FOUND, found),
-        (contract.ACCURACY, accuracy),
-        (contract.SAMPLING_ERROR, estimates),
-        (contract.POG_RESAMPLES, resamples),
-        (contract.REQUIREMENTS, required),
+        *((own, of_evaluation(field)) for own, field in _OF_EVALUATION.items()),
+        *((own, of_stage(own, *where)) for own, where in _OF_STAGE.items()),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table(plan.tasks, store, run)),
     ):
@@ -176,26 +160,19 @@ def trials_table(plan: Plan, store: AnyStore, run: Run, axes: Sequence[str]) -> 
     """One row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
     rows = []
     for trial in plan.trials:
-        failure = trial_failure(trial, run.outcome.failures)
-        pruned = run.promotion.pruned.get(trial.key)
-        if pruned is not None:
-            status, error, seconds = "pruned", pruned, np.nan
-        elif failure is not None:
-            status, error, seconds = "failed", failure.reason, np.nan
+        row: dict[str, Cell] = {"seconds": np.nan, "status": "finished", "error": ""}
+        if trial.key in run.promotion.pruned:
+            row |= {"status": "pruned", "error": run.promotion.pruned[trial.key]}
+        elif failure := trial_failure(trial, run.outcome.failures):
+            row |= {"status": "failed", "error": failure.reason}
         else:
-            status, error, seconds = "finished", "", trial_seconds(trial, store)
-        row = {"seconds": seconds, "status": status, "error": error}
+            row["seconds"] = trial_seconds(trial, store)
         rows.append(identity(trial, axes) | row)
     return pd.DataFrame(rows)
 
 
 def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-
-
-def _curve(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
-    curve = store.read(trial.learns, lambda training: training.curve)
-    return with_columns(curve, {"trial": trial.key})
 
 
 def _once(
@@ -221,7 +198,6 @@ def _once(
 
 
 def _points(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
-    """Points per object of the test frames by distance."""
     counts = [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
     return points_by_distance(_objects(trial, store), pd.concat(counts))
 
@@ -236,19 +212,14 @@ def _individuals(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
 
 
 def _objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
-    """Objects of the trial's classes that count."""
     truths = [store.read(task, lambda truth: truth.objects) for task in trial.ground_truths]
     objects = pd.concat(truths)
     return objects[objects["class"].isin(trial.grid_point.point.classes)]
 
 
 def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:
-    """One row a task: columns of `TASKS`, times from the start of this run."""
-    rows = []
-    there = store.finished(tasks)
-    for task in tasks:
-        if task.key not in there:
-            continue
+    rows, there = [], store.finished(tasks)
+    for task in (task for task in tasks if task.key in there):
         record = store.record(task)
         started, ended = run.outcome.times.get(task.key, (np.nan, np.nan))
         seconds = record.seconds
@@ -281,7 +252,7 @@ def _about(
 ) -> SweepResult:
     first = sweep.points[0].point
     rigs = {own.point.placement: own.rig for own in sweep.points}
-    rungs = [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote]
+    rungs = (rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote)
     return SweepResult(
         name=sweep.common.name,
         command=hide_secrets(run.command, *sweep.common.urls),

@@ -22,14 +22,8 @@ Status = Literal["done", "running", "stopped", "waiting", "failed", "pruned"]
 
 @dataclass(frozen=True)
 class TrialState:
-    """Where a trial stands.
-
-    Attributes:
-        label: of the trial.
-        status: "stopped" is what ran when the driver was killed.
-        detail: what runs where, or why it failed or was pruned.
-        log: file with the traceback of a failure.
-    """
+    """Where a trial stands: "stopped" is what ran when the driver was killed. The detail is what
+    runs where, or why it failed or was pruned, the log the file with the traceback of a failure."""
 
     label: str
     status: Status
@@ -39,14 +33,8 @@ class TrialState:
 
 @dataclass(frozen=True)
 class SweepState:
-    """Where a sweep stands.
-
-    Attributes:
-        name: of the sweep.
-        alive: whether a driver runs it now.
-        stages: tasks by status, by stage; of a sweep with `promote` at most so many.
-        trials: in the order of the grid.
-    """
+    """Where a sweep stands, and whether a driver runs it now: tasks by status, by stage, with
+    `promote` at most so many, and trials in the order of the grid."""
 
     name: str
     alive: bool

@@ -55,10 +55,8 @@ def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> flo
 
 
 def trial_seconds(trial: Trial, store: AnyStore) -> float:
-    """Seconds of training and evaluation; of the surrogates without a detector.
-
-    A generalist's training counts for none of the placements that it judges.
-    """
+    """Seconds of training and evaluation; of the surrogates without a detector. A generalist's
+    training counts for none of the placements that it judges."""
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
         alone = trial.grid_point.point.judge not in ONE_FOR_ALL
@@ -75,12 +73,8 @@ def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
 def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that distinguish a trial from others."""
     point = trial.grid_point.point
-    own: dict[str, Cell] = {
-        "trial": trial.key,
-        "placement": point.placement,
-        "detector": point.detected_by or "",
-        "seed": point.seed,
-    }
+    own: dict[str, Cell] = {"trial": trial.key, "placement": point.placement}
+    own |= {"detector": point.detected_by or "", "seed": point.seed}
     return own | axis_values(trial, axes)
 
 

@@ -30,13 +30,10 @@ _TRIES = 3  # to read what another machine is writing
 
 @contextmanager
 def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterator[None]:
-    """Copy the files of `folder` to `place` when they have changed, and at the end.
+    """Copy the files of an attempt's folder to the place of the attempts at the task when they have
+    changed, and at the end.
 
     A remote place that does not answer is logged and tried again: the work goes on without it.
-
-    Args:
-        folder: of an attempt.
-        place: of the attempts at the task on `filesystem`.
     """
     stop = threading.Event()
     target = f"{place}/{folder.name}{_ENDING}"
@@ -69,9 +66,6 @@ def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
     or went on from there, also while the remote place did not answer. Names decide, not the
     clocks of two machines: an attempt is called the same here and there, and what was fetched
     after its content.
-
-    Args:
-        folder: of this machine's attempts at the task.
     """
     for left in reversed(range(_TRIES)):
         filesystem.invalidate_cache()

@@ -9,15 +9,9 @@ from sweeps.store.open import AnyStore
 
 @dataclass(frozen=True)
 class Cleaned:
-    """What lay in a store, and what became of it.
-
-    Attributes:
-        contents: all that lay there.
-        references: keys by name of the sweep that refers to them.
-        leftovers: what killed processes left and nobody can use.
-        removed: results, least recently used first, and all leftovers; with `dry_run` what would
-            be removed.
-    """
+    """What lay in a store, keys by name of the sweep that refers to them, what killed processes
+    left and nobody can use, and what was or would be removed: these, and results, least recently
+    used first."""
 
     contents: tuple[Entry, ...]
     references: Mapping[str, set[str]]
@@ -36,38 +30,28 @@ class Cleaned:
 
 
 def clean_store(store: AnyStore, quota_bytes: int | None = None, dry_run: bool = False) -> Cleaned:
-    """Remove leftovers and results that no sweep refers to.
-
-    The caller holds `store.exclusive()`, except for a dry run.
-
-    Args:
-        quota_bytes: keep results, most recently used first, as long as all of the store is no
-            larger; None: remove all that no sweep refers to.
-        dry_run: remove nothing.
-
-    Raises:
-        ValueError: the file of a sweep is damaged, so what it refers to is not known.
-    """
-    references = store.references()
-    contents = store.contents()
+    """Remove leftovers, and results that no sweep refers to: all, or with a quota those least
+    recently used, until the store is no larger. The caller holds `store.exclusive()`, except for a
+    dry run. Raises ValueError: the file of a sweep is damaged, so what it refers to is not
+    known."""
+    references, contents = store.references(), store.contents()
     referred = set[str]().union(*references.values())
     results = [entry for entry in contents if entry.kind == "result"]
-    there = {entry.key for entry in results}
+    usable = referred - {entry.key for entry in results}  # checkpoints
     leftovers = [
         entry
         for entry in contents
         if entry.kind in ("partial", "running")
-        or (entry.kind == "working" and (entry.key in there or entry.key not in referred))
+        or (entry.kind == "working" and entry.key not in usable)
     ]
-    unused = [entry for entry in results if entry.key not in referred]
-    doomed = unused
+    doomed = [entry for entry in results if entry.key not in referred]
     if quota_bytes is not None:
         excess = size_of(contents) - size_of(leftovers) - quota_bytes
+        oldest = iter(sorted(doomed, key=store.last_used) if excess > 0 else ())
         doomed = []
-        for entry in sorted(unused, key=store.last_used) if excess > 0 else ():
-            if excess > 0:
-                doomed.append(entry)
-                excess -= entry.size
+        while excess > 0 and (entry := next(oldest, None)):
+            doomed.append(entry)
+            excess -= entry.size
     removed = (*leftovers, *doomed)
     for entry in () if dry_run else removed:
         store.remove(entry)

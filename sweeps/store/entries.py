@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -19,12 +20,11 @@ _NAMES = re.compile(
 
 @dataclass(frozen=True)
 class Entry:
-    """What lies in a stage's folder.
+    """What lies in a stage's folder, a folder or a file.
 
     Attributes:
         kind: "result"; "working", the checkpoints of an unfinished training; "running", a note
             that a task runs; or "partial", what a killed process was writing.
-        name: of the folder or file.
         key: of the task; of "partial" any text.
         size: bytes.
     """
@@ -33,31 +33,25 @@ class Entry:
     kind: Literal["result", "working", "running", "partial"]
     name: str
     key: str
-    size: int
+    size: int = 0
 
 
-def entry_of(
-    name: str,
-) -> tuple[Literal["result", "working", "running", "partial"], str, str] | None:
-    """Kind, name and key that a name in a stage's folder stands for; None if it is no store's."""
-    found = _NAMES.fullmatch(name)
-    if not found:
+def entry_of(stage: str, name: str) -> Entry | None:
+    """What a name in a stage's folder stands for; None if it is no store's."""
+    if not (found := _NAMES.fullmatch(name)):
         return None
     kind: Any = found.lastgroup
-    return kind, name, found[kind]
+    return Entry(stage, kind, name, found[kind])
 
 
 def keys_in(data: bytes, named: object) -> set[str]:
     """The keys in a sweep's file. Raises ValueError: as good as none would remove its results."""
-    try:
+    keys = None
+    with suppress(ValueError):
         keys = json.loads(data)
-    except ValueError:
-        keys = None
-    if not isinstance(keys, list):
-        raise ValueError(
-            f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again"
-        )
-    return set(keys)
+    if isinstance(keys, list):
+        return set(keys)
+    raise ValueError(f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again")
 
 
 def check_sweeps(names: Iterable[str], store: object, known: Collection[str]) -> None:

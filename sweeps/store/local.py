@@ -10,35 +10,20 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from lidarplace.files.atomic import naming, temporary, write_text
+from lidarplace.files.atomic import naming, sync, temporary, unique, write_text
 from lidarplace.files.regular import regular
-from sweeps.store.checkpoint_attempts import new_attempt
+from sweeps.store import result_folder as results
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.lock import locked
-from sweeps.store.result_folder import (
-    DamagedResult,
-    R,
-    Ran,
-    Record,
-    T,
-    read_content,
-    read_result,
-    whole,
-    write_result,
-)
+from sweeps.store.result_folder import DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import whole_folder
 from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
 class Note:
-    """What is noted of a task that runs.
-
-    Attributes:
-        node, pid: machine and process.
-        since: when it began, as a person reads it.
-        progress: how much of a training is done; "" if nothing is known.
-    """
+    """What is noted of a task that runs: machine and process, when it began, as a person reads it,
+    and how much of a training is done."""
 
     node: str = ""
     pid: int = 0
@@ -66,57 +51,39 @@ class Store:
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
         """Keys of the tasks whose results are there."""
-        tasks = tuple(tasks)
-        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
-        return {task.key for task in tasks if task.key in names[task.stage]}
+        return {task.key for task in self._with(lambda task: task.key, tasks)}
 
     def has(self, task: Task) -> bool:
         """Whether the result is there."""
         return self.path(task).is_dir()
 
     def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
-        """Write a result. One that is there already stays.
-
-        Args:
-            value: an instance of a dataclass.
-            seconds: that it took.
-
-        Raises:
-            OSError: it cannot be written; nothing of it is left.
-            TypeError: a field that is neither table, array, arrays by name, weights nor plain data.
-        """
+        """Write a result and the seconds that it took. One that is there already stays. Raises
+        OSError: it cannot be written, nothing of it is left; TypeError as `write_result`."""
         with self.incoming(task) as folder:
             record = Record(label=task.label, seconds=seconds, **asdict(ran))
-            write_result(folder, value, f"{task.stage}/{task.key}", record)
+            results.write_result(folder, value, f"{task.stage}/{task.key}", record)
 
     def load(self, task: Task[R]) -> R:
-        """Read a result. Large arrays are mapped, read-only.
-
-        Raises:
-            FileNotFoundError: there is no result.
-            KeyError: it lacks a field.
-            DamagedResult: it is not what was written, and is removed.
-        """
-        return self.read(task, whole(task.result))
+        """Read a result. Large arrays are mapped, read-only. Raises FileNotFoundError: there is
+        none; KeyError: it lacks a field; DamagedResult: it is not what was written, and is
+        removed."""
+        return self.read(task, results.whole(task.result))
 
     def read(self, task: Task[R], of: Callable[[R], T]) -> T:
         """What `of` takes from a result, of which no other fields are read; raises as `load`."""
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            found = read_result(folder, task.result, of)
+            found = results.read_result(folder, task.result, of)
         with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
             os.utime(folder)
         return found
 
     def record(self, task: Task) -> Record:
-        """How the result was computed.
-
-        Raises:
-            FileNotFoundError, DamagedResult: as `load` does.
-        """
+        """How the result was computed. Raises FileNotFoundError, DamagedResult as `load`."""
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            return read_content(folder).record
+            return results.read_content(folder).record
 
     def incoming(self, task: Task) -> AbstractContextManager[Path]:
         """An empty folder that becomes the task's result, unless that is there by then."""
@@ -124,28 +91,37 @@ class Store:
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
-        """A new folder for a task's checkpoints, with those of the latest attempt in it.
+        """A new folder for a task's checkpoints, with the state that any attempt wrote last.
 
-        What the block leaves there is kept until `discard`. Files have to be replaced in one step,
-        as `replacing` does.
+        What the block leaves there, a file that is replaced in one step, is kept until `discard`.
         """
-        yield new_attempt(self.attempts(task))
+        folder = self.attempts(task)
+        # Hidden are those that a killed process was filling.
+        states = [path for attempt in folder.glob("[!.]*") for path in attempt.glob("[!.]*")]
+        own = folder / unique()
+        with whole_folder(own) as partial:
+            if states:
+                last = max(states, key=lambda path: path.stat().st_mtime_ns)
+                sync(Path(shutil.copy2(last, partial / last.name)))
+        yield own
 
     def attempts(self, task: Task) -> Path:
-        """Folder of the attempts at an unfinished task, see `checkpoint_attempts`."""
+        """Folder of the attempts at an unfinished task.
+
+        Two can overlap: two drivers, or a machine that was believed dead. In one folder the slower
+        would put its older state under the other's feet, so each has its own.
+        """
         return self._hidden(task, "working")
 
     def discard(self, task: Task) -> None:
         """Remove the checkpoints and the note of a task whose result is there."""
         _remove(self.attempts(task))
-        self._hidden(task, "running").unlink(missing_ok=True)
+        self.note(task).unlink(missing_ok=True)
 
     @contextmanager
     def running(self, task: Task, note: Note) -> Iterator[Callable[[str], None]]:
-        """Leave a note while the block runs. It stays if the process is killed.
-
-        The block gets a function that takes the progress.
-        """
+        """Leave a note while the block runs, which gets a function for its progress; the note
+        stays if the process is killed."""
         path = self.note(task)
         path.parent.mkdir(parents=True, exist_ok=True)
 
@@ -169,7 +145,7 @@ class Store:
     def running_notes(self, tasks: Iterable[Task]) -> dict[str, Note]:
         """Notes by key, also those of killed processes. One that is not whole is left out."""
         notes = {}
-        for task in self._noted(tasks):
+        for task in self._with(self._note_name, tasks):
             # It has ended since, or its machine lost power before the note was on the disk.
             with suppress(FileNotFoundError, ValueError):
                 notes[task.key] = Note(**json.loads(self.note(task).read_text(encoding="utf-8")))
@@ -177,7 +153,7 @@ class Store:
 
     def end_running(self, tasks: Iterable[Task]) -> None:
         """Remove the notes of tasks: what a killed process left."""
-        for task in self._noted(tasks):
+        for task in self._with(self._note_name, tasks):
             self.note(task).unlink(missing_ok=True)
 
     def refer(self, name: str, keys: Collection[str]) -> None:
@@ -196,10 +172,7 @@ class Store:
         return {path.stem: keys_in(regular(path).read_bytes(), path) for path in paths}
 
     def forget(self, *names: str) -> None:
-        """Refer to nothing in the names of sweeps.
-
-        Raises ValueError: there is no sweep of one of the names; all stay as they are.
-        """
+        """Refer to nothing in the names of sweeps. Raises ValueError, before, if one is unknown."""
         known = sorted(path.stem for path in (self.folder / SWEEPS).glob("*.json"))
         check_sweeps(names, self.folder, known)
         for name in names:
@@ -208,10 +181,10 @@ class Store:
     def contents(self) -> list[Entry]:
         """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
         return [
-            Entry(stage.name, *named, _size(path))
+            replace(entry, size=_size(path))
             for stage in sorted(self.folder.glob("[!.]*/"))
             for path in sorted(stage.iterdir())
-            if (named := entry_of(path.name))
+            if (entry := entry_of(stage.name, path.name))
         ]
 
     def last_used(self, entry: Entry) -> float:
@@ -233,18 +206,18 @@ class Store:
     def _hidden(self, task: Task, kind: str) -> Path:
         return self.folder / task.stage / f".{task.key}.{kind}"
 
-    def _noted(self, tasks: Iterable[Task]) -> list[Task]:
-        """Those of the tasks that have a note."""
-        tasks = tuple(tasks)
-        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
-        return [task for task in tasks if self.note(task).name in names[task.stage]]
+    def _note_name(self, task: Task) -> str:
+        return self.note(task).name
 
-    def _names(self, stage: str) -> set[str]:
-        """All names in a stage's folder: one listing, however many tasks."""
-        try:
-            return set(os.listdir(self.folder / stage))
-        except FileNotFoundError:
-            return set()
+    def _with(self, name: Callable[[Task], str], tasks: Iterable[Task]) -> Iterator[Task]:
+        """Tasks of which a name is in the stage's folder: one listing, however many tasks."""
+        there: dict[str, set[str]] = {}
+        for task in tasks:
+            if task.stage not in there:
+                with suppress(FileNotFoundError):
+                    there[task.stage] = set(os.listdir(self.folder / task.stage))
+            if name(task) in there.setdefault(task.stage, set()):
+                yield task
 
 
 @contextmanager

@@ -15,18 +15,8 @@ _STEP_S = 0.05
 @contextmanager
 def locked(folder: Path, alone: bool) -> Iterator[None]:
     """Hold the lock of a store while the block runs. The kernel drops it when the process dies.
-
     Waits while cleaning has the store alone; `alone` waits a second, as `is_locked` holds the lock
-    for a moment.
-
-    Args:
-        folder: the store; made if it is not there.
-        alone: shut out drivers and other cleaning.
-
-    Raises:
-        ValueError: `alone`, and a sweep or another cleaning holds the lock.
-        OSError: the filesystem has no locks.
-    """
+    for a moment, and raises ValueError while others hold it. Raises OSError: no locks here."""
     folder.mkdir(parents=True, exist_ok=True)
     # NFS shares a lock only on what is open for reading, and gives it alone only for writing.
     with (folder / _FILE).open("a+b") as file:
@@ -39,10 +29,8 @@ def locked(folder: Path, alone: bool) -> Iterator[None]:
 
 
 def is_locked(folder: Path) -> bool:
-    """Whether somebody has the lock alone. Looks do not see each other, and make no file.
-
-    Raises OSError: the filesystem has no locks, or the lock cannot be read.
-    """
+    """Whether somebody has the lock alone. Looks do not see each other, and make no file. Raises
+    OSError: the filesystem has no locks, or the lock cannot be read."""
     try:
         file = (folder / _FILE).open("rb")
     except FileNotFoundError:

@@ -19,24 +19,15 @@ AnyStore: TypeAlias = Store | RemoteStore
 
 
 def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyStore:
-    """The store that a configuration names. Nothing is written; a URL is tried out.
-
-    Args:
-        url: a folder, or a URL that fsspec knows; `output/store` by default.
-        cache: where copies from a URL are kept; `output/store` by default.
-
-    Raises:
-        ValueError: the protocol is not known, its package is not installed, or the place cannot be
-            read.
-    """
+    """The store at a folder, or at a URL that fsspec knows; `output/store` by default, as are the
+    copies at `cache`. Nothing is written; a URL is tried out. Raises ValueError: it has an unknown
+    protocol, needs a package, or cannot be read."""
     own = (output / "store").absolute()
     if url is None:
         return Store(own)
     protocol, separator, path = url.partition("://")
-    if not separator:
-        return Store(Path(url).absolute())
-    if protocol == "file":
-        return Store(Path(path).absolute())
+    if not separator or protocol == "file":
+        return Store(Path(path if separator else url).absolute())
     check_whole("store", url)
     try:
         get_filesystem_class(protocol)
@@ -58,12 +49,8 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyS
 
 
 def store_of(sweep: Sweep) -> AnyStore:
-    """The store of a sweep.
-
-    Raises:
-        ConfigError: its URL is of no known kind or cannot be had, a quota is given for a URL, or
-            the store is the run folder.
-    """
+    """The store of a sweep. Raises ConfigError: its URL is of no known kind or cannot be had, a
+    quota is given for a URL, or the store is the run folder."""
     settings = sweep.common.store
     try:
         store = open_store(settings.url, sweep.common.output, settings.cache)
@@ -79,22 +66,14 @@ def store_of(sweep: Sweep) -> AnyStore:
 
 
 def check_writable(sweep: Sweep, store: AnyStore) -> None:
-    """Try whether the run folder and the folder of the store, or of its copies, take files.
-
-    What is wrong with a folder does not mend itself, unlike a disk that fills up in the middle.
-
-    Raises:
-        OSError: names the folder that cannot be written.
-    """
+    """Try whether the run folder and the folder of the store, or of its copies, take files. Raises
+    OSError: what is wrong with a folder does not mend itself, unlike a disk that fills up later."""
     for folder in (sweep.common.output / sweep.common.name, store.local.folder):
         check_takes_files(folder)
 
 
 def reference(sweep: Sweep, purpose: str = "") -> str:
-    """The name under which a sweep refers to results; sweeps of other output folders have others.
-
-    Args:
-        purpose: what else is made of a sweep, such as "pretrain".
-    """
+    """The name under which a sweep, or what else is made of it, such as "pretrain", refers to
+    results; sweeps of other output folders have others."""
     place = hashlib.sha256(str(sweep.common.output.resolve()).encode()).hexdigest()[:6]
     return ".".join(filter(None, [sweep.common.name, purpose, place]))

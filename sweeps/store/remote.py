@@ -11,22 +11,11 @@ from fsspec import AbstractFileSystem
 from fsspec.core import url_to_fs
 
 from lidarplace.files.secret_urls import public_url
+from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.local import Note, Store
-from sweeps.store.result_folder import (
-    RECORD,
-    DamagedResult,
-    R,
-    Ran,
-    Record,
-    T,
-    check_files,
-    damaged,
-    parse_content,
-    read_content,
-    whole,
-)
+from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
 from sweeps.tasks.task import Task
 
@@ -37,10 +26,6 @@ class RemoteStore:
 
     An object store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their
     own for every writer, and `STAGE/KEY/result.json` comes last: with it the result is there.
-
-    Attributes:
-        url: of the store; the same for all machines.
-        cache: folder on the machine at hand.
     """
 
     url: str
@@ -61,7 +46,6 @@ class RemoteStore:
         return self.local.path(task)
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
-        """Keys of the tasks whose results are there."""
         tasks = tuple(tasks)
         names = {stage: self.find(stage) for stage in {task.stage for task in tasks}}
         return {task.key for task in tasks if f"{task.key}/{RECORD}" in names[task.stage]}
@@ -80,7 +64,7 @@ class RemoteStore:
             return
         filesystem, root = self._remote()
         folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
-        content = read_content(folder)
+        content = results.read_content(folder)
         if content.files:
             filesystem.put(
                 [str(folder / name) for name in content.files],
@@ -90,7 +74,7 @@ class RemoteStore:
 
     def load(self, task: Task[R]) -> R:
         """Read a result, see `Store.load`."""
-        return self.read(task, whole(task.result))
+        return self.read(task, results.whole(task.result))
 
     def read(self, task: Task[R], of: Callable[[R], T]) -> T:
         """What `of` takes from a result, see `Store.read`; all its files are copied here first.
@@ -116,17 +100,15 @@ class RemoteStore:
         place = f"{task.stage}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
-            return parse_content(data, place, f"{self.shown}/{place}").record
+            return results.parse_content(data, place, f"{self.shown}/{place}").record
         except DamagedResult:
             self._remove_result(place)
             raise
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
-        """A new folder here for a task's checkpoints, see `Store.working_folder`.
-
-        It is copied there every few seconds, so that another machine can go on.
-        """
+        """A new folder here for a task's checkpoints, see `Store.working_folder`, which is copied
+        there every few seconds, so that another machine can go on."""
         filesystem, root = self._remote()
         attempts = self.local.attempts(task)
         place = f"{root}/{task.stage}/{attempts.name}"
@@ -166,7 +148,6 @@ class RemoteStore:
         return notes
 
     def end_running(self, tasks: Iterable[Task]) -> None:
-        """Remove the notes of tasks: what a killed process left."""
         tasks = tuple(tasks)
         self.local.end_running(tasks)
         for place in self._noted(tasks).values():
@@ -178,7 +159,6 @@ class RemoteStore:
         self._put(self.local.sweep_file(name), f"{SWEEPS}/{name}.json")
 
     def references(self) -> dict[str, set[str]]:
-        """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
         return {
             name: keys_in(self._read(f"{SWEEPS}/{name}.json"), f"{self.shown}/{SWEEPS}/{name}.json")
             for name in self._sweeps()
@@ -200,12 +180,11 @@ class RemoteStore:
             place = stage, rest.partition("/")[0]
             sizes[place] = sizes.get(place, 0) + size
         entries = []
-        for (stage, name), size in sorted(sizes.items()):
-            if not (named := entry_of(name)):
-                continue
-            entry = Entry(stage, *named, size)
-            whole = entry.kind != "result" or f"{stage}/{name}/{RECORD}" in files
-            entries.append(entry if whole else replace(entry, kind="partial"))
+        for place, size in sorted(sizes.items()):
+            if entry := entry_of(*place):
+                whole = entry.kind != "result" or f"{'/'.join(place)}/{RECORD}" in files
+                entry = replace(entry, size=size)
+                entries.append(entry if whole else replace(entry, kind="partial"))
         return entries
 
     def last_used(self, entry: Entry) -> float:
@@ -215,7 +194,6 @@ class RemoteStore:
         return float(modified.timestamp())
 
     def remove(self, entry: Entry) -> None:
-        """Remove an entry."""
         place = f"{entry.stage}/{entry.name}"
         if entry.kind == "result":
             self._remove_result(place)
@@ -247,12 +225,10 @@ class RemoteStore:
         return {path.removeprefix(prefix): int(info["size"]) for path, info in found.items()}
 
     def _sweeps(self) -> list[str]:
-        """Names of the sweeps that refer to something."""
         found = self.find(SWEEPS)
         return [path.removesuffix(".json") for path in found if path.endswith(".json")]
 
     def _noted(self, tasks: Iterable[Task]) -> dict[str, str]:
-        """Places of the notes of those of the tasks that have one, by key."""
         places = {task: f"{task.stage}/{self.local.note(task).name}" for task in tasks}
         stages = {task.stage for task in places}
         there = {f"{stage}/{name}" for stage in stages for name in self.find(stage)}
@@ -264,7 +240,7 @@ class RemoteStore:
         with self.local.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()
-            content = parse_content(data, place, f"{self.shown}/{place}")
+            content = results.parse_content(data, place, f"{self.shown}/{place}")
             files = content.files
             try:
                 if files:
@@ -273,8 +249,9 @@ class RemoteStore:
                         [str(folder / name) for name in files],
                     )
             except FileNotFoundError:
-                raise damaged(f"{self.shown}/{place}", "a file is missing") from None
-            check_files(folder, files, (), f"{self.shown}/{place}")  # digests when they are read
+                raise results.damaged(f"{self.shown}/{place}", "a file is missing") from None
+            # Digests when they are read.
+            results.check_files(folder, files, (), f"{self.shown}/{place}")
 
     def _put(self, path: Path, place: str) -> None:
         filesystem, root = self._remote()

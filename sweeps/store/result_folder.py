@@ -33,14 +33,8 @@ _MAPPED_BYTES = 1_000_000  # smaller arrays are not worth an open file
 
 @dataclass(frozen=True)
 class Ran:
-    """How a result was computed.
-
-    Attributes:
-        node, pid: machine and process.
-        peak_memory: most bytes that the process held.
-        batch_size_reduced: whether a step had fewer frames than asked for, for want of memory.
-        earlier_seconds: that were spent before a stop.
-    """
+    """How a result was computed: where, the most bytes that the process held, whether a step had
+    fewer frames than asked for, for want of memory, and the seconds before a stop."""
 
     node: str = ""
     pid: int = 0
@@ -67,13 +61,8 @@ class Written:
 
 @dataclass(frozen=True)
 class Content:
-    """What `result.json` says.
-
-    Attributes:
-        id: of these very files, should another process write them too.
-        files: by name.
-        value: the plain data of the result.
-    """
+    """What `result.json` says: the plain data of the result, its files, by name, and an id of these
+    very files, should another process write them too."""
 
     record: Record
     id: str
@@ -82,15 +71,9 @@ class Content:
 
 
 def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> None:
-    """Write a result into an empty folder and wait until it is on the disk.
-
-    Args:
-        place: "STAGE/KEY" of the result, where the folder will be.
-
-    Raises:
-        OSError: a file cannot be written.
-        TypeError: a field that is neither table, array, arrays by name, weights nor plain data.
-    """
+    """Write a result into an empty folder, which will be at `place`, and wait until it is on the
+    disk. Raises OSError, and TypeError: a field that is neither table, array, arrays by name,
+    weights nor plain data."""
     plain = {}
     for name, item in ((own.name, getattr(value, own.name)) for own in fields(value)):
         if isinstance(item, pd.DataFrame):
@@ -125,12 +108,8 @@ def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> 
 
 
 def read_content(folder: Path) -> Content:
-    """What `result.json` says.
-
-    Raises:
-        FileNotFoundError: the folder is not there.
-        DamagedResult: the file is missing, damaged or of another folder's result.
-    """
+    """What `result.json` says. Raises FileNotFoundError: the folder is not there; DamagedResult:
+    the file is missing, damaged or of another folder's result."""
     try:
         data = (folder / RECORD).read_bytes()
     except FileNotFoundError:
@@ -141,13 +120,8 @@ def read_content(folder: Path) -> Content:
 
 
 def parse_content(data: bytes, place: str, named: object) -> Content:
-    """What `read_content` returns, from the bytes of the `result.json` that is at `place`.
-
-    Args:
-        named: what errors call the folder.
-
-    Raises:
-        DamagedResult: they are damaged, or of the result of another place.
+    """What `read_content` returns, from the bytes of the `result.json` that is at `place`, which
+    errors call `named`. Raises DamagedResult: they are damaged, or of the result of another place.
     """
     try:
         content = json.loads(data)
@@ -166,16 +140,9 @@ def parse_content(data: bytes, place: str, named: object) -> Content:
 def check_files(
     folder: Path, files: Mapping[str, Written], read: Iterable[str], named: object
 ) -> None:
-    """Raise DamagedResult if a file is missing or not what was written.
-
-    A disk that lost power or a copy that was interrupted leaves files of another size, a bad disk
-    or memory files of other content.
-
-    Args:
-        files: all of them, by name.
-        read: names of those that are read, whose content is looked at too.
-        named: what errors call the folder.
-    """
+    """Raise DamagedResult, which calls the folder `named`, if a file is missing or has another
+    size, as after power loss or an interrupted copy, or one of those to read another content, as on
+    a bad disk."""
     for name, written in files.items():
         try:
             found = (folder / name).stat().st_size
@@ -189,18 +156,9 @@ def check_files(
 
 
 def read_result(folder: Path, kind: type[R], of: Callable[[R], T]) -> T:
-    """What `of` takes from a result, of which no other fields are read.
-
-    Large arrays are mapped, read-only.
-
-    Args:
-        kind: class of the result.
-
-    Raises:
-        FileNotFoundError: the folder is not there.
-        KeyError: the result lacks a field.
-        DamagedResult: the result is not whole.
-    """
+    """What `of` takes from a result of a class, of which no other fields are read. Large arrays are
+    mapped, read-only. Raises FileNotFoundError: the folder is not there; KeyError: the result lacks
+    a field; DamagedResult."""
     content = read_content(folder)
     check_files(folder, content.files, (), folder)
     # Not a `kind`, for which all fields would be read; to `of` it looks like one.
@@ -226,11 +184,9 @@ class _Fields:
         stems = {Path(file).stem: file for file in self._content.files}
         if name in stems:
             return self._read(stems[name])
-        by_key = {
-            k.removeprefix(f"{name}_"): f for k, f in stems.items() if k.startswith(f"{name}_")
-        }
+        by_key = {k: file for k, file in stems.items() if k.startswith(f"{name}_")}
         if by_key:
-            return {key: self._read(file) for key, file in by_key.items()}
+            return {k.removeprefix(f"{name}_"): self._read(file) for k, file in by_key.items()}
         if own.default is MISSING and own.default_factory is MISSING:
             raise KeyError(f"{self._folder} holds no {name}; it holds {[*plain, *stems]}")
         return own.default if own.default_factory is MISSING else own.default_factory()

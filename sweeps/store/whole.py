@@ -12,10 +12,8 @@ from lidarplace.files.atomic import naming, sync, temporary, unique
 
 @contextmanager
 def whole_folder(target: Path) -> Iterator[Path]:
-    """An empty hidden folder that becomes `target` at the end, unless that is there by then.
-
-    Nothing is left of it on an error. The block has to `sync` the files that it writes.
-    """
+    """An empty hidden folder that becomes `target` at the end, unless that is there by then;
+    nothing is left of it on an error. The block has to `sync` the files that it writes."""
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = temporary(target)
     try:

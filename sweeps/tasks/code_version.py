@@ -15,6 +15,7 @@ import hashlib
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 from sweeps import PACKAGES
@@ -27,19 +28,11 @@ _Edges = dict[_Node, set[tuple[str, _Node | str]]]
 
 
 class Code:
-    """The sources of some packages; each file is read once.
-
-    Args:
-        packages: name -> folder, or the file of a module.
-    """
+    """The sources of some packages, name -> folder, or the file of a module; each is read once."""
 
     def __init__(self, packages: Mapping[str, Path]) -> None:
         self._packages = dict(packages)
-        self._files = {
-            module: path
-            for name, folder in packages.items()
-            for module, path in _files(name, folder)
-        }
+        self._files = dict(chain.from_iterable(map(_files, packages, packages.values())))
         self._sources: dict[str, Source] = {}
 
     def version(self, *roots: str) -> str:
@@ -58,13 +51,10 @@ class Code:
         colours: dict[_Node | str, str] = {node: self._definition(node).says for node in edges}
         # Colour refinement: nodes that say the same differ if what their names lead to differs.
         while True:
-            refined: dict[_Node | str, str] = {
-                node: _hash(
-                    colours[node],
-                    *sorted(f"{name} {colours.get(to, str(to))}" for name, to in uses),
-                )
-                for node, uses in edges.items()
-            }
+            refined: dict[_Node | str, str] = {}
+            for node, uses in edges.items():
+                leads = sorted(f"{name} {colours.get(to, str(to))}" for name, to in uses)
+                refined[node] = _hash(colours[node], *leads)
             settled = len(set(refined.values())) == len(set(colours.values()))
             colours = refined
             if settled:
@@ -76,8 +66,7 @@ class Code:
         run: set[str] = set()
         first = set[_Node]()
         for root in roots:
-            nodes = set(self._nodes(root))
-            if not nodes:
+            if not (nodes := set(self._nodes(root))):
                 raise ValueError(f"{root} is not in {', '.join(self._packages)}")
             first |= nodes
         open_ = list(first)
@@ -116,8 +105,9 @@ class Code:
         if package not in self._packages:
             return
         if path.endswith(".*"):
-            for module in self._modules_in(path[:-2]):
-                yield from self._nodes(module)
+            _, *rest = path[:-2].split(".")
+            for file in sorted(self._packages[package].joinpath(*rest).glob("[!_]*.py")):
+                yield from self._nodes(f"{path[:-2]}.{file.stem}")
             return
         module = self._modules_on(path)[-1]
         source = self._source(module)
@@ -140,11 +130,6 @@ class Code:
         paths = [".".join(parts[:count]) for count in range(1, len(parts) + 1)]
         return [module for module in paths if module in self._files]
 
-    def _modules_in(self, package: str) -> list[str]:
-        first, *rest = package.split(".")
-        files = self._packages[first].joinpath(*rest).glob("[!_]*.py")
-        return [f"{package}.{file.stem}" for file in sorted(files)]
-
     def _definition(self, node: _Node) -> Definition:
         module, name = node
         source = self._source(module)
@@ -164,17 +149,14 @@ def _files(package: str, folder: Path) -> Iterator[tuple[str, Path]]:
         yield package, folder
     for path in sorted(folder.rglob("*.py"), key=lambda path: path.name == "__init__.py"):
         parts = path.relative_to(folder).with_suffix("").parts
-        if parts[-1] == "__init__":
-            parts = parts[:-1]
-        yield ".".join([package, *parts]), path
+        yield ".".join([package, *parts]).removesuffix(".__init__"), path
 
 
 @cache
 def code_version(*roots: str) -> str:
     """`Code.version` of the sources that this process runs: ours, and the packages of `roots`."""
-    return _code(*dict.fromkeys((*PACKAGES, *(root.partition(".")[0] for root in roots)))).version(
-        *roots
-    )
+    packages = dict.fromkeys((*PACKAGES, *(root.partition(".")[0] for root in roots)))
+    return _code(*packages).version(*roots)
 
 
 @cache

@@ -54,16 +54,9 @@ class CommandFailed(RuntimeError):
 def detected_by(
     params: CommandParams, frames: pd.DataFrame, labels: pd.DataFrame, clouds: Clouds
 ) -> pd.DataFrame:
-    """What a command detects in the frames to test: columns of `read_detections`.
-
-    Args:
-        frames: of a box log.
-        labels: of the frames to train.
-        clouds: of all of them.
-
-    Raises:
-        CommandFailed: the command fails, takes too long, or writes nothing or something wrong.
-    """
+    """What a command detects in the test frames among `frames` of a box log, by the labels of the
+    others and the clouds of all: columns of `read_detections`. Raises CommandFailed: it fails,
+    takes too long, or writes nothing or something wrong."""
     layout = params.judge.format
     params.log.parent.mkdir(parents=True, exist_ok=True)
     folder = temporary(params.log).absolute()  # the next driver removes what a killed one leaves

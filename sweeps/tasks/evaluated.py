@@ -17,14 +17,8 @@ def evaluated(
     refined: pd.DataFrame | None = None,
     metrics: Sequence[str] = (),
 ) -> Evaluated:
-    """Compare detections with the objects that count.
-
-    Args:
-        objects: ground truth of the frames.
-        found, refined: columns of `training.detect.Detections`.
-        routes: scene, frame and route of the frames.
-        metrics: further ones, of plug-ins.
-    """
+    """Compare detections, columns of `training.detect.Detections`, with the objects that count; by
+    scene, frame and route of the frames, and further metrics of plug-ins."""
     from training.by_distance import evaluate_by_distance
     from training.by_sector import recall_by_sector
     from training.kitti_ap import evaluation

@@ -5,9 +5,10 @@ after the axes of the grid that make a difference to it.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
+
+from cachetools import cached
 
 from lidarplace import Placement, Roi
 from lidarplace.base.metrics import Overlaps
@@ -26,15 +27,10 @@ from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
 
 
+@cached({}, key=type)
 def keys_of(params: Any) -> frozenset[str]:
-    """Key paths of the configuration that decide the parameters of a stage."""
-    kind: Any = type(params)
-    return _keys_of(kind)
-
-
-@lru_cache
-def _keys_of(kind: Any) -> frozenset[str]:
-    hints = get_type_hints(kind, include_extras=True).values()
+    """Key paths of the configuration that decide the parameters of a stage, by their class."""
+    hints = get_type_hints(type(params), include_extras=True).values()
     return frozenset(key for hint in hints for key in getattr(hint, "__metadata__", ()))
 
 
@@ -82,9 +78,7 @@ class RecallParams:
     Attributes:
         rigs: the rig of the clouds, with their quirks and azimuth steps; or as single vehicles have
             it, with their mounts off. Values are the mean over them.
-        names: which surrogates.
         roi: its resolution does not matter.
-        curves: of `expected_recall`.
         seed: of the shapes of the objects.
         frames: at most so many, spread over those of the training split.
         vehicle: carries the LiDARs; None: a sedan.
@@ -216,12 +210,8 @@ class TrainingParams(NetworkParams):
 
 @dataclass(frozen=True)
 class PretrainedParams:
-    """A checkpoint with weights that are used as they are.
-
-    Attributes:
-        digest: SHA-256 of its content.
-        path: where it is, see `training.pretrained.read_generalist`.
-    """
+    """A checkpoint whose weights are used as they are, see
+    `training.pretrained.read_generalist`."""
 
     digest: str
     path: Path = field(compare=False)

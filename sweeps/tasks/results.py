@@ -24,12 +24,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """Objects that count, and all frames of a part of a scene.
-
-    Attributes:
-        objects: columns of `lidarplace.clouds.visibility.ground_truth`, ego frame.
-        frames: scene, frame, route, split.
-    """
+    """Objects that count, ego frame, and scene, frame, route, split of all frames of a part of a
+    scene."""
 
     objects: pd.DataFrame
     frames: pd.DataFrame
@@ -56,23 +52,15 @@ class Pog:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Surrogates of one rig.
-
-    Attributes:
-        table: class, surrogate, value, method, seconds.
-    """
+    """Surrogates of one rig: class, surrogate, value, method, seconds."""
 
     table: pd.DataFrame
 
 
 @dataclass(frozen=True, eq=False)
 class PogScores(Scores):
-    """Surrogates of a POG; rows of `expected_ig` have a `linear_share` too.
-
-    Attributes:
-        by_q: class, q, expected_ig without occlusion, from which one q is fitted to measured AP;
-            None if `expected_ig` is not asked for.
-    """
+    """Surrogates of a POG; rows of `expected_ig` have a `linear_share` too, and by_q is class, q,
+    expected_ig without occlusion, from which one q is fitted to measured AP."""
 
     by_q: pd.DataFrame | None = None
 
@@ -95,22 +83,14 @@ class Required:
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Error of surrogates against seconds.
-
-    Attributes:
-        table: columns of `lidarplace.pog.surrogates.error_against_time.accuracy`, less placement.
-    """
+    """Columns of `lidarplace.pog.surrogates.error_against_time.accuracy`, less placement."""
 
     table: pd.DataFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Collected(PointClouds):
-    """Clouds of one split of a part of a scene.
-
-    Attributes:
-        points_per_object: frame, object_id, points.
-    """
+    """Clouds of one split of a part of a scene; of every object frame, object_id, points."""
 
     points_per_object: pd.DataFrame
 
@@ -160,12 +140,7 @@ class Evaluated:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Detections of a rig in some frames.
-
-    Attributes:
-        detections: `boxes` of `training.detect.Detections`.
-        frames: frame; those that were looked at.
-    """
+    """`boxes` of `training.detect.Detections`, and the column frame of all that were looked at."""
 
     detections: pd.DataFrame
     frames: pd.DataFrame

@@ -11,6 +11,8 @@ import ast
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +37,8 @@ class Definition:
 
 @dataclass(frozen=True)
 class Source:
-    """A module.
-
-    Attributes:
-        definitions: by name.
-        imports: dotted paths of names that it has from elsewhere.
-        runs: dotted paths of what it imports.
-        effects: what importing it does besides, such as setting a flag of a library; None: nothing.
-    """
+    """A module: definitions by name, dotted paths of names that it has from elsewhere, of what it
+    imports, and what importing it does besides, such as setting a flag of a library."""
 
     definitions: Mapping[str, Definition]
     imports: Mapping[str, str]
@@ -56,7 +52,9 @@ def read_source(path: Path, module: str) -> Source:
     imports: dict[str, str] = {}
     runs: set[str] = set()
     others: list[ast.stmt] = []
-    for statement in map(_without_shows, ast.parse(path.read_bytes(), filename=str(path)).body):
+    for statement in ast.parse(path.read_bytes(), filename=str(path)).body:
+        if isinstance(statement, ast.ClassDef):  # without what no result depends on
+            statement.body = [s for s in statement.body if getattr(s, "name", None) not in _SHOWS]
         if isinstance(statement, ast.Import | ast.ImportFrom):
             imports |= _imported(statement)
             runs |= _modules_run(statement)
@@ -83,21 +81,13 @@ def read_source(path: Path, module: str) -> Source:
 
 
 _SHOWS = {"__repr__", "_repr_html_", "plot"}
-
-
-def _without_shows(statement: ast.stmt) -> ast.stmt:
-    """A class without the methods whose text or figure no result depends on."""
-    if isinstance(statement, ast.ClassDef):
-        statement.body = [s for s in statement.body if getattr(s, "name", None) not in _SHOWS]
-    return statement
+"""Methods whose text or figure is for a person."""
 
 
 def _never_runs(statement: ast.stmt) -> bool:
     """A text, what only type checkers or a call as a program see, or how figures are drawn."""
     match statement:
-        case ast.Expr(value=ast.Constant()):
-            return True
-        case ast.Expr(value=ast.Call(func=ast.Name(id="draw_with"))):
+        case ast.Expr(value=ast.Constant() | ast.Call(func=ast.Name(id="draw_with"))):
             return True
         case ast.If(test=ast.Name(id="TYPE_CHECKING"), orelse=[]):
             return True
@@ -116,20 +106,13 @@ def _bound_by(statement: ast.stmt) -> Iterator[str]:
         case ast.Assign() | ast.AnnAssign() | ast.AugAssign():
             targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
             for target in targets:
-                for node in [target] if isinstance(target, ast.Name) else _elements(target):
-                    if isinstance(node, ast.Name):
-                        yield node.id
+                names = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
+                yield from (name.id for name in names if isinstance(name, ast.Name))
         case _:
             for inner in ast.iter_child_nodes(statement):
-                if isinstance(inner, ast.stmt):
-                    yield from _bound_by(inner)
-                elif isinstance(inner, ast.ExceptHandler):
-                    for handled in inner.body:
-                        yield from _bound_by(handled)
-
-
-def _elements(target: ast.expr) -> Sequence[ast.expr]:
-    return target.elts if isinstance(target, ast.Tuple | ast.List) else ()
+                for own in inner.body if isinstance(inner, ast.ExceptHandler) else [inner]:
+                    if isinstance(own, ast.stmt):
+                        yield from _bound_by(own)
 
 
 def _changed_by(statement: ast.stmt) -> str | None:
@@ -148,26 +131,19 @@ def _changed_by(statement: ast.stmt) -> str | None:
 
 
 def _imported(statement: ast.Import | ast.ImportFrom) -> dict[str, str]:
-    """Dotted paths by the name that they get."""
     if isinstance(statement, ast.ImportFrom):
         return {a.asname or a.name: f"{statement.module}.{a.name}" for a in statement.names}
-    return {
-        alias.asname or alias.name.partition(".")[0]: (
-            alias.name if alias.asname else alias.name.partition(".")[0]
-        )
-        for alias in statement.names
-    }
+    named = {a.asname: a.name for a in statement.names if a.asname}
+    packages = (a.name.partition(".")[0] for a in statement.names if not a.asname)
+    return named | {name: name for name in packages}
 
 
 def _definition(statements: Sequence[ast.stmt], paths: Mapping[str, str]) -> Definition:
     imports = [found for statement in statements for found in _imports_in(statement)]
-    known = {**paths}
-    for imported in imports:
-        known |= _imported(imported)
-    speech = _Speech(known)
+    known = reduce(or_, map(_imported, imports), {**paths})
+    speech, types = _Speech(known), _Speech(known)
     said = "\n".join(speech.of(statement) for statement in statements)
     digest = hashlib.sha256(said.encode("utf-8", "surrogatepass")).hexdigest()
-    types = _Speech(known)
     for statement in statements:
         if isinstance(statement, ast.FunctionDef):
             for node in ast.walk(statement.args):
@@ -190,12 +166,10 @@ _NOT_SAID = {"annotation", "returns", "ctx", "type_comment"}
 
 
 class _Speech:
-    """Writes syntax trees as text, the same for all versions of Python, and notes references.
+    """Writes syntax trees as text, the same for all versions of Python, and notes references, by
+    the dotted paths of names.
 
     A local name that is called as one of the module counts as that one: too much is safe.
-
-    Args:
-        paths: dotted paths of the names that statements use.
     """
 
     def __init__(self, paths: Mapping[str, str]) -> None:
@@ -237,7 +211,6 @@ class _Speech:
         return f"{type(node).__name__}({','.join(fields)})"
 
     def _refer_to(self, node: ast.Name | ast.Attribute) -> None:
-        """Note what a name, or a name with attributes, leads to."""
         attributes: list[str] = []
         root: ast.expr = node
         while isinstance(root, ast.Attribute):

@@ -1,7 +1,6 @@
 """The stages of a sweep: functions from parameters and earlier results to a result.
 
-They know nothing of Ray, of the store or of the grid. Parameters are frozen classes, which can be
-hashed; results are frozen classes, too, which can be stored: see `sweeps.tasks.results`.
+They know nothing of Ray, of the store or of the grid.
 
 scene -> ground_truth, pog -> surrogates
 scene -> recall, accuracy, sampling_error
@@ -24,14 +23,14 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack, get_type_hints
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
-from lidarplace.clouds.clouds import Clouds, JoinedClouds, PointClouds
+from lidarplace.clouds.clouds import Clouds, Frames, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
 from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
@@ -74,6 +73,7 @@ if TYPE_CHECKING:
 
     from lidarplace.clouds.collect import SimulatedClouds
     from lidarplace.recall.expected_recall import ExpectedRecall
+    from training.detect import Detections
 
 T = TypeVar("T")
 
@@ -83,8 +83,7 @@ class How(TypedDict):
 
     Attributes:
         folder: where it goes on after a stop.
-        batch_size: frames of a step where the settings leave it open; None: it is found out.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
+        batch_size, halvings: see `training.batch_size.Memory`.
         on_step: called with the epochs that are done.
     """
 
@@ -116,44 +115,39 @@ def pog(params: PogParams, *logs: BoxLog) -> Pog:
     frames = len(log.frames)
     grids = OccupancyGrid.by_class(log.boxes, roi, params.classes, frames=frames)
     # Not `grid.entropy`, which is twice as large as the counts and stays.
-    from_above = {
-        name: np.array(
-            [grid.entropy_of_count[counts].sum(axis=1) for counts in grid.counts], np.float32
-        )
+    sums = {
+        name: [grid.entropy_of_count[counts].sum(axis=1) for counts in grid.counts]
         for name, grid in grids.items()
     }
+    from_above = {name: np.array(own, np.float32) for name, own in sums.items()}
     counts = {name: grid.counts for name, grid in grids.items()}
     return Pog(list(grids), frames, roi, counts, from_above)
 
 
 def surrogates(params: SurrogateParams, pog: Pog) -> PogScores:
     """All surrogates of the POG that are asked for, for every class."""
-    placement = params.placement
-    grids = grids_of(pog)
-    names = params.names
-    results = (
-        evaluate_classes(
+    grids, names, q = grids_of(pog), params.names, params.detection_probability
+    rows = []
+    if names:
+        results = evaluate_classes(
             grids,
-            placement,
+            params.placement,
             method=params.method,
             surrogates=to_ask_for(names),
-            detection_probability=params.detection_probability,
+            detection_probability=q,
             occlusion=params.occlusion,
         )
-        if names
-        else {}
-    )
-    rows = [
-        (object_class, name, result[name], params.method, result.seconds)
-        for object_class, result in results.items()
-        for name in (*names, *(n for n, own in SURROGATES.own.items() if own.beside in names))
-    ]
+        shown = (*names, *(n for n, own in SURROGATES.own.items() if own.beside in names))
+        rows = [
+            (object_class, name, result[name], params.method, result.seconds)
+            for object_class, result in results.items()
+            for name in shown
+        ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
     table = pd.DataFrame(rows, columns=columns).astype({"value": float, "seconds": float})
     if "expected_ig" not in names:
         return PogScores(table)
-    q = params.detection_probability
-    by_q = expected_ig_by_q(grids, placement, [*params.fitted_q, q, FAINT_Q])
+    by_q = expected_ig_by_q(grids, params.placement, [*params.fitted_q, q, FAINT_Q])
     share = table["class"].map(linear_share(by_q, q))
     table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
     by_q = by_q[list(params.fitted_q)].rename_axis("class").reset_index()
@@ -173,22 +167,14 @@ def recall(params: RecallParams, *logs: BoxLog) -> Scores:
             for seen in model.objects.seen_by(params.rigs)
         )
     else:  # the others need no detection curves
-        objects = CountedObjects.from_log(
-            _training_log(logs),
-            params.roi,
-            params.classes,
-            params.curves.cell,
-            frames=params.frames,
-            seed=params.seed,
-            vehicle=params.vehicle,
-        )
+        own = (_training_log(logs), params.roi, params.classes, params.curves.cell)
+        objects = CountedObjects.from_log(*own, **_counted(params))
         found = _mean_over(baselines(objects, seen) for seen in objects.seen_by(params.rigs))
     table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
     return Scores(table.assign(method="raycast", seconds=time.perf_counter() - start))
 
 
 def _mean_over(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """The mean of tables by class."""
     found = list(tables)
     return found[0] if len(found) == 1 else pd.concat(found).groupby(level=0, sort=False).mean()
 
@@ -232,10 +218,7 @@ def accuracy(params: AccuracyParams, *logs: BoxLog) -> Accuracy:
 
 
 def sampling_error(params: SamplingErrorParams, *logs: BoxLog) -> SamplingError:
-    """Intervals of the surrogates: the frames of the POG drawn again in blocks.
-
-    Empty for a single frame, which has no spread.
-    """
+    """Intervals of the surrogates: the frames of the POG drawn again in blocks; empty for one."""
     log = _training_log(logs)
     if len(log.frames) < 2:
         return SamplingError(pd.DataFrame(), pd.DataFrame())
@@ -263,13 +246,9 @@ def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
                 f"{params.folder}: the clouds have changed since the command was given; give the "
                 "command again"
             )
-        numbers = _frames_of(log, params.split)
-        rig = params.rig
-        kept = (
-            None
-            if rig is None
-            else [n for n, name in enumerate(rig.names) if name in params.lidars]
-        )
+        numbers, kept = _frames_of(log, params.split), None
+        if params.rig is not None:
+            kept = [n for n, name in enumerate(params.rig.names) if name in params.lidars]
         clouds = recorded_clouds(params.folder, numbers, params.crop, kept)
     else:
         clouds = _simulated(params, log).kept()
@@ -283,29 +262,22 @@ def finetune(
     """Train one detector on the clouds of one placement.
 
     From scratch it is trained for the classes that occur; heads that are there already stay.
-
-    Args:
-        params: the network, how to train it, and the seed.
-        inputs: clouds, and the objects in them; a generalist to start from, if any.
+    `inputs` are clouds, the objects in them, and a generalist to start from, if any.
     """
     from training.dataset import occurring_classes
 
     clouds, objects = _clouds_and_objects(inputs)
     generalist = next((own.state_dict for own in _of(Trained, inputs)), None)
-    classes = params.classes
-    if params.training.checkpoint is None and generalist is None:
-        share = params.training.frame_share
-        classes = occurring_classes(classes, clouds, objects, share)
+    classes, settings = params.classes, params.training
+    if settings.checkpoint is None and generalist is None:
+        classes = occurring_classes(classes, clouds, objects, settings.frame_share)
     return _train(params, classes, clouds, objects, generalist, how)
 
 
 def pretrain(
     params: PretrainParams, *inputs: Collected | GroundTruth, **how: Unpack[How]
 ) -> Trained:
-    """Train one detector on the clouds of many placements, for all classes.
-
-    Arguments as of `finetune`, which starts from the result; the inputs scene by scene.
-    """
+    """Train one detector on the clouds of many placements, scene by scene, for all classes."""
     clouds, objects = _clouds_and_objects(inputs, params.scenes)
     return _train(params, params.classes, clouds, objects, None, how)
 
@@ -326,37 +298,17 @@ def evaluate(
     params: NetworkParams, weights: Trained, *inputs: Collected | GroundTruth
 ) -> Evaluated:
     """Detect on the test clouds and compare with the ground truth."""
-    from training.detect import detect
-
     clouds, objects = _clouds_and_objects(inputs)
-    found = detect(
-        params.detector,
-        weights.classes,
-        weights.state_dict,
-        clouds,
-        params.training,
-        point_range=params.point_range,
-        typical=params.typical,
-    )
+    found = _detections(params, weights, clouds)
     routes = pd.concat([truth.frames for truth in _of(GroundTruth, inputs)])
-    return evaluated(
-        objects,
-        found.boxes,
-        routes[routes["frame"].isin(clouds.frames)],
-        params.classes,
-        dict(params.ious),
-        found.refined,
-        params.metrics,
-    )
+    routes = routes[routes["frame"].isin(clouds.frames)]
+    asked = (params.classes, dict(params.ious), found.refined, params.metrics)
+    return evaluated(objects, found.boxes, routes, *asked)
 
 
 def command(params: CommandParams, *inputs: BoxLog | Collected | GroundTruth) -> Judged:
-    """Detections of a command in the test frames, of which it has no labels.
-
-    Args:
-        params: what is run.
-        inputs: logs, clouds of all frames, and the objects in those to train.
-    """
+    """Detections of a command in the test frames, of which it has no labels, from logs, clouds of
+    all frames, and the objects in those to train."""
     from sweeps.tasks.command import detected_by
 
     clouds, objects = _clouds_and_objects(inputs)
@@ -370,67 +322,27 @@ def command(params: CommandParams, *inputs: BoxLog | Collected | GroundTruth) ->
 
 def measure(params: MeasureParams, found: Judged, *truths: GroundTruth) -> Evaluated:
     """Compare detections with the ground truth."""
-    objects, routes = (
-        table[table["frame"].isin(found.frames["frame"])]
-        for table in (
-            pd.concat([truth.objects for truth in truths], ignore_index=True),
-            pd.concat([truth.frames for truth in truths], ignore_index=True),
-        )
-    )
-    ious = dict(params.ious)
-    return evaluated(
-        objects, found.detections, routes, params.classes, ious, metrics=params.metrics
-    )
+    tables = ([own.objects for own in truths], [own.frames for own in truths])
+    whole = (pd.concat(table, ignore_index=True) for table in tables)
+    objects, routes = (table[table["frame"].isin(found.frames["frame"])] for table in whole)
+    asked = (params.classes, dict(params.ious), None, params.metrics)
+    return evaluated(objects, found.detections, routes, *asked)
 
 
 def judge(params: JudgeParams, weights: Trained, *logs: BoxLog) -> Judged:
-    """Detections of a rig in some test frames: its clouds are simulated, looked at and forgotten.
-
-    Args:
-        params: the network, and the rig and the frames.
-        weights: result of a training.
-    """
-    from training.detect import detect
-
+    """Detections of a rig in some test frames: its clouds are made, looked at and forgotten."""
     clouds = [_simulated(params.collection, log) for log in logs]
-    found = detect(
-        params.detector,
-        weights.classes,
-        weights.state_dict,
-        JoinedClouds(clouds),
-        params.training,
-        point_range=params.point_range,
-        typical=params.typical,
-    )
+    found = _detections(params, weights, JoinedClouds(clouds))
     frames = np.concatenate([cloud.frames for cloud in clouds])
     return Judged(found.boxes, pd.DataFrame({"frame": frames}))
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "scene": scene,
-    "ground_truth": ground_truth,
-    "pog": pog,
-    "surrogates": surrogates,
-    "recall": recall,
-    "requirements": requirements,
-    "accuracy": accuracy,
-    "sampling_error": sampling_error,
-    "collect": collect,
-    "pretrain": pretrain,
-    "pretrained": pretrained,
-    "finetune": finetune,
-    "evaluate": evaluate,
-    "command": command,
-    "measure": measure,
-    "judge": judge,
-}
-"""Stages by name, which is that of the function, in the order in which results flow."""
-
-
-def result_of(stage: str) -> type[Any]:
-    """The class that a stage returns, by its annotation."""
-    found: type[Any] = get_type_hints(FUNCTIONS[stage])["return"]
-    return found
+_STAGES: tuple[Callable[..., Any], ...] = (
+    *(scene, ground_truth, pog, surrogates, recall, requirements, accuracy, sampling_error),
+    *(collect, pretrain, pretrained, finetune, evaluate, command, measure, judge),
+)
+FUNCTIONS = {stage.__name__: stage for stage in _STAGES}
+"""Stages by name, in the order in which results flow."""
 
 
 def _of(kind: type[T], inputs: Iterable[object]) -> list[T]:
@@ -447,7 +359,6 @@ def _training_log(logs: Sequence[BoxLog]) -> BoxLog:
 
 
 def _frames_of(log: BoxLog, split: str) -> NDArray[np.int64]:
-    """Numbers of the frames of a split."""
     return log.frames.loc[log.frames["split"] == split, "frame"].to_numpy(np.int64)
 
 
@@ -472,10 +383,8 @@ def _clouds_and_objects(
 ) -> tuple[Clouds, pd.DataFrame]:
     """Clouds, and the objects that are in their frames.
 
-    Args:
-        inputs: results of earlier tasks.
-        scenes: how many of the inputs each scene has, whose frames are numbered on from those of
-            the scene before; by default all inputs are of one scene.
+    `scenes` is how many of the inputs each scene has, whose frames are numbered on from those of
+    the scene before; by default all inputs are of one scene.
     """
     left = iter(inputs)
     clouds: list[Collected] = []
@@ -493,6 +402,13 @@ def _clouds_and_objects(
     return JoinedClouds[PointClouds](clouds), pd.concat(objects, ignore_index=True)
 
 
+def _detections(params: NetworkParams, weights: Trained, clouds: Frames) -> Detections:
+    from training.detect import detect
+
+    network = (params.detector, weights.classes, weights.state_dict)
+    return detect(*network, clouds, params.training, params.point_range, params.typical)
+
+
 def _train(
     params: TrainingParams,
     classes: Sequence[str],
@@ -501,7 +417,6 @@ def _train(
     generalist: Mapping[str, Tensor] | None,
     how: How,
 ) -> Trained:
-    """Train one detector; `generalist`: weights to start from."""
     from training.batch_size import Memory
     from training.finetune import StartingWeights
     from training.finetune import finetune as train
@@ -537,16 +452,12 @@ def objects_of(
     """The objects of which `recall` is; `azimuth_share` of the azimuth steps of rigs are cast."""
     from lidarplace.recall.expected_recall import ExpectedRecall
 
-    return ExpectedRecall.from_log(
-        _training_log(logs),
-        params.roi,
-        params.classes,
-        params.curves,
-        frames=params.frames,
-        azimuth_share=azimuth_share,
-        seed=params.seed,
-        vehicle=params.vehicle,
-    )
+    own = (_training_log(logs), params.roi, params.classes, params.curves)
+    return ExpectedRecall.from_log(*own, azimuth_share=azimuth_share, **_counted(params))
+
+
+def _counted(params: RecallParams) -> dict[str, Any]:
+    return {"frames": params.frames, "seed": params.seed, "vehicle": params.vehicle}
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, Generic
+from typing import Any, Generic, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel
@@ -30,10 +30,9 @@ R = TypeVar("R", covariant=True, default=Any)
 
 @dataclass(frozen=True, eq=False)
 class Task(Generic[R]):
-    """One call of a function of `sweeps.tasks.stages`.
+    """One call of a function of `sweeps.tasks.stages`, by its name.
 
     Attributes:
-        stage: name of the function.
         label: what a person calls it.
         params: what the result depends on besides the inputs, see `sweeps.tasks.parameters`.
         inputs: tasks whose results are handed to the function, in this order.
@@ -51,7 +50,8 @@ class Task(Generic[R]):
     @property
     def result(self) -> type[R]:
         """Class of the result."""
-        return stages.result_of(self.stage)
+        found: type[R] = get_type_hints(stages.FUNCTIONS[self.stage])["return"]
+        return found
 
     @cached_property
     def uses(self) -> frozenset[str]:
@@ -112,13 +112,8 @@ def code_of(
     recording: Recording | None = None,
     *plug_ins: tuple[str, ...],
 ) -> str:
-    """Version of the code that a stage can run: of all networks and kinds of scenes its own.
-
-    Args:
-        detector: name of the one that it builds; None: it builds none.
-        recording: what it records; None: nothing.
-        plug_ins: dotted paths of what is looked up by name, see `Registry.roots`.
-    """
+    """Version of the code that a stage can run: of all networks and kinds of scenes its own, and
+    the dotted paths of `plug_ins`, see `Registry.roots`."""
     roots = [f"{stages.__name__}.{stage}", *chain(*plug_ins)]
     if detector is not None:
         roots += code_of_network(network_of(detector))

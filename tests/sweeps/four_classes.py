@@ -9,12 +9,8 @@ from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import GEOMETRY
 
 CLASSES = ("Car", "Truck", "Scooter", "Pedestrian")
-SIZES = {
-    "Car": (4.4, 1.8, 1.6),
-    "Truck": (7.5, 2.5, 3.2),
-    "Scooter": (1.8, 0.7, 1.4),
-    "Pedestrian": (0.6, 0.6, 1.75),
-}
+SIZES = {"Car": (4.4, 1.8, 1.6), "Truck": (7.5, 2.5, 3.2)}
+SIZES |= {"Scooter": (1.8, 0.7, 1.4), "Pedestrian": (0.6, 0.6, 1.75)}
 
 
 def write_four_classes(folder: Path, frames: int = 4, routes: int = 4, seed: int = 0) -> BoxLog:

@@ -13,16 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
-from small_log import write_small_log
+from small_log import SMALL, write_sweep
 
 from tests.forked import GUARD_S, Forked
 from tests.mlflow_database import write_database
 
-SWEEP = {
-    "classes": ["Car"],
-    "lidar": {"azimuth_steps": 360},
-    "surrogate": {"resolution": 0.4, "accuracy": False, "sampling_error": False},
+SWEEP = SMALL | {
     "training": {"epochs": 4, "batch_size": 1},
     "grid": {"placement": ["line", "center"], "seed": [1, 2]},
 }
@@ -50,12 +46,9 @@ class Sweep:
 
     def __post_init__(self):
         self.folder.mkdir(parents=True)
-        write_small_log(self.folder / "log")
-        scene = {"source": "log", "folder": "log"}
         if self.database:
             write_database(self.folder / "runs/mlflow.db")
-        own = {"scene": scene, "output": "runs", "ray": self.ray}
-        (self.folder / "tiny.yaml").write_text(yaml.safe_dump(SWEEP | own))
+        write_sweep(self.folder, "tiny.yaml", **SWEEP | {"ray": self.ray})
 
     def start(self, *options: str) -> Forked:
         """Give the command."""
@@ -70,9 +63,9 @@ class Sweep:
         """What the last run printed."""
         return (self.folder / f"run{self.runs}.log").read_text()
 
-    def finish(self) -> None:
+    def finish(self, *options: str) -> None:
         """Run to the end."""
-        process = self.start()
+        process = self.start(*options)
         code = process.wait(timeout=GUARD_S)
         assert code == 0, self.output()
         self.look()
@@ -87,11 +80,8 @@ class Sweep:
 
 
 def kill_once(sweep: Sweep, after: float, choice: random.Random) -> bool:
-    """Run the sweep and kill one of its processes some time after the start.
-
-    Returns:
-        False if the sweep was finished by then.
-    """
+    """Run the sweep and kill one of its processes some time after the start; False if it was
+    finished by then."""
     process = sweep.start()
     try:
         return _finished(sweep, process.wait(timeout=after))
@@ -178,10 +168,8 @@ def differences(sweep: Sweep, reference: Sweep) -> list[str]:
         ]
         if not tables[0].equals(tables[1]):  # bit for bit
             found.append(f"{name} differs")
-    for name, keys in (
-        ("results", ["trial", "class", "metric", "iou", "difficulty"]),
-        ("curves", ["trial", "epoch", "metric"]),
-    ):
+    keys_of = {"results": ["trial", "class", "metric", "iou", "difficulty"]}
+    for name, keys in (keys_of | {"curves": ["trial", "epoch", "metric"]}).items():
         one, two = (pd.read_parquet(folder / f"{name}.parquet") for folder in (ours, theirs))
         if "metric" in one:
             one, two = (table[table["metric"] != "seconds"] for table in (one, two))
@@ -207,8 +195,5 @@ def _mlflow(path: Path) -> dict[str, object]:
             "select name, key, step, is_nan from metrics join runs using (run_uuid) "
             "where key not like 'system/%'"  # of the machine
         ).fetchall()
-    return {
-        "runs": sorted(runs),
-        "params": sorted(params),
-        "points": sorted(Counter(points).items()),
-    }
+    counted = sorted(Counter(points).items())
+    return {"runs": sorted(runs), "params": sorted(params), "points": counted}

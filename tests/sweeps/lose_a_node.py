@@ -50,21 +50,10 @@ def main(folder: Path) -> None:
             finished = ray.get(tasks)
             added = cluster.add_node(num_cpus=1, **small)
             # Each ends when the other runs: that takes two nodes of one CPU.
-            pair = [
-                task.remote(str(folder), "left", ["right"]),
-                task.remote(str(folder), "right", ["left"]),
-            ]
-            both = ray.get(pair)
-        print(
-            json.dumps(
-                {
-                    "survivor": survivor.node_id,
-                    "added": added.node_id,
-                    "finished": finished,
-                    "both": both,
-                }
-            )
-        )
+            pair = ("left", "right"), ("right", "left")
+            both = ray.get([task.remote(str(folder), own, [other]) for own, other in pair])
+        nodes = {"survivor": survivor.node_id, "added": added.node_id}
+        print(json.dumps(nodes | {"finished": finished, "both": both}))
     finally:
         cluster.shutdown()
 

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ray
-import torch
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.backends import BackendLost, OnRay, WorkerDied, _translated, backend_for
 from sweeps.execution.failures import Failure
-from sweeps.execution.ray_cluster import ClusterError
+from sweeps.execution.ray_cluster import THREADS, ClusterError
 from sweeps.execution.worker import Ended
 
 
@@ -98,5 +97,7 @@ def test_a_worker_or_a_cluster_that_is_gone_is_told(error, found, text):
     assert told.type is found
 
 
-def test_a_task_has_one_thread(on_ray):
-    assert on_ray.submit(torch.get_num_threads).result() == 1
+@pytest.mark.parametrize("name", THREADS)
+def test_a_task_has_one_thread(on_ray, name):
+    """Libraries read the variable when they are imported."""
+    assert on_ray.submit(os.getenv, name).result() == "1"

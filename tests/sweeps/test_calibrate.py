@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Roi
 from lidarplace.configuration.placement import read_placement
@@ -19,7 +18,7 @@ from sweeps.calibration.observations import observations, rigs_of
 from sweeps.commands.calibrate import app
 from sweeps.plan.plan import read_plan
 from sweeps.store.open import store_of
-from tests.sweeps.toy import result
+from tests.sweeps.toy import call, result
 
 MOST, RATE = 0.9, 0.03
 ROI = Roi((0, 40), (-20, 20), (0, 4), resolution=0.1)
@@ -39,12 +38,8 @@ def write_log(folder):
         ("a", frame, frame / 10, f"{frame}-{k}", "Car", x, y, 0.8, 4.4, 1.8, 1.6, yaw)
         for frame in range(101)
         for k, (x, y, yaw) in enumerate(
-            zip(
-                8 + 8 * np.arange(4) + rng.uniform(-3, 3, 4),
-                rng.uniform(-15, 15, 4),
-                rng.uniform(-3, 3, 4),
-                strict=True,
-            )
+            np.transpose([8 + 8 * np.arange(4), np.zeros(4), np.zeros(4)])
+            + rng.uniform([-3, -15, -3], [3, 15, 3], (4, 3))
         )
     ]
     frames = pd.DataFrame({"scene": "a", "frame": range(101), "route": [0] + 100 * [1]})
@@ -61,55 +56,61 @@ def config(tmp_path):
     return path
 
 
-def detect(config, trials):
-    """Keep scenes, and detections of some trials that follow the curve."""
+def detect(config):
+    """Keep scenes; the plan, and detections of each trial that follow the curve."""
     sweep, plan = read_plan(config)
     store = store_of(sweep)
-    for task in plan.tasks:
-        if task.stage == "scene":
-            log = task.params.recording.record()
-            store.save(task, log, 0.0)
+    (task,) = [task for task in plan.tasks if task.stage == "scene"]
+    log = task.params.recording.record()
+    store.save(task, log, 0.0)
     rng = np.random.default_rng(1)
     test = log.boxes[log.boxes["frame"] > 0]
     objects = CountedObjects.from_log(
         BoxLog(test, log.frames, log.buildings), ROI, ["Car"], 0.2, azimuth_share=0.2
     )
-    detections = {}
-    for trial in trials(plan.trials):
+    detections = []
+    for trial in plan.trials:
         name = trial.grid_point.point.placement
         lidar = replace(Lidar.paper(), azimuth_steps=1800)
         seen = objects.seen_by([PAPER_PLACEMENTS[name].with_lidar(lidar)])[0]
         p = MOST * (1 - np.exp(-RATE * seen.counts()))
-        boxes = objects.table[rng.random(len(p)) < p]
-        detections[trial.label] = boxes
-        own = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
-        store.save(trial.evaluate, result(detections=own), 0.0)
+        detections.append((trial, objects.table[rng.random(len(p)) < p]))
     return plan, store, detections
 
 
+def keep(store, detections):
+    for trial, boxes in detections:
+        score = np.random.default_rng(2).random(len(boxes))
+        own = boxes[["frame", "class", *GEOMETRY]].assign(score=score)
+        store.save(trial.evaluate, result(detections=own), 0.0)
+
+
+def run(*words, code=0):
+    return " ".join(call(app, *words, code=code).output.split())
+
+
 def test_the_curve_behind_the_detections_is_found(config, tmp_path):
-    plan, store, detections = detect(config, list)
+    plan, store, every = detect(config)
+    keep(store, every[:2])
+    told = "the store has detections of 1 rig(s), at least 2 are needed"
+    assert told in run(config, code=2)
+    keep(store, every[2:3])
+    assert "3 of 6 trials are evaluated" in run(config), "the others are left out"
+    keep(store, every[3:])
     out = tmp_path / "curves.json"
-    result = CliRunner().invoke(app, [str(config), "--out", str(out)], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    assert "6 of 6 trials are evaluated" in result.output
+    assert "6 of 6 trials are evaluated" in run(config, "--out", out)
     curves = read_curves(out)
-    assert {(curve.object_class, curve.iou) for curve in curves.curves} == {
-        ("Car", 0.5),
-        ("Car", 0.7),
-    }
+    assert {(own.object_class, own.iou) for own in curves.curves} == {("Car", 0.5), ("Car", 0.7)}
     assert curves.of("Car", 0.7).most == pytest.approx(MOST, abs=0.04)
     assert curves.of("Car", 0.7).rate == pytest.approx(RATE, rel=0.15)
-
     rigs = rigs_of(plan.trials, store)
     assert list(rigs) == ["line", "center", "line_roll"]
     assert [len(trials) for trials in rigs.values()] == [2, 2, 2]
     seen = observations(rigs, store)
     center = seen[(seen["rig"] == "center") & (seen["iou"] == 0.5)].set_index("object_id")
-    found = [set(boxes["object_id"]) for name, boxes in detections.items() if "center" in name]
+    found = [set(boxes["object_id"]) for trial, boxes in every if "center" in trial.label]
     for object_id, row in center.iterrows():
         assert row["found"] == np.mean([object_id in own for own in found])
-
     own = seen[seen["iou"] == 0.7]
     checked = check(own)
     assert checked.rigs == 3
@@ -125,21 +126,6 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     assert checked.left_out["rig"].spread == pytest.approx(means["found"].std())
 
 
-def test_trials_without_detections_are_left_out(config):
-    detect(config, lambda trials: trials[:3])
-    result = CliRunner().invoke(app, [str(config)], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    assert "3 of 6 trials are evaluated" in result.output
-
-
-def test_one_rig_is_too_few(config):
-    detect(config, lambda trials: trials[:2])
-    result = CliRunner().invoke(app, [str(config)], catch_exceptions=False)
-    assert result.exit_code == 2
-    said = " ".join(result.output.split())
-    assert "the store has detections of 1 rig(s), at least 2 are needed" in said
-
-
 def test_detections_from_elsewhere_have_curves_too(tmp_path):
     write_log(tmp_path / "log")
     log = read_box_log(tmp_path / "log")
@@ -151,18 +137,14 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
         lidar = Lidar.paper()
         (seen,) = objects.seen_by([read_placement(tmp_path / f"{name}.yaml", lidar)])
         rng = np.random.default_rng(seed)
-        boxes = objects.table[
-            rng.random(len(objects.table)) < MOST * (1 - np.exp(-RATE * seen.counts()))
-        ]
+        p = MOST * (1 - np.exp(-RATE * seen.counts()))
+        boxes = objects.table[rng.random(len(p)) < p]
         found = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
         found.to_parquet(tmp_path / f"{name}.parquet")
         options += ["--rig", f"{name}={tmp_path / name}.parquet"]
         options += ["--geometry", f"{name}={tmp_path / name}.yaml"]
     out = tmp_path / "curves.json"
-    told = CliRunner().invoke(
-        app, ["--log", str(tmp_path / "log"), *options, "--out", str(out)], catch_exceptions=False
-    )
-    assert told.exit_code == 0, told.output
+    told = call(app, "--log", tmp_path / "log", *options, "--out", out)
     curve = read_curves(out).of("Car", 0.7)
     cells = np.array([10, 30, 60])
     expected = MOST * (1 - np.exp(-RATE * cells))
@@ -170,11 +152,7 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
     lines = [line.split() for line in told.output.splitlines() if line.startswith("Car")]
     assert [line[2] for line in lines if len(line) == 8] == ["rig", "object"] * 2
     assert "Left out" in out.with_suffix(".html").read_text()
-
-    one = CliRunner().invoke(app, ["--log", str(tmp_path / "log"), *options[:4]])
-    assert "One rig: none can be left out" in one.output
-    bare = CliRunner().invoke(app, ["--log", str(tmp_path / "log"), *options[:2]])
-    assert bare.exit_code == 2
-    assert "--geometry: missing for rig low" in bare.output
-    none = CliRunner().invoke(app, [])
-    assert none.exit_code == 2
+    assert "One rig: none can be left out" in run("--log", tmp_path / "log", *options[:4])
+    bare = run("--log", tmp_path / "log", *options[:2], code=2)
+    assert "--geometry: missing for rig low" in bare
+    run(code=2)

@@ -1,5 +1,6 @@
 """Sweeps on clusters: nodes on this machine, which die and come, and which have no code."""
 
+import ipaddress
 import json
 import os
 import secrets
@@ -12,13 +13,14 @@ import tempfile
 from pathlib import Path
 
 import pandas as pd
+import psutil
 import pytest
-import yaml
-from small_log import write_small_log
+from small_log import SMALL, write_sweep
 
 from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings
-from sweeps.execution.ray_cluster import enter_folder, ray_session
+from sweeps.execution import ray_cluster
+from sweeps.execution.ray_cluster import ClusterError, enter_folder, ray_session
 from tests.forked import GUARD_S, run_forked
 
 ROOT = Path(__file__).parents[2]
@@ -102,14 +104,8 @@ def cluster(tmp_path_factory):
     nodes = []
     try:
         for options in (of_head, [f"--address={address}"]):
-            node = subprocess.Popen(
-                [*start, *options],
-                cwd=folder,
-                env=node_env,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-            )
+            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+            node = subprocess.Popen([*start, *options], cwd=folder, env=node_env, **pipes)
             nodes.append(node)
             said = []
             for line in node.stdout:
@@ -131,8 +127,11 @@ def cluster(tmp_path_factory):
     ["local", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("host:port", "ray://"))],
 )
 def test_what_runs_ends_with_its_driver(request, tmp_path, kind):
-    address, env = kind, environment()
-    if kind != "local":
+    """And a local Ray listens on this machine alone and leaves no token."""
+    address, env = kind, environment(HOME=str(tmp_path))
+    if kind == "local":
+        env = {name: value for name, value in env.items() if not name.startswith("RAY_AUTH")}
+    else:
         host, client, env = request.getfixturevalue("cluster")
         address = client if kind == "ray://" else host
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -148,48 +147,49 @@ def test_what_runs_ends_with_its_driver(request, tmp_path, kind):
         connection, _ = server.accept()
         with connection:
             connection.settimeout(GUARD_S)
+            if kind == "local":
+                check_alone(psutil.Process(driver.pid))
             driver.terminate()
             assert driver.communicate(timeout=GUARD_S) == ("stopped\n", "")
+            assert driver.returncode == 0
             assert connection.recv(1) == b""
+    assert not list(tmp_path.rglob("auth_token"))
+
+
+def check_alone(root: psutil.Process) -> None:
+    """Where a process and those below it listen only this machine can connect."""
+    found: dict[str, set[str]] = {}
+    for process in [root, *root.children(recursive=True)]:
+        for own in process.net_connections("inet"):
+            if own.status == psutil.CONN_LISTEN:
+                found.setdefault(process.name(), set()).add(own.laddr.ip)
+    assert {"gcs_server", "raylet"} <= found.keys()
+    for name, addresses in found.items():
+        for address in map(ipaddress.ip_address, addresses):
+            mapped = getattr(address, "ipv4_mapped", None)
+            assert (mapped or address).is_loopback, (name, address)
 
 
 def sweep(
     folder: Path, address: str, env: dict[str, str], file: str = "small.yaml", **keys: object
 ) -> subprocess.CompletedProcess[str]:
     """A sweep of surrogates alone, or with `keys`, whose scene is a log at a relative path."""
-    write_small_log(folder / "log")
-    config = {
-        "scene": {"source": "log", "folder": "log"},
-        "detector": None,
-        "classes": ["Car"],
-        "lidar": {"beams": 2, "azimuth_steps": 12},
-        "surrogate": {
-            "resolution": 2.0,
-            "names": ["ig"],
-            "accuracy": False,
-            "sampling_error": False,
-        },
-        "grid": {"placement": ["line"]},
-        "ray": address,
-    }
-    (folder / file).write_text(yaml.safe_dump(config | keys))
+    surrogate = SMALL["surrogate"] | {"resolution": 2.0, "names": ["ig"]}
+    own = {"lidar": {"beams": 2, "azimuth_steps": 12}, "surrogate": surrogate, "detector": None}
+    own |= {"grid": {"placement": ["line"]}, "ray": address}
+    write_sweep(folder, file, **SMALL | own | keys)
     return run_forked(["run", file], folder, folder, env)
 
 
-@pytest.mark.parametrize(
-    "client",
-    [pytest.param(False, id="host:port"), pytest.param(True, id="ray://", marks=pytest.mark.long)],
-)
-def test_a_sweep_on_nodes_that_have_not_its_code(cluster, tmp_path, client):
-    address, of_client, env = cluster
-    done = sweep(tmp_path, of_client if client else address, env)
+@pytest.mark.long
+def test_a_sweep_by_the_client_of_nodes_that_have_not_its_code(cluster, tmp_path):
+    _, address, env = cluster
+    done = sweep(tmp_path, address, env)
     assert done.returncode == 0, done.stdout + done.stderr
-    found = pd.read_parquet(tmp_path / "runs/small/surrogates.parquet")
-    assert found["value"].gt(0).all()
-    assert len(found) == 1
+    assert pd.read_parquet(tmp_path / "runs/small/surrogates.parquet")["value"].gt(0).all()
 
 
-def test_a_network_next_to_its_configuration(cluster, tmp_path):
+def test_a_network_next_to_its_configuration_on_nodes_that_have_no_code(cluster, tmp_path):
     address, _, env = cluster
     package = ROOT / "examples/own_detector/own_detector"
     shutil.copytree(package, tmp_path / "project/own_detector")
@@ -198,35 +198,80 @@ def test_a_network_next_to_its_configuration(cluster, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     trials = pd.read_parquet(tmp_path / "runs/net/trials.parquet")
     assert trials["status"].tolist() == ["finished"]
+    found = pd.read_parquet(tmp_path / "runs/net/surrogates.parquet")
+    assert found["value"].gt(0).tolist() == [True]
 
 
-def test_a_wrong_token_is_one_line(cluster, tmp_path):
+def assert_refused(address, told):
+    with (
+        pytest.raises(ClusterError, match=told) as error,
+        ray_session(RaySettings(address=address)),
+    ):
+        pytest.fail("it was joined")
+    assert "\n" not in str(error.value)
+
+
+def test_a_wrong_token_is_one_line(cluster, monkeypatch):
     address, _, env = cluster
-    done = sweep(tmp_path, address, env | {"RAY_AUTH_TOKEN": secrets.token_hex(16)})
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stderr.count("\n") == 1
-    assert "refuses the token" in done.stderr
+    for name, value in (env | {"RAY_AUTH_TOKEN": secrets.token_hex(16)}).items():
+        monkeypatch.setenv(name, value)
+    assert_refused(address, "refuses the token")
 
 
 @pytest.mark.parametrize("scheme", ["", "ray://"])
 def test_a_cluster_that_is_not_there(scheme):
     address = f"{scheme}127.0.0.1:{free_port()}"
-    with (
-        pytest.raises(ValueError, match=f"ray.address {address}: cannot be reached"),
-        ray_session(RaySettings(address=address)),
-    ):
-        pytest.fail("there is no such cluster")
+    assert_refused(address, f"ray.address {address}: cannot be reached")
 
 
 def test_the_client_needs_grpc(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with (
-        pytest.raises(ValueError, match="needs grpcio"),
-        ray_session(RaySettings(address="ray://127.0.0.1:1")),
-    ):
-        pytest.fail("there is no client")
+    assert_refused("ray://127.0.0.1:1", "needs grpcio")
 
 
 def test_a_node_without_the_folder_of_the_driver(tmp_path):
     with pytest.raises(FileNotFoundError, match=f"has no folder {tmp_path / 'none'}, in which"):
         enter_folder(str(tmp_path / "none"))
+
+
+class Ray:
+    """A version that listens at another address."""
+
+    class util:
+        @staticmethod
+        def get_node_ip_address():
+            return "192.0.2.7"
+
+
+def test_a_ray_that_listens_elsewhere_is_told(caplog):
+    ray_cluster._check_alone(Ray)
+    assert "192.0.2.7" in caplog.text
+    assert len(caplog.records) == 1
+
+
+def test_a_token_that_others_can_read_is_told(tmp_path, monkeypatch, caplog):
+    path = tmp_path / "token"
+    path.write_text("secret")
+    path.chmod(0o644)
+    monkeypatch.delenv("RAY_AUTH_TOKEN", raising=False)
+    monkeypatch.setenv("RAY_AUTH_TOKEN_PATH", str(path))
+    ray_cluster._check_token_file()
+    assert str(path) in caplog.text
+    assert "secret" not in caplog.text
+    caplog.clear()
+    path.chmod(0o600)
+    ray_cluster._check_token_file()
+    path.chmod(0o644)
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "given")  # which Ray prefers
+    ray_cluster._check_token_file()
+    assert not caplog.text
+
+
+def test_what_a_local_ray_is_told_others_are_not(monkeypatch):
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "of a cluster")
+    monkeypatch.delenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", raising=False)
+    with ray_cluster._environment({**ray_cluster._alone(), "RAY_AUTH_TOKEN": "own"}):
+        assert os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0"
+        assert os.environ["RAY_AUTH_TOKEN"] == "own"
+    assert os.environ["RAY_AUTH_TOKEN"] == "of a cluster"
+    assert "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER" not in os.environ

@@ -13,42 +13,20 @@ ROOT = EXAMPLES.parents[1]
 
 # Keys of KubeRay's custom resources, ray.io/v1, as of its release 1.5.
 CLUSTER = {
-    "authOptions",
-    "autoscalerOptions",
-    "enableInTreeAutoscaling",
-    "gcsFaultToleranceOptions",
-    "headGroupSpec",
-    "headServiceAnnotations",
-    "managedBy",
-    "rayVersion",
-    "suspend",
-    "upgradeStrategy",
-    "workerGroupSpecs",
+    *("authOptions", "autoscalerOptions", "enableInTreeAutoscaling"),
+    *("gcsFaultToleranceOptions", "headGroupSpec", "headServiceAnnotations", "managedBy"),
+    *("rayVersion", "suspend", "upgradeStrategy", "workerGroupSpecs"),
 }
 HEAD = {"enableIngress", "headService", "labels", "rayStartParams", "resources", "serviceType"}
 HEAD |= {"template"}
 WORKERS = {"groupName", "idleTimeoutSeconds", "labels", "maxReplicas", "minReplicas", "numOfHosts"}
 WORKERS |= {"rayStartParams", "replicas", "resources", "scaleStrategy", "suspend", "template"}
 JOB = {
-    "activeDeadlineSeconds",
-    "backoffLimit",
-    "clusterSelector",
-    "deletionStrategy",
-    "entrypoint",
-    "entrypointNumCpus",
-    "entrypointNumGpus",
-    "entrypointResources",
-    "jobId",
-    "managedBy",
-    "metadata",
-    "rayClusterSpec",
-    "runtimeEnvYAML",
-    "shutdownAfterJobFinishes",
-    "submissionMode",
-    "submitterConfig",
-    "submitterPodTemplate",
-    "suspend",
-    "ttlSecondsAfterFinished",
+    *("activeDeadlineSeconds", "backoffLimit", "clusterSelector", "deletionStrategy"),
+    *("entrypoint", "entrypointNumCpus", "entrypointNumGpus", "entrypointResources"),
+    *("jobId", "managedBy", "metadata", "rayClusterSpec", "runtimeEnvYAML"),
+    *("shutdownAfterJobFinishes", "submissionMode", "submitterConfig"),
+    *("submitterPodTemplate", "suspend", "ttlSecondsAfterFinished"),
 }
 
 

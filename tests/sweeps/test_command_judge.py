@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
-from small_log import write_small_log
-from typer.testing import CliRunner
+from small_log import SMALL, write_sweep
 
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.logs.boxes import GEOMETRY
@@ -26,6 +24,7 @@ from sweeps.tasks.command import CommandFailed, detected_by
 from sweeps.tasks.parameters import CommandParams
 from tests.forked import Forked
 from tests.mlflow_database import write_database
+from tests.sweeps.toy import call
 from training.kitti_ap import evaluate_boxes
 
 # Copies result files from `truth`, after a look at what it was given.
@@ -41,27 +40,16 @@ print("looked at", len(tests), "frames")
 for name in tests:
     shutil.copy(f"truth/{name}.txt", detections)
 """
-SWEEP = {
-    "classes": ["Car"],
-    "lidar": {"azimuth_steps": 360},
-    "surrogate": {"resolution": 0.4, "accuracy": False, "sampling_error": False},
-    "scene": {"source": "log", "folder": "log"},
-    "placement": "line",
-    "output": "runs",
-    "ray": "debug",
-}
 LOOP = "import time\nwhile True: time.sleep(0.05)"
 
 
-def write_sweep(folder: Path, judge: dict, **changes: object) -> Path:
+def write_judged(folder: Path, judge: dict, **changes: object) -> Path:
     if not (folder / "log").exists():
-        write_small_log(folder / "log")
         write_database(folder / "runs/mlflow.db")
         (folder / "toy.py").write_text(TOY)
     own = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
-    path = folder / "tiny.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"judge": own | judge} | changes))
-    return path
+    keys = SMALL | {"placement": "line", "judge": own | judge} | changes
+    return write_sweep(folder, "tiny.yaml", **keys)
 
 
 def jittered(labels: pd.DataFrame) -> pd.DataFrame:
@@ -73,9 +61,7 @@ def jittered(labels: pd.DataFrame) -> pd.DataFrame:
 
 
 def run(*words: str, code: int = 0) -> str:
-    done = CliRunner().invoke(app, list(words), catch_exceptions=False)
-    assert done.exit_code == code, done.output
-    return done.output
+    return call(app, *words, code=code).output
 
 
 @pytest.fixture
@@ -95,15 +81,17 @@ def write_truth(folder: Path) -> None:
 
 
 def test_ap_is_that_of_the_same_boxes(here):
-    path = write_sweep(here, {})
+    path = write_judged(here, {})
     write_truth(here)
+    assert "command" in run("run", str(path), "--dry-run")
+    assert "command" in run("status", str(path))
     shown = run("run", str(path))
     assert "failed" not in shown, shown
+    assert json.loads(run("status", str(path), "--json"))["stages"]["command"] == {"done": 1}
     results = pd.read_parquet("runs/tiny/results.parquet")
     assert set(results["detector"]) == {"toy"}
-    _, plan = read_plan(path)
-    (trial,) = plan.trials
-    store = store_of(read_plan(path)[0])
+    sweep, plan = read_plan(path)
+    (trial,), store = plan.trials, store_of(sweep)
     found = store.load(trial.evaluate)
     (truths,) = [store.load(task) for task in trial.ground_truths]
     objects = truths.objects[truths.objects["frame"] == 3]
@@ -120,25 +108,16 @@ def test_ap_is_that_of_the_same_boxes(here):
     assert "toy" in Path("runs/tiny/report.md").read_text()
 
 
-def test_dry_run_and_status(here):
-    path = write_sweep(here, {})
-    write_truth(here)
-    assert "command" in run("run", str(path), "--dry-run")
-    assert "command" in run("status", str(path))
-    run("run", str(path))
-    assert json.loads(run("status", str(path), "--json"))["stages"]["command"] == {"done": 1}
-
-
 def keys(path: Path, *overrides: str) -> list[str]:
     _, plan = read_plan(path, overrides)
     return [task.key for task in plan.tasks if task.stage == "command"]
 
 
 def test_what_decides_a_result(here):
-    write_sweep(here, {})
+    write_judged(here, {})
     (here / "net").mkdir()
     (here / "net/weights.pt").write_bytes(b"1")
-    path = write_sweep(here, {"depends_on": ["toy.py", "net"]})
+    path = write_judged(here, {"depends_on": ["toy.py", "net"]})
     first = keys(path)
     assert keys(path, "judge.time_limit=9", "judge.cpus=2", "judge.name=other") == first
     assert keys(path, "judge.format=parquet") != first
@@ -146,23 +125,13 @@ def test_what_decides_a_result(here):
     second = keys(path)
     (here / "toy.py").write_text("")
     third = keys(path)
-    path = write_sweep(here, {"command": "{python} other.py {clouds} {detections}"})
+    path = write_judged(here, {"command": "{python} other.py {clouds} {detections}"})
     assert len({*first, *second, *third, *keys(path)}) == 4
 
 
-def test_a_file_that_is_not_there_is_one_line(here):
-    path = write_sweep(here, {"depends_on": ["weights.pt"]})
-    shown = " ".join(run("run", str(path), "--dry-run", code=2).split())
-    assert f"judge.depends_on: {here}/weights.pt: No such file or directory" in shown
-
-
-def test_seeds_need_a_seed(here):
-    path = write_sweep(here, {}, grid={"seed": [1, 2]})
-    shown = run("run", str(path), "--dry-run", code=2)
-    assert "the same trial, which does not depend on seed (1 and 2)" in " ".join(shown.split())
-    assert "or name {seed} in judge.command" in " ".join(shown.split())
+def test_seeds_are_of_a_command_that_names_them(here):
     seeded = {"command": "{python} toy.py {clouds} {detections} {seed}"}
-    assert len(keys(write_sweep(here, seeded, grid={"seed": [1, 2]}))) == 2
+    assert len(keys(write_judged(here, seeded, grid={"seed": [1, 2]}))) == 2
 
 
 def params(folder: Path, code: str, **changes: object) -> CommandParams:
@@ -200,10 +169,7 @@ table.to_parquet(sys.argv[2] + "/found.parquet")
     ("code", "line"),
     [
         ("", r"detections: no detections; expected files"),
-        (
-            "import sys; print('a\\nb'); sys.exit(3)",
-            r"exit code 3; last lines: a \| b; log .*a.log",
-        ),
+        ("print('a\\nb'); exit(3)", r"exit code 3; last lines: a \| b; log .*a.log"),
         ("print('\\x1b[31mred\\x07\\rb' * 30_000); exit(1)", r"lines: bred \| .*\| b; log"),
         ("import os; os.kill(os.getpid(), 9)", "exit code -9; last lines: none"),
         ("import sys; open(sys.argv[2] + '/a.parquet', 'w').write('no')", "no Parquet file"),
@@ -254,9 +220,9 @@ def assert_gone(mark: str) -> None:
         time.sleep(0.05)
 
 
-def test_killed_and_resumed(here):
+def test_killed_then_failed_and_tried_again(here):
     mark = f"left-{os.getpid()}-{here.name}"
-    path = write_sweep(here, {})
+    path = write_judged(here, {})
     write_truth(here)
     (here / "toy.py").write_text(hanging(mark))
     process = Forked(["run", str(path)], here, here / "first.log")
@@ -269,26 +235,19 @@ def test_killed_and_resumed(here):
     assert_gone(mark)
     assert list((here / "runs/tiny/commands").glob(".*.part"))
     assert "stopped" in run("status", str(path))
+    (here / "toy.py").write_text("raise SystemExit('no weights')")
+    shown = run("run", str(path), code=1)
+    assert "exit code 1; last lines: no weights; log " in " ".join(shown.split())
     (here / "toy.py").write_text(TOY)
-    assert "failed" not in run("run", str(path))
+    run("run", str(path))
     assert not list((here / "runs/tiny/commands").glob(".*"))
     results = pd.read_parquet("runs/tiny/results.parquet")
     assert set(results["detector"]) == {"toy"}
 
 
-def test_a_failure_is_told_and_tried_again(here):
-    path = write_sweep(here, {})
-    (here / "toy.py").write_text("raise SystemExit('no weights')")
-    shown = run("run", str(path), code=1)
-    assert "exit code 1; last lines: no weights; log " in " ".join(shown.split())
-    (here / "toy.py").write_text(TOY)
-    write_truth(here)
-    assert "failed" not in run("run", str(path))
-
-
 def test_the_copy_in_the_run_folder_runs_in_the_same_folder(here):
     (here / "deep").mkdir()
-    write_sweep(here, {})
+    write_judged(here, {})
     path = (here / "tiny.yaml").rename(here / "deep/tiny.yaml")
     sweep, _ = read_plan(path)
     assert sweep.points[0].point.judge.folder == here / "deep"
@@ -296,19 +255,17 @@ def test_the_copy_in_the_run_folder_runs_in_the_same_folder(here):
 
 
 def test_doctor_looks_for_the_program(here):
-    assert scenes(write_sweep(here, {})).state == "good"
-    found = scenes(write_sweep(here, {"command": "./none {clouds} {detections}"}))
-    assert (found.state, found.found) == (
-        "missing",
-        f"judge.command: no program ./none; found none at {here}/none",
-    )
+    assert scenes(write_judged(here, {})).state == "good"
+    found = scenes(write_judged(here, {"command": "./none {clouds} {detections}"}))
+    assert found.state == "missing"
+    assert found.found == f"judge.command: no program ./none; found none at {here}/none"
 
 
 def test_a_command_after_a_generalist(here):
     """The best rigs by a generalist go on; the command alone judges them."""
     grid = {"placement": ["line", "center"]}
     rung = {"by": "recall", "keep": 1, "set": {"judge": "generalist"}}
-    path = write_sweep(here, {}, grid=grid, promote=[rung])
+    path = write_judged(here, {}, grid=grid, promote=[rung])
     _, plan = read_plan(path)
     assert [trial.label for trial in plan.trials][-1] == "center · toy · seed 0 · judge=toy"
     assert [task.stage for task in plan.tasks].count("command") == 2

@@ -6,46 +6,45 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-import yaml
-from flip_bit import flip_bit
-from small_log import write_small_log
-from typer.testing import CliRunner
+from small_log import SMALL, write_sweep
 
 from sweeps.commands import clean, record, run, status
 from sweeps.execution import worker
 from sweeps.execution.interrupted import until_whole
 from sweeps.store.result_folder import DamagedResult, damaged
+from tests.sweeps.toy import call, flip_bit
 
-SMALL = {
-    "scene": {"source": "log", "folder": "log"},
-    "classes": ["Car"],
-    "detector": None,
-    "lidar": {"azimuth_steps": 90},
-    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
-    "grid": {"placement": ["line", "center"]},
-    "output": "runs",
-    "ray": "debug",
-}
-TRAINED = SMALL | {
-    "detector": "pointpillars_tiny",
-    "training": {"epochs": 1, "batch_size": 1},
-    "grid": {"placement": ["line"]},
-}
+SURROGATES = SMALL | {"detector": None, "grid": {"placement": ["line", "center"]}}
+TRAINED = SMALL | {"detector": "pointpillars_tiny", "grid": {"placement": ["line"]}}
 TABLES = ("surrogates", "expected_ig_by_q", "results", "distance", "points", "trials")
 
 
-def call(app, *arguments):
-    worker._load.cache_clear()  # each command has a process of its own
-    found = CliRunner().invoke(app, [*arguments])
-    assert not found.exception or isinstance(found.exception, SystemExit), found.exception
-    return found
+def again():
+    """Run the sweep as a process of its own would, which has not read a result yet."""
+    worker._load.cache_clear()
+    return call(run.app, "small.yaml")
 
 
-def sweep(folder: Path, config) -> dict[str, pd.DataFrame]:
-    write_small_log(folder / "log")
-    (folder / "small.yaml").write_text(yaml.safe_dump(config))
-    found = call(run.app, "small.yaml")
-    assert found.exit_code == 0, found.output
+def sweep(folder: Path, config) -> None:
+    write_sweep(folder, "small.yaml", **config)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        again()
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder in which a sweep of surrogates has run."""
+    folder = tmp_path_factory.mktemp("finished")
+    sweep(folder, SURROGATES)
+    return folder
+
+
+@pytest.fixture
+def before(finished, tmp_path, monkeypatch):
+    """Its tables, in a copy of it."""
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
     return tables()
 
 
@@ -64,65 +63,44 @@ def assert_equal(found, expected):
         pd.testing.assert_frame_equal(found[name], table)
 
 
-def test_the_same_command_mends_every_result_that_it_reads(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    before = sweep(tmp_path, SMALL)
+def test_the_same_command_mends_every_result_that_it_reads(before):
     for path in files():
         flip_bit(path, 0.5)
-    found = call(run.app, "small.yaml")
-    assert found.exit_code == 0, found.output
+    found = again()
     assert_equal(tables(), before)
     for stage in ("pog", "surrogates", "scene"):
         for result in Path("runs/store", stage).iterdir():
             lines = [line for line in found.output.splitlines() if str(result) in line]
             assert len(lines) == 1, found.output
             assert "is damaged" in lines[0]
-    again = call(run.app, "small.yaml")
-    assert "damaged" not in again.output
-    # A table that is made anew from a damaged one is not made from that.
-
-    shutil.rmtree("runs/store/surrogates")
+    # A table that is made anew from a damaged one is not made from that, nor from another's.
+    one, other = Path("runs/store/surrogates").iterdir()
+    shutil.rmtree(one)
+    shutil.copytree(other, one)
     (counts,) = Path("runs/store/pog").glob("*/counts_Car.npy")
     flip_bit(counts, 0.6)
-    found = call(run.app, "small.yaml")
-    assert found.exit_code == 0, found.output
-    assert found.output.count("is damaged: counts_Car.npy") == 1
+    found = again()
+    told = f"{one} is damaged: its result.json is of surrogates/{other.name}"
+    assert found.output.count(told) == found.output.count("is damaged: counts_Car.npy") == 1
+    assert found.output.count("is damaged") == 2
     assert_equal(tables(), before)
 
 
-def test_a_result_in_the_place_of_another_is_none(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    before = sweep(tmp_path, SMALL)
-    one, other = Path("runs/store/surrogates").iterdir()
-    shutil.rmtree(other)
-    shutil.copytree(one, other)
-    found = call(run.app, "small.yaml")
-    assert found.exit_code == 0, found.output
-    told = f"{other} is damaged: its result.json is of surrogates/{one.name}"
-    assert found.output.count(told) == 1, found.output
-    assert_equal(tables(), before)
-
-
-def test_other_commands_take_a_damaged_result_for_none(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    sweep(tmp_path, SMALL)
+def test_other_commands_take_a_damaged_result_for_none(before):
     promoted = {"detector": "pointpillars_tiny", "promote": [{"by": "covered_entropy", "keep": 1}]}
-    Path("small.yaml").write_text(yaml.safe_dump(SMALL | promoted))
+    write_sweep(Path(), "small.yaml", **SURROGATES | promoted)
     (damaged_one, *_) = Path("runs/store/surrogates").glob("*/table.parquet")
     flip_bit(damaged_one, 0.5)
     found = call(status.app, "small.yaml", "--json")
-    assert found.exit_code == 0, found.output
     assert str(damaged_one.parent) in found.stderr
     state = json.loads(found.stdout)
     assert state["stages"]["surrogates"] == {"done": 1, "waiting": 1}
     planned = json.loads(call(run.app, "small.yaml", "--dry-run", "--json").stdout)
     assert planned["stages"]["surrogates"] == {"tasks": 2, "cached": 1}
-    cleaned = call(clean.app, "small.yaml", "--dry-run")
-    assert cleaned.exit_code == 0, cleaned.output
+    call(clean.app, "small.yaml", "--dry-run")
     (boxes,) = Path("runs/store/scene").glob("*/boxes.parquet")
     flip_bit(boxes, 0.5)
     recorded = call(record.app, "small.yaml", "logs")
-    assert recorded.exit_code == 0, recorded.output
     assert "boxes.parquet is not what was written" in recorded.output
     assert list(Path("logs").glob("*/boxes.parquet"))
 
@@ -140,12 +118,12 @@ def test_a_disk_that_spoils_everything_is_given_up():
 
 @pytest.mark.long
 def test_one_bit_in_each_file_of_a_finished_sweep(tmp_path, monkeypatch):
+    sweep(tmp_path, TRAINED)
     monkeypatch.chdir(tmp_path)
-    before = sweep(tmp_path, TRAINED)
+    before = tables()
     for path in files():
         flip_bit(path, 0.5)
-        found = call(run.app, "small.yaml")
-        assert found.exit_code == 0, (path, found.output)
+        found = again()
         assert_equal(tables(), before)
         if not path.exists() or f"{path.parent} is damaged" not in found.output:
             print("not read:", path)

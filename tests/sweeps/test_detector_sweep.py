@@ -2,26 +2,17 @@
 
 import numpy as np
 import pytest
-import yaml
-from small_log import write_small_log
-from toy import Loud
+from small_log import write_sweep
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
+from tests.sweeps.toy import Loud
 from training import NETWORKS
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-SWEEP = {
-    "classes": ["Car", "Pedestrian"],
-    "lidar": {"azimuth_steps": 360},
-    "surrogate": {"resolution": 0.4, "accuracy": False, "sampling_error": False},
-    "training": {"epochs": 1, "batch_size": 2},
-    "ray": "debug",
-}
 
 
 @pytest.mark.parametrize(
@@ -30,13 +21,8 @@ SWEEP = {
     ids=["one of one stage, one of two", "all"],
 )
 def test_every_network_trains_and_is_evaluated(tmp_path, networks):
-    write_small_log(tmp_path / "log")
-    scene = {"source": "log", "folder": str(tmp_path / "log")}
-    config = tmp_path / "networks.yaml"
     grid = {"placement": ["center"], "detector": [f"{name}_tiny" for name in networks]}
-    own = {"grid": grid, "scene": scene, "output": str(tmp_path / "runs")}
-    config.write_text(yaml.safe_dump(SWEEP | own))
-    plan = make_plan(read_sweep(config))
+    plan = make_plan(read_sweep(write_sweep(tmp_path, classes=["Car", "Pedestrian"], grid=grid)))
     store = Store(tmp_path / "store")
     execute(plan.tasks, store, InProcess(), Loud())
     assert [trial.finetune.params.detector for trial in plan.trials] == grid["detector"]

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace.clouds.visibility import ground_truth
 from lidarplace.logs.box_log import write_box_log
 from sweeps.command_line import app
 from tests.lidarplace.test_detections import log_of, scored, write
+from tests.sweeps.toy import call
 from tracking.run_folders.sweep import RunFolder
 from training.kitti_ap import evaluation
 
@@ -43,9 +43,7 @@ def world(tmp_path_factory):
 
 
 def run(world, *arguments, code=0):
-    found = CliRunner().invoke(app, ["evaluate", str(world / "log"), *map(str, arguments)])
-    assert found.exit_code == code, found.output
-    return found.output
+    return call(app, "evaluate", world / "log", *arguments, code=code).output
 
 
 def test_labels_fed_back_are_perfect(world):
@@ -93,10 +91,12 @@ def test_one_rig_is_a_table_with_intervals(world):
 
 
 def test_rigs_become_a_run_folder(world, tmp_path):
+    (tmp_path / "rig.yaml").write_text("mounts: [{x: 0.5, y: 0, z: 2}]\n")
     rigs = [f"--rig={name}={world / name}.parquet" for name in "ab"]
     again = [f"--rig={name}={world}/labels.parquet" for name in "ab"]
+    places = [f"--geometry={name}={tmp_path / 'rig.yaml'}" for name in "ab"]
     out = tmp_path / "runs" / "two"
-    text = run(world, *rigs, *again, "--generalist", "--out", out)
+    text = run(world, *rigs, *again, *places, "--generalist", "--out", out)
     for page in ("report.html", "decision.html", "failures.html"):
         assert (out / page).exists()
     assert str(out / "decision.html") in text.splitlines()
@@ -106,29 +106,16 @@ def test_rigs_become_a_run_folder(world, tmp_path):
     }
     assert sorted(found.trials["trial"]) == ["a/0", "a/1", "b/0", "b/1"]
     assert found.failures is not None
-    assert "MLflow" not in (out / "decision.html").read_text()
+    assert found.placements["a"][0].x == 0.5
+    decision = (out / "decision.html").read_text()
+    assert "Where the LiDARs sit" in decision
+    assert "MLflow" not in decision
     assert "--set" not in text  # no command of ours trains these detectors
     for verb in (["report", out], ["failures", out, "--out", tmp_path / "failures"]):
-        again_read = CliRunner().invoke(app, [*map(str, verb)])
-        assert again_read.exit_code == 0, again_read.output
+        call(app, *verb)
     page = (tmp_path / "failures" / "failures.html").read_text()
     assert "nan" not in page.lower().split("<script")[0]
-
-
-def test_geometry_is_drawn(world, tmp_path):
-    (tmp_path / "rig.yaml").write_text("mounts: [{x: 0.5, y: 0, z: 2}]\n")
-    rigs = [f"--rig={name}={world / name}.parquet" for name in "ab"]
-    places = [f"--geometry={name}={tmp_path / 'rig.yaml'}" for name in "ab"]
-    out = tmp_path / "two"
-    run(world, *rigs, *places, "--out", out)
-    assert "Where the LiDARs sit" in (out / "decision.html").read_text()
-    assert RunFolder.read(out).placements["a"][0].x == 0.5
-
-
-def test_a_sweep_is_not_overwritten(world, tmp_path):
-    rigs = [f"--rig={name}={world / name}.parquet" for name in "ab"]
-    out = tmp_path / "two"
-    run(world, *rigs, "--out", out)
+    # A sweep is not overwritten.
     about = json.loads((out / "sweep.json").read_text())
     del about["detections"]
     (out / "sweep.json").write_text(json.dumps(about))

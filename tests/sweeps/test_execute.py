@@ -1,19 +1,18 @@
 import shutil
 
 import pytest
-from flip_bit import flip_bit
 
 from sweeps.execution import worker
 from sweeps.execution.backends import InProcess, Room
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.execution.needs import Need, need_of
+from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.parameters import TrainingParams
 from sweeps.tasks.task import Task
-from tests.sweeps.toy import Loud, Toy
+from tests.sweeps.toy import Loud, Toy, flip_bit
 from training.settings import TrainingSettings
 
 
@@ -67,16 +66,11 @@ def reasons(failures):
     return {key: failure.reason for key, failure in failures.items()}
 
 
-def test_results_flow_from_task_to_task(tmp_path, stages):
+def test_results_flow_from_task_to_task_and_are_not_computed_again(tmp_path, stages):
     tasks = diamond()
     failures, _, store = run(tasks, tmp_path)
     assert not failures
     assert store.load(tasks[-1]).n == 1112
-
-
-def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
-    tasks = diamond()
-    run(tasks, tmp_path)
     stages.clear()
     more = [*diamond(), Task("collect", "e", Toy(5), (tasks[1],))]
     _, recorder, store = run(more, tmp_path)
@@ -85,24 +79,16 @@ def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
     assert recorder.log == [("started", "e"), ("finished", "e")]
 
 
-def test_times_are_kept_of_what_ran(tmp_path, stages):
-    tasks = diamond()
-    store = Store(tmp_path)
-    outcome = execute(tasks, store, InProcess(), Recorder())
-    assert set(outcome.times) == {task.key for task in tasks}
-    ends = [outcome.times[task.key][1] for task in tasks]
-    assert all(start <= end for start, end in outcome.times.values())
-    assert outcome.times[tasks[-1].key][0] >= max(ends[:-1])
-
-
-def test_a_clock_that_jumps_changes_nothing(tmp_path, stages, monkeypatch):
+def test_times_are_kept_of_what_ran_though_a_clock_jumps(tmp_path, stages, monkeypatch):
     hours = iter(range(10**6, 0, -1))
     for name in ("time", "time_ns"):
         monkeypatch.setattr(f"time.{name}", lambda: 3600 * next(hours))
     tasks = diamond()
     store = Store(tmp_path)
-    outcome = execute(tasks, store, InProcess(), Recorder())
-    assert store.load(tasks[-1]).n == 1112
+    outcome = execute(tasks, store, InProcess(), Loud())
+    assert set(outcome.times) == {task.key for task in tasks}
+    ends = [outcome.times[task.key][1] for task in tasks]
+    assert outcome.times[tasks[-1].key][0] >= max(ends[:-1])
     assert all(0 <= end - start < 3600 for start, end in outcome.times.values())
     assert all(0 <= store.record(task).seconds < 3600 for task in tasks)
 
@@ -130,10 +116,8 @@ def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
     broken = Task("finetune", "broken", Toy(), (tasks[1],))
     needs = Task("collect", "needs", Toy(1), (broken,))
     failures, recorder, store = run([*tasks[:2], broken, needs, *tasks[2:]], tmp_path)
-    assert reasons(failures) == {
-        broken.key: "no such thing",
-        needs.key: "finetune 'broken' failed: no such thing",
-    }
+    told = "finetune 'broken' failed: no such thing"
+    assert reasons(failures) == {broken.key: "no such thing", needs.key: told}
     assert [failures[task.key].follows for task in (broken, needs)] == [False, True]
     assert store.has(tasks[-1])
     assert ("failed", "broken", "no such thing") in recorder.log
@@ -144,10 +128,8 @@ def test_what_failed_for_good_is_not_tried_again(tmp_path, stages):
     tasks = diamond()
     known = {tasks[1].key: Failure("the data are wrong", lasting=True)}
     failures, recorder, store = run(tasks, tmp_path, known)
-    assert reasons(failures) == {
-        tasks[1].key: "the data are wrong",
-        tasks[3].key: "collect 'b' failed: the data are wrong",
-    }
+    told = "collect 'b' failed: the data are wrong"
+    assert reasons(failures) == {tasks[1].key: "the data are wrong", tasks[3].key: told}
     assert ("started", "b") not in recorder.log
     assert store.has(tasks[2])
     failures, _, store = run(tasks, tmp_path)
@@ -275,22 +257,17 @@ class Remembering(InProcess):
         return super().submit(function, task, *arguments, name=name, need=need)
 
 
-def training(n, detector="second", batch_size=8, inputs=()):
-    params = TrainingParams(
-        detector=detector,
-        classes=("Car",),
-        training=TrainingSettings(batch_size=batch_size),
-        point_range=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
-        seed=n,
-        checkpoint=None,
-    )
-    return Task("finetune", f"{detector} {n}", params, inputs, gpu=True, resumable=True)
+def training(n, batch_size=8):
+    settings, crop = TrainingSettings(batch_size=batch_size), (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+    params = TrainingParams("second", ("Car",), settings, crop, seed=n, checkpoint=None)
+    return Task("finetune", f"second {n}", params, gpu=True, resumable=True)
+
+
+class OutOfMemoryError(RuntimeError):
+    """Of the same name as torch's."""
 
 
 def test_a_gpu_that_is_too_small_for_one_frame_is_not_tried_for_ever(tmp_path, monkeypatch):
-    class OutOfMemoryError(RuntimeError):
-        """Of the same name as torch's."""
-
     tried = []
 
     def fail(params, *inputs, **how):
@@ -327,9 +304,6 @@ def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
 def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_batch(
     tmp_path, monkeypatch
 ):
-    class OutOfMemoryError(RuntimeError):
-        """Of the same name as torch's."""
-
     tried = []
 
     def train(params, *inputs, halvings, **how) -> Toy:
@@ -363,24 +337,13 @@ def test_a_network_keeps_to_its_share_of_a_gpu(tmp_path, monkeypatch, share):
     backend = Remembering()
     assert not execute([training(1)], Store(tmp_path), backend, Recorder()).failures
     assert [need.gpu_share for own in backend.needs.values() for need in own] == taken == [share]
+    assert need_of(Task("scene", "a", Toy()), share) == Need()
 
 
-def test_what_tasks_need():
-    assert need_of(training(1), 0.5) == Need(gpu_share=0.5)
-    assert need_of(Task("scene", "a", Toy()), 0.5) == Need()
-
-
-def test_late_stages_come_first():
-    scene = Task("scene", "s", Toy(0))
-    other = Task("scene", "s2", Toy(1))
+def test_late_stages_come_first_and_none_without_its_input():
+    scene, other = Task("scene", "s", Toy(0)), Task("scene", "s2", Toy(1))
     late = Task("collect", "late", Toy(2), (scene,))
-    schedule = Schedule([scene, other, late], {scene.key})
-    assert schedule.next() is late
-
-
-def test_a_task_without_its_input_is_refused():
-    scene = Task("scene", "s", Toy(0))
-    late = Task("collect", "late", Toy(2), (scene,))
+    assert Schedule([scene, other, late], {scene.key}).next() is late
     for tasks in ([late], [late, scene]):
         with pytest.raises(ValueError, match="collect 'late' comes before its input"):
             Schedule(tasks, set())
@@ -416,8 +379,7 @@ def test_no_machine_is_asked_for_where_nothing_is_left_to_run(tmp_path, stages):
 
 
 def test_work_for_a_gpu_does_not_block_the_rest():
-    on_gpu = training(1)
-    scene = Task("scene", "s", Toy(0))
+    on_gpu, scene = training(1), Task("scene", "s", Toy(0))
     schedule = Schedule([on_gpu, scene], set())
     assert schedule.next(gpu=False) is scene
     assert schedule.next(gpu=False) is None

@@ -1,31 +1,36 @@
-"""Sweeps that are killed at random moments end as those that were left alone."""
+"""Sweeps that are killed, run twice at once, or whose disk is full, end as if left alone."""
 
 import json
 import os
 import random
+import re
 import signal
+import subprocess
 import time
 from collections import Counter
 
+import pandas as pd
 import pytest
 from killing import Sweep, descendants, differences, kill_once, wait_for_end
 
+from sweeps.store.lock import locked
 from tests.forked import GUARD_S
 
 LONG_KILLS = 21
+SHORT = ("--set", "training.epochs=1", "--set", "grid={placement: [line]}")
 
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """An undisturbed sweep in one process, and the seconds that it took."""
-    sweep = Sweep(tmp_path_factory.mktemp("reference") / "sweep", "debug")
+    sweep = Sweep(tmp_path_factory.mktemp("reference") / "sweep", "debug", database=True)
     start = time.monotonic()
     sweep.finish()
     return sweep, time.monotonic() - start
 
 
 def test_processes_of_ray_killed(tmp_path, reference):
-    """A worker in the middle of a training, then the node, then the driver."""
+    """A worker in the middle of a training, then the node, then the driver; the end without Ray."""
     sweep = Sweep(tmp_path / "sweep", {"num_cpus": 2}, database=True)
     process = sweep.start()
     first = wait_for_training(sweep, process)
@@ -46,7 +51,7 @@ def test_processes_of_ray_killed(tmp_path, reference):
     assert process.wait(timeout=GUARD_S) == -signal.SIGKILL
     wait_for_end(below)
     sweep.look()
-    sweep.finish()
+    sweep.finish("--set", "ray=debug")
     assert differences(sweep, reference[0]) == []
 
 
@@ -88,3 +93,64 @@ def test_killed_at_random_many_times(tmp_path, reference):
     runs = sum(sweep.runs for sweep in sweeps)
     print(f"{dict(kinds)}, {runs} runs, {len(sweeps)} sweeps, no differences")
     assert set(kinds) == {"driver", "worker", "node"}
+
+
+def test_the_second_driver_of_a_sweep_is_refused(tmp_path):
+    sweep = Sweep(tmp_path / "sweep", "debug")
+    with locked(sweep.folder / "runs/tiny", alone=True):
+        process = sweep.start()
+        assert process.wait(timeout=GUARD_S) == 2
+    assert sweep.output().count("\n") == 1
+    assert "runs/tiny is in use by a running sweep" in sweep.output()
+    assert not (sweep.folder / "runs/store").exists()
+
+
+def test_two_sweeps_share_a_store(tmp_path):
+    """They compute the same at the same time, and create one database."""
+    sweep = Sweep(tmp_path / "sweep", "debug")
+    one, other = sweep.start(*SHORT), sweep.start(*SHORT, "--set", "name=other")
+    codes = [process.wait(timeout=GUARD_S) for process in (one, other)]
+    assert codes == [0, 0], "\n".join((sweep.folder / f"run{n}.log").read_text() for n in (1, 2))
+    for name in ("surrogates", "results"):
+        files = (sweep.folder / f"runs/{run}/{name}.parquet" for run in ("tiny", "other"))
+        ours, theirs = map(pd.read_parquet, files)
+        assert len(ours)
+        pd.testing.assert_frame_equal(ours, theirs)
+    hidden = [p.name for p in sweep.folder.glob("runs/store/*/.*")]
+    assert hidden == [], "nothing is left of the slower one"
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 1.5 MB, and a function that makes it larger."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1500k", "tmpfs", str(folder)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small disk needs the rights of root")
+
+    def grow():
+        subprocess.run(["mount", "-o", "remount,size=100m", str(folder)], check=True)
+
+    yield folder, grow
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_a_full_disk(tmp_path, small_disk):
+    disk, grow = small_disk
+    sweep = Sweep(tmp_path / "sweep", "debug", database=True)
+    options = (*SHORT, "--set", f"store={disk}/store")
+    assert sweep.start(*options).wait(timeout=GUARD_S) == 1
+    pattern = r"No space left on device: [\d.]+ MB are free on (\S+): '(\S+)'"
+    told = re.search(pattern, sweep.output())
+    assert told, sweep.output()
+    assert told[1] == str(disk)
+    assert told[2].startswith(f"{disk}/store/")
+    assert "1 of 1 trials failed" in sweep.output()
+    left = list((disk / "store").glob("*/.*.part"))
+    assert left == [], "nothing half written takes up the space"
+    grow()
+    assert sweep.start(*options).wait(timeout=GUARD_S) == 0, sweep.output()
+    trials = pd.read_parquet(sweep.folder / "runs/tiny/trials.parquet")
+    assert trials["status"].tolist() == ["finished"]
+    assert not list((sweep.folder / "runs/tiny/failed").iterdir())

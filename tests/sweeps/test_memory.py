@@ -5,9 +5,7 @@ import tracemalloc
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
-from small_log import write_small_log
-from typer.testing import CliRunner
+from small_log import write_sweep
 
 from lidarplace import OccupancyGrid, Roi
 from lidarplace.logs.box_log import BoxLog
@@ -21,16 +19,7 @@ from sweeps.tasks.parameters import PogParams
 from sweeps.tasks.stages import FUNCTIONS
 from sweeps.tasks.task import Task
 from tests.sweeps.search_files import write_search
-
-SWEEP = {
-    "scene": {"source": "log", "folder": "log"},
-    "classes": ["Car"],
-    "detector": None,
-    "lidar": {"azimuth_steps": 90},
-    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
-    "ray": "debug",
-    "placement": "line",
-}
+from tests.sweeps.toy import call
 
 
 @pytest.mark.filterwarnings("ignore:.*are larger than 50 m")
@@ -69,16 +58,14 @@ def test_what_is_not_covered_is_summed_layer_by_layer():
 def small_machine(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(memory, "machine_memory", lambda: (90_000, 50_000))
-    write_small_log(tmp_path / "log")
-    (tmp_path / "small.yaml").write_text(yaml.safe_dump(SWEEP))
+    write_sweep(tmp_path, "small.yaml", detector=None, placement="line")
     return tmp_path
 
 
 def test_what_cannot_fit_never_starts(small_machine):
     told = "surrogate.resolution: 1.25e+04 voxels of 0.8 m need 100.0 kB of memory (pog)"
     for arguments in (["--dry-run"], ["--dry-run", "--json"], []):
-        found = CliRunner().invoke(run.app, ["small.yaml", *arguments])
-        assert found.exit_code == 2
+        found = call(run.app, "small.yaml", *arguments, code=2)
         assert found.stderr.startswith(told)
         assert len(found.stderr.splitlines()) == 1
         assert not (small_machine / "runs" / "store" / "pog").exists()
@@ -95,6 +82,4 @@ def test_a_cluster_has_memory_of_its_own(small_machine):
 def test_a_search_that_cannot_fit_never_starts(small_machine):
     path = write_search(small_machine)
     for arguments in (["--dry-run"], []):
-        found = CliRunner().invoke(search_app, [str(path), *arguments])
-        assert found.exit_code == 2, found.output
-        assert "of memory (pog)" in found.stderr
+        assert "of memory (pog)" in call(search_app, path, *arguments, code=2).stderr

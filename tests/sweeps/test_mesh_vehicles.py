@@ -5,15 +5,14 @@ import json
 import pickle
 import re
 import shutil
+import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 from search_files import write_search
-from small_log import write_small_log
-from test_detector_sweep import Loud
-from typer.testing import CliRunner
+from small_log import write_sweep
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.clouds.collect import collect
@@ -25,21 +24,20 @@ from sweeps.commands.requirements import app as requirements
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.question import read_question
-from sweeps.execution.backends import InProcess
-from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
-from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.rigs import write_rigs_page
-from sweeps.results.run_folder import Run, write_run
+from sweeps.search.problem.choice import Choice
+from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
-from sweeps.store.local import Store
+from tests.sweeps.toy import call, ran
 from tracking.run_folders.sweep import RunFolder
 
 trimesh = pytest.importorskip("trimesh")
 
 LOW, HIGH = (-2.0, -0.9, 0.2), (2.0, 0.9, 1.5)
 BOX = Vehicle("vehicle", np.array([[LOW, HIGH]]))
+PEOPLE = {"name": "people", "where": {"distance": [0.5, 2]}, "what": "Pedestrian", "step": 0.5}
 
 
 def solid():
@@ -48,21 +46,13 @@ def solid():
 
 @pytest.fixture
 def folder(tmp_path):
-    write_small_log(tmp_path / "log")
     solid().export(tmp_path / "body.stl")
     return tmp_path
 
 
 def sweep_file(folder, name="grid.yaml", **changes):
-    base = {
-        "scene": {"source": "log", "folder": str(folder / "log")},
-        "placement": "line",
-        "classes": ["Car"],
-        "vehicle": {"mesh": "body.stl"},
-        "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
-    }
-    (folder / name).write_text(yaml.safe_dump(base | changes))
-    return folder / name
+    base = {"placement": "line", "vehicle": {"mesh": "body.stl"}}
+    return write_sweep(folder, name, **base | changes)
 
 
 def body_of(folder, vehicle):
@@ -85,30 +75,17 @@ def test_units_axes_and_origin(folder):
     file.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
     file.apply_scale(1000)
     file.export(folder / "cad.obj")
-    told = {
-        "mesh": "cad.obj",
-        "scale": 0.001,
-        "roll_deg": 90,
-        "yaw_deg": 180,
-        "origin": [0, 0, 0.2],
-    }
+    told = {"mesh": "cad.obj", "scale": 0.001, "roll_deg": 90, "yaw_deg": 180}
+    told["origin"] = [0, 0, 0.2]
     np.testing.assert_allclose(body_of(folder, told).extents, [[LOW, HIGH]], atol=1e-6)
 
 
 def broken(folder):
     """Files that are wrong, the vehicle that names each, and the end of the line."""
-    huge = solid()
-    huge.apply_scale(1000)
-    huge.export(folder / "mm.stl")
-    tiny = solid()
-    tiny.apply_scale(0.001)
-    tiny.export(folder / "tiny.stl")
-    low = solid()
-    low.apply_translation([0, 0, -0.85])
-    low.export(folder / "low.stl")
-    away = solid()
-    away.apply_translation([60, 0, 0])
-    away.export(folder / "away.stl")
+    solid().apply_scale(1000).export(folder / "mm.stl")
+    solid().apply_scale(0.001).export(folder / "tiny.stl")
+    solid().apply_translation([0, 0, -0.85]).export(folder / "low.stl")
+    solid().apply_translation([60, 0, 0]).export(folder / "away.stl")
     (folder / "empty.stl").write_bytes(b"")
     (folder / "text.obj").write_text("hello\n")
     (folder / "cut.stl").write_bytes((folder / "body.stl").read_bytes()[:300])
@@ -128,9 +105,6 @@ def broken(folder):
         ("body.xyz", "body.xyz: "),
         ("line.obj", "a mesh needs triangles that have an area, found none"),
         ("nan.obj", "nan.obj: "),
-        ({"mesh": "body.stl", "scale": 0}, "vehicle.scale: expected more than 0, found 0"),
-        ({"scale": 2.0}, "scale: needs mesh"),
-        ({"mash": "body.stl"}, "vehicle.mash: unknown key (did you mean mesh?)"),
     ]
 
 
@@ -145,21 +119,15 @@ def test_wrong_files_are_one_line(folder):
         assert message in line, line
 
 
-def test_too_many_triangles(folder, monkeypatch):
+def test_too_many_triangles_and_no_trimesh(folder, monkeypatch):
     monkeypatch.setattr("lidarplace.mounting.mesh_file.MOST_TRIANGLES", 11)
-    with pytest.raises(
-        ConfigError, match=r"body\.stl: 12 triangles; expected at most 11; simplify the mesh"
-    ):
+    told = r"body\.stl: 12 triangles; expected at most 11; simplify the mesh"
+    with pytest.raises(ConfigError, match=told):
         read_sweep(sweep_file(folder))
-
-
-def test_without_trimesh_the_line_says_what_to_install(folder, monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    (folder / "another.stl").write_bytes((folder / "body.stl").read_bytes())
+    shutil.copy(folder / "body.stl", folder / "another.stl")
     with pytest.raises(ConfigError, match=r"pip install 'lidarplace\[mesh\]'"):
-        read_sweep(sweep_file(folder, vehicle="another.stl"))
+        body_of(folder, "another.stl")
 
 
 def test_an_open_mesh_is_read_and_stops_rays(folder):
@@ -229,29 +197,10 @@ def test_mounts_inside_are_refused(folder):
 
 def test_searches_with_a_mesh_measure_as_with_the_box(folder):
     zones = {"front": {"x": [1.5, 2.6], "y": [-0.5, 0.5], "z": 0.7}}
-    requirement = {
-        "name": "people",
-        "where": {"distance": [0.5, 2]},
-        "what": "Pedestrian",
-        "at_least": {"points": 3},
-        "step": 0.5,
-    }
-    ground = {
-        "name": "ground",
-        "where": {"distance": [0.2, 2], "z": [0, 1]},
-        "at_least": {"coverage": 0.1},
-        "step": 0.5,
-    }
-    search = {
-        "lidars": 1,
-        "zones": zones,
-        "constraints": {"body_share": 0.6},
-        "requirements": [requirement, ground],
-        "greedy": None,
-    }
-    from sweeps.search.problem.choice import Choice
-    from sweeps.search.problem.constraints import measures_of
-
+    ground = {"name": "ground", "where": {"distance": [0.2, 2], "z": [0, 1]}, "step": 0.5}
+    needs = [PEOPLE | {"at_least": {"points": 3}}, ground | {"at_least": {"coverage": 0.1}}]
+    search = {"lidars": 1, "zones": zones, "constraints": {"body_share": 0.6}}
+    search |= {"requirements": needs, "greedy": None}
     rig = (Choice("lidar", "front", Mount(2.31, 0.1, 0.7)),)
     found = []
     for vehicle in ({"mesh": "body.stl"}, [[LOW, HIGH]]):
@@ -264,8 +213,8 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
 
 
 def test_a_caution_says_how_much_a_mesh_stops(folder):
-    rigs = {"low": {"mounts": [{"z": 2.0}, {"z": 1.52}]}}
-    changes = {"placements": rigs, "placement": "low", "detector": None}
+    changes = {"placements": {"low": {"mounts": [{"z": 2.0}, {"z": 1.52}]}}, "detector": None}
+    changes["placement"] = "low"
     own, other = (
         rig_cautions(make_plan(read_sweep(sweep_file(folder, vehicle=vehicle, **changes))))
         for vehicle in ("body.stl", [[LOW, HIGH]])
@@ -276,14 +225,8 @@ def test_a_caution_says_how_much_a_mesh_stops(folder):
 
 def test_the_run_folder_of_a_sweep_has_the_mesh(folder):
     sweep = read_sweep(sweep_file(folder, detector=None))
-    plan, store, outcome = make_plan(sweep), Store(folder / "store"), Outcome()
-    (folder / "body.stl").unlink()  # it was read when the sweep began
-    execute(plan.tasks, store, InProcess(), Loud(), outcome)
-    run = Run(
-        outcome, Promotion(complete=True), set(), 1, "sweeps.commands.run grid.yaml", 0.0, 1.0
-    )
-    write_run(folder / "run", sweep, plan, store, run)
-    body = RunFolder.read(folder / "run").sweep.body
+    (folder / "body.stl").unlink()  # it has been read
+    body = RunFolder.read(ran(sweep, folder)[-1]).sweep.body
     assert len(body.mesh.faces) == 12
     np.testing.assert_allclose(body.extents, [[LOW, HIGH]])
 
@@ -309,28 +252,16 @@ def test_requirements_and_their_page(folder):
         "lidar": {"beams": 8, "azimuth_steps": 180},
         "vehicle": "body.stl",
         "placements": {"mine": {"mounts": [{"z": 1.8}, {"x": 0.5, "z": 1.8}]}},
-        "requirements": [
-            {
-                "name": "people",
-                "where": {"distance": [0.5, 2]},
-                "what": "Pedestrian",
-                "at_least": {"points": 1},
-                "step": 0.5,
-            }
-        ],
+        "requirements": [PEOPLE | {"at_least": {"points": 1}}],
     }
     path = folder / "needs.yaml"
     path.write_text(yaml.safe_dump(file))
     assert len(read_question(path).vehicle.mesh.faces) == 12
-    result = CliRunner().invoke(requirements, [str(path), "--out", str(folder / "out")])
-    assert result.exit_code in (0, 1), result.output
-    boxes = CliRunner().invoke(
-        requirements,
-        [str(path), "--out", str(folder / "boxes"), "--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"],
-    )
-    assert boxes.exit_code == result.exit_code
-    own, other = (pd.read_csv(folder / f"{name}.csv") for name in ("out", "boxes"))
-    pd.testing.assert_frame_equal(own, other, rtol=1e-5)
+    tables = []
+    for name, changes in (("mesh", []), ("boxes", ["--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"])):
+        call(requirements, path, "--out", folder / name, *changes)
+        tables.append(pd.read_csv(folder / f"{name}.csv"))
+    pd.testing.assert_frame_equal(*tables, rtol=1e-5)
 
 
 def test_a_studio_s_file(folder):

@@ -5,12 +5,11 @@ import re
 
 import numpy as np
 import pytest
-import yaml
 from search_files import write_search
-from small_log import write_small_log
-from typer.testing import CliRunner
+from small_log import write_sweep
 
-from lidarplace import Mount, Placement
+from lidarplace import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.clouds.own_body import check_mounts
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.commands.run import app
 from sweeps.configuration.file import ConfigError
@@ -22,25 +21,15 @@ from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
 from sweeps.tasks.task import plain
+from tests.sweeps.toy import call
 
 NOSE = {"x": 2.25, "z": 0.6}
 TRUCK = [[[-4.0, -1.2, 0.3], [4.0, 1.2, 3.0]]]
 
 
 def sweep_file(folder, **changes):
-    if not (folder / "log").exists():
-        write_small_log(folder / "log")
-    path = folder / "grid.yaml"
-    base = {
-        "scene": {"source": "log", "folder": str(folder / "log")},
-        "placements": {"nose": {"mounts": [{"z": 2.0}, NOSE]}},
-        "placement": "nose",
-        "classes": ["Car"],
-        "detector": "pointpillars_tiny",
-        "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
-    }
-    path.write_text(yaml.safe_dump(base | changes))
-    return path
+    base = {"placements": {"nose": {"mounts": [{"z": 2.0}, NOSE]}}, "placement": "nose"}
+    return write_sweep(folder, **base | changes)
 
 
 @pytest.mark.parametrize(
@@ -70,10 +59,8 @@ def test_of_a_sweep(tmp_path, mount, vehicle, held):
         read_sweep(path)
     at = tuple(mount.get(axis, 0) for axis in "xyz")
     place = ", ".join(f"{value:g}" for value in at)
-    assert str(refused.value) == (
-        f"{path}: placement 'mine': LiDAR 2 at ({place}) is inside the vehicle's body, which the "
-        "key vehicle describes"
-    )
+    told = f"LiDAR 2 at ({place}) is inside the vehicle's body, which the key vehicle describes"
+    assert str(refused.value) == f"{path}: placement 'mine': {told}"
 
 
 def test_an_axis_of_vehicles_names_the_one_in_which_it_is(tmp_path):
@@ -123,9 +110,7 @@ def test_a_sweep_with_a_blind_lidar_is_refused(tmp_path):
 
     sky = {"placement": "sky", "detector": None}
     for arguments in (["--dry-run"], []):
-        done = CliRunner().invoke(app, [str(path(**sky)), *arguments])
-        assert done.exit_code == 2
-        (line,) = done.stderr.splitlines()
+        (line,) = call(app, path(**sky), *arguments, code=2).stderr.splitlines()
         assert re.search(f"placement 'sky': {SEES_NOTHING}", line)
         assert line.endswith("or set allow_blind_lidars: true")
     read_sweep(path(**sky, allow_blind_lidars=True))
@@ -204,9 +189,6 @@ def test_a_search_of_objects_has_its_vehicle(tmp_path):
 
 
 def test_the_paper_s_rigs_are_above_the_car():
-    from lidarplace import PAPER_PLACEMENTS
-    from lidarplace.clouds.own_body import check_mounts
-
     for rig in PAPER_PLACEMENTS.values():
         check_mounts(rig, None)
         check_mounts(rig, Vehicle.car())

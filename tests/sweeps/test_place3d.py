@@ -5,14 +5,14 @@ import random
 
 import numpy as np
 import pytest
-import yaml
-from typer.testing import CliRunner
+from small_log import write_sweep
 
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log, read_rigs
 from sweeps.plan.plan import read_plan
 from sweeps.tasks import stages
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.sweeps.toy import call
 from tracking.published import place3d_detection, place3d_placements
 
 CATEGORIES = ["vehicle.car", "vehicle.bus.rigid", "human.pedestrian.adult"]
@@ -66,28 +66,16 @@ def write_cloud(path, boxes):
 def test_it_is_read_as_a_recorded_placement(tmp_path, place3d, monkeypatch):
     (tmp_path / "val.txt").write_text("carla-1005\n")
     monkeypatch.chdir(tmp_path)
-
-    result = CliRunner().invoke(
-        app, ["nuscenes", "center", "log", "--test-scenes", "val.txt", "--clouds", "center"]
-    )
-
-    assert result.exit_code == 0, result.output
+    call(app, "nuscenes", "center", "log", "--test-scenes", "val.txt", "--clouds", "center")
     log = read_box_log(tmp_path / "log")
     assert log.frames.groupby("split").size().to_dict() == {"test": 2, "train": 8}
     assert (log.boxes["class"] == "Car").all()
     rigs = read_rigs(tmp_path / "log")
     assert {rig.names for rig in rigs.values()} == {("LIDAR_TOP",)}
     assert rigs["carla-1001"].placement.mounts[0].z == pytest.approx(HEIGHT)
-    sweep = {
-        "scene": {"source": "log", "folder": "log", "clouds": "recorded"},
-        "classes": ["Car"],
-        "placements": {"merged": {"recorded": ["LIDAR_TOP"]}},
-        "surrogate": {"accuracy": False, "sampling_error": False},
-        "detector": "pointpillars_tiny",
-        "grid": {"placement": ["merged"]},
-    }
-    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(sweep))
-    _, plan = read_plan(tmp_path / "sweep.yaml")
+    scene = {"source": "log", "folder": "log", "clouds": "recorded"}
+    keys = {"placements": {"merged": {"recorded": ["LIDAR_TOP"]}}, "placement": "merged"}
+    _, plan = read_plan(write_sweep(tmp_path, scene=scene, **keys))
     (trial,) = plan.trials
     (test,) = trial.collect_test
     found = stages.collect(test.params, log)

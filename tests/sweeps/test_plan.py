@@ -8,8 +8,6 @@ import torch
 import yaml
 
 from lidarplace.files.tables import read_parquet
-from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
 from lidarplace.rigs.weather import Weather
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
@@ -32,28 +30,33 @@ def stages(plan):
 
 
 def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path):
-    plan = plan_of(
-        tmp_path,
-        grid={"placement": ["line", "center"], "training.lr": [0.01, 0.02], "seed": [1, 2]},
-    )
-    assert stages(plan) == {
-        "scene": 2,  # a town to train and one to test
-        "ground_truth": 2,
-        "pog": 1,
-        "surrogates": 2,
-        "recall": 2,
-        "accuracy": 2,
-        "sampling_error": 2,
-        "collect": 4,  # train and test
-        "finetune": 8,
-        "evaluate": 8,
-    }
+    grid = {"placement": ["line", "center"], "training.lr": [0.01, 0.02], "seed": [1, 2]}
+    plan = plan_of(tmp_path, grid=grid)
+    # A town to train and one to test; clouds of both.
+    twos = ("scene", "ground_truth", "surrogates", "recall", "accuracy", "sampling_error")
+    of_clouds = {"collect": 4, "finetune": 8, "evaluate": 8}
+    assert stages(plan) == dict.fromkeys(twos, 2) | {"pog": 1} | of_clouds
+    seen = set()
+    for task in plan.tasks:
+        assert all(needed.key in seen for needed in task.inputs)
+        seen.add(task.key)
+    label = "line · pointpillars_tiny · seed 1 · training.lr=0.01"
+    assert plan.trials[0].label == label
 
 
-def test_a_finer_grid_trains_nothing_again(tmp_path):
-    found = stages(plan_of(tmp_path, grid={"surrogate.resolution": [0.1, 0.2]}))
-    assert (found["pog"], found["surrogates"]) == (2, 2)
-    assert (found["scene"], found["collect"], found["finetune"]) == (2, 2, 1)
+@pytest.mark.parametrize(
+    ("axis", "values", "counts"),
+    [
+        ("surrogate.resolution", [0.1, 0.2], {"pog": 2, "surrogates": 2, "scene": 2, "collect": 2}),
+        ("surrogate.detection_probability", [0.1, 0.2], {"surrogates": 2, "collect": 2}),
+        ("scene.density", [40, 80], {"scene": 4, "collect": 4, "finetune": 2}),
+    ],
+)
+def test_an_axis_makes_other_work_of_what_depends_on_it_alone(tmp_path, axis, values, counts):
+    plan = plan_of(tmp_path, grid={axis: values})
+    counts = {"finetune": 1} | counts
+    assert {stage: stages(plan)[stage] for stage in counts} == counts
+    assert len(plan.trials) == 2
 
 
 def test_studies_are_of_placements_spread_over_the_grid(tmp_path):
@@ -84,18 +87,6 @@ def test_studies_are_of_placements_spread_over_the_grid(tmp_path):
     assert {t.key for t in fewer.tasks} < {t.key for t in found.tasks}, "results are shared"
     changes |= {"promote": [{"by": "expected_ig", "keep": 3}]}
     assert studied(plan_of(tmp_path, **changes)) == [*own], "whatever goes on"
-
-
-def test_another_density_is_another_scene(tmp_path):
-    found = stages(plan_of(tmp_path, grid={"scene.density": [40, 80]}))
-    assert (found["scene"], found["collect"], found["finetune"]) == (4, 4, 2)
-
-
-def test_tasks_stand_after_their_inputs(tmp_path):
-    seen = set()
-    for task in plan_of(tmp_path, grid={"placement": ["line", "center"], "seed": [1, 2]}).tasks:
-        assert all(needed.key in seen for needed in task.inputs)
-        seen.add(task.key)
 
 
 def trained_and_evaluated(plan, workers):
@@ -138,18 +129,6 @@ def test_keys_depend_on_content_alone(tmp_path):
     assert [t.key for t in again.tasks] == [t.key for t in plan.tasks]
 
 
-def test_further_axes_are_in_the_trials_name(tmp_path):
-    plan = plan_of(tmp_path, grid={"scene.density": [40], "seed": [3]})
-    assert plan.trials[0].label == "line · pointpillars_tiny · seed 3 · scene.density=40"
-
-
-def test_a_checkpoint_that_does_not_fit(tmp_path):
-    path = tmp_path / "weights.pt"
-    write_tiny(path, ["Car"])
-    with pytest.raises(ConfigError, match=r"training.checkpoint: .*other classes"):
-        plan_of(tmp_path, classes=["Car", "Cyclist"], training={"checkpoint": str(path)})
-
-
 def write_tiny(path, classes):
     state = build_detector("pointpillars_tiny", classes).state_dict()
     write_checkpoint(path, state, "pointpillars_tiny", classes)
@@ -164,6 +143,8 @@ def test_a_checkpoint_counts_by_its_content(tmp_path):
     second = plan_of(tmp_path, **settings).trials[0]
     assert first.finetune.key != second.finetune.key
     assert [task.key for task in first.collect_test] == [task.key for task in second.collect_test]
+    with pytest.raises(ConfigError, match=r"training.checkpoint: .*other classes"):
+        plan_of(tmp_path, **settings | {"classes": ["Car", "Cyclist"]})
 
 
 def inputs_of(task, stage):
@@ -184,18 +165,15 @@ def test_every_simulation_is_a_task_and_training_sees_those_of_its_split(tmp_pat
 
 
 def test_with_the_papers_split_every_simulation_trains_and_tests(tmp_path):
-    plan = plan_of(tmp_path, scene={"split": "paper", "routes": 2, "test_routes": 0})
+    scene = {"split": "paper", "routes": 2, "test_routes": 0}
+    plan = plan_of(tmp_path, scene=scene)
     assert stages(plan)["scene"] == 1
     trial = plan.trials[0]
     (train,), (test,) = inputs_of(trial.finetune, "collect"), inputs_of(trial.evaluate, "collect")
     assert train.inputs == test.inputs == trial.scenes
     assert (train.params.split, test.params.split) == ("train", "test")
-
-
-def test_another_town_leaves_the_first_as_it_is(tmp_path):
-    one = plan_of(tmp_path, scene={"split": "paper", "test_routes": 0})
-    two = plan_of(tmp_path, scene={"split": "paper", "test_routes": 0, "towns": ["generated"] * 2})
-    assert one.trials[0].scenes[0].key == two.trials[0].scenes[0].key
+    two = plan_of(tmp_path, scene=scene | {"towns": ["generated"] * 2})
+    assert trial.scenes[0].key == two.trials[0].scenes[0].key, "another town leaves it as it is"
 
 
 def test_quirks_change_the_clouds_alone(tmp_path):
@@ -224,28 +202,14 @@ def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
         assert {lidar.azimuth_steps for lidar in task.params.placement.lidars} == {steps}
 
 
-def test_surrogates_of_another_detection_probability_are_other_work(tmp_path):
-    grid = {"placement": ["line"], "surrogate.detection_probability": [0.1, 0.2]}
-    assert len(plan_of(tmp_path, grid=grid).trials) == 2
-
-
 def test_a_log_of_ones_own(tmp_path):
-    frames = pd.DataFrame(
-        {
-            "scene": "a",
-            "frame": [1, 2, 3],
-            "timestamp_s": 0.0,
-            "route": 0,
-            "split": ["train", "train", "test"],
-        }
-    )
-    boxes = pd.DataFrame(columns=list(BOX_COLUMNS)).astype({"frame": int})
-    boxes = boxes.astype(dict.fromkeys(GEOMETRY, float))
-    write_box_log(tmp_path / "log", BoxLog(boxes, frames))
-    plan = plan_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
+    write_small_log(tmp_path / "log")
+    log = {"scene": {"source": "log", "folder": str(tmp_path / "log")}, "classes": ["Car"]}
+    plan = plan_of(tmp_path, **log)
     assert (stages(plan)["scene"], stages(plan)["collect"]) == (1, 2)
-    write_box_log(tmp_path / "log", BoxLog(boxes, frames.assign(route=[0, 1, 2])))
-    again = plan_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
+    frames = pd.read_parquet(tmp_path / "log/frames.parquet")
+    frames.assign(route=range(4)).to_parquet(tmp_path / "log/frames.parquet")
+    again = plan_of(tmp_path, **log)
     assert plan.trials[0].scenes[0].key != again.trials[0].scenes[0].key, "content counts"
 
 
@@ -256,14 +220,10 @@ def test_more_placements_read_no_more_of_a_log(tmp_path, monkeypatch):
         "lidarplace.logs.box_log.read_parquet",
         lambda *a, **k: read.append(a) or read_parquet(*a, **k),
     )
+    scene = {"source": "log", "folder": str(tmp_path / "log")}
     for placements in (["line", "center"], ["line", "center", "pyramid", "trapezoid"]):
         read.clear()
-        plan = plan_of(
-            tmp_path,
-            scene={"source": "log", "folder": str(tmp_path / "log")},
-            classes=["Car"],
-            grid={"placement": placements},
-        )
+        plan = plan_of(tmp_path, scene=scene, classes=["Car"], grid={"placement": placements})
         assert {t.grid_point.point.scene.frame_counts() for t in plan.trials} == {(3, 1)}
         reads.append(len(read))
     assert reads[0] == reads[1]
@@ -272,13 +232,8 @@ def test_more_placements_read_no_more_of_a_log(tmp_path, monkeypatch):
 def test_weather_is_seen_by_clouds_and_surrogates_alone(tmp_path):
     air = {"visibility": 100, "rain": 5}
     plan = plan_of(tmp_path, placement="center", grid={"weather": [{}, air]})
-    assert stages(plan)["pog"] == 1
-    assert (stages(plan)["scene"], stages(plan)["ground_truth"]) == (2, 2)
-    assert (stages(plan)["collect"], stages(plan)["surrogates"], stages(plan)["recall"]) == (
-        4,
-        2,
-        2,
-    )
+    counts = {"pog": 1, "scene": 2, "ground_truth": 2, "collect": 4, "surrogates": 2, "recall": 2}
+    assert {stage: stages(plan)[stage] for stage in counts} == counts
     clear, dim = (
         {task.key for task in plan.tasks if trial_weather(task) == weather}
         for weather in (0.0, Weather(100.0, 5.0).extinction(905e-9))
@@ -314,9 +269,7 @@ def test_a_generalist_is_trained_once_on_rigs_that_it_does_not_judge(tmp_path):
         assert len({params.placement.mounts for params in collected}) == 6
         assert not {params.placement.mounts for params in collected} & judged
         assert {params.split for params in collected} == {"train"}
-        frames = Counter(
-            frame for params in collected for frame in range(30)[params.first :: params.every]
-        )
+        frames = Counter(f for own in collected for f in range(30)[own.first :: own.every])
         assert set(frames.values()) == {2}  # each frame under so many rigs
 
 
@@ -329,14 +282,9 @@ def test_a_generalist_is_shared_by_sweeps_and_by_those_who_start_from_it(tmp_pat
     assert [trial.finetune.inputs[0] for trial in tuned] == [generalist] * 2
     own = [t for t in plan.trials if t.grid_point.point.judge == "specialist"]
     assert all(task.stage != "pretrain" for trial in own for task in trial.finetune.inputs)
-    same = plan_of(
-        tmp_path,
-        generalist=FEW,
-        judge="generalist",
-        training={"epochs": 2},
-        scene={"test_seed": 5},
-        grid={"placement": ["center", "line"]},
-    )
+    other = {"training": {"epochs": 2}, "scene": {"test_seed": 5}}
+    grid = {"placement": ["center", "line"]}
+    same = plan_of(tmp_path, generalist=FEW, judge="generalist", grid=grid, **other)
     assert generalist.key in {task.key for task in same.tasks}
     assert not {trial.evaluate.key for trial in same.trials} & {task.key for task in plan.tasks}
 
@@ -385,21 +333,15 @@ def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):
 def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     high = {"high": {"mounts": [{"x": 0, "y": y, "z": 2.2} for y in (-0.6, -0.2, 0.2, 0.6)]}}
     named = {f"p{z}": {"mounts": [{"x": 0, "y": y, "z": z} for y in range(4)]} for z in (1, 2)}
-    plan = plan_of(
-        tmp_path,
-        placements=high | named,
-        placement="high",
-        judge="generalist",
-        generalist={"rigs": list(named)},
-        vehicle=[],
-    )
+    judge = {"judge": "generalist", "generalist": {"rigs": list(named)}}
+    rigs = {"placements": high | named, "placement": "high", "vehicle": []}
+    plan = plan_of(tmp_path, **judge, **rigs)
     coincide, facing, outside = rig_cautions(plan)
     assert facing.startswith("high: LiDARs 1 and 2, 1 and 3, 1 and 4 and 3 pairs more look into ea")
     assert coincide.startswith("high: ")
     assert "pitches of −0.75, −0.25, +0.25, +0.75 degrees" in coincide
-    assert outside == (
-        "high is outside of the rigs that the generalist has seen: y by 0.60 m, z by 0.20 m."
-    )
+    seen = "high is outside of the rigs that the generalist has seen"
+    assert outside == f"{seen}: y by 0.60 m, z by 0.20 m."
 
 
 def test_cautions_name_lidars_that_see_little_or_the_vehicle(tmp_path):
@@ -429,16 +371,11 @@ def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_pat
         (said if "rings" in line else facing).append(line)
     assert len(facing) == MOST_NAMED + 1
     assert facing[-1].startswith("So do LiDARs of ")
-    shares = {
-        trial.grid_point.point.placement: trial.interleaving.before
-        for trial in plan.trials
-        if trial.interleaving is not None
-    }
-    most = sorted(shares, key=lambda name: -shares[name])
+    known = [trial for trial in plan.trials if trial.interleaving is not None]
+    shares = {trial.grid_point.point.placement: trial.interleaving.before for trial in known}
+    most = sorted(shares, key=lambda name: -shares[name])[:MOST_NAMED]
     assert len(shares) > MOST_NAMED
-    assert [line.split(":")[0] for line in said[:-1]] == sorted(
-        most[:MOST_NAMED], key=list(rigs).index
-    )
+    assert [line.split(":")[0] for line in said[:-1]] == sorted(most, key=list(rigs).index)
     assert said[-1].startswith(f"So do rings of {len(shares) - MOST_NAMED} rigs more, of each at")
 
 

@@ -5,12 +5,9 @@ import hashlib
 import numpy as np
 import pytest
 import torch
-import yaml
-from small_log import write_small_log
-from typer.testing import CliRunner
+from small_log import write_sweep
 
 from sweeps.commands.pretrain import app
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
@@ -18,40 +15,25 @@ from sweeps.plan.plan import make_plan
 from sweeps.plan.pretrain_task import pretrain_task, training_of
 from sweeps.store.local import Store
 from sweeps.tasks.task import with_inputs
+from tests.sweeps.toy import Loud, call
 from training import build_detector
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 TINY = {
-    "lidar": {"azimuth_steps": 240},
-    "surrogate": {"resolution": 0.4},
+    "classes": ["Car", "Cyclist", "Pedestrian"],
     "training": {"epochs": 2, "batch_size": 2},
-    "ray": "debug",
     "grid": {"placement": ["line", "center"], "seed": [1, 2], "lidar.range_noise": [0.0, 0.02]},
 }
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pretrain")
-    write_small_log(folder / "log")
-    return folder
+    return tmp_path_factory.mktemp("pretrain")
 
 
 def write(folder, **changes):
-    path = folder / "grid.yaml"
-    scene = {"source": "log", "folder": str(folder / "log")}
-    path.write_text(
-        yaml.safe_dump(TINY | {"scene": scene, "output": str(folder / "runs")} | changes)
-    )
-    return path
-
-
-class Quiet:
-    def started(self, task): ...
-    def finished(self, task): ...
-    def failed(self, task, reason, log):
-        print(reason, log)
+    return write_sweep(folder, **TINY | changes)
 
 
 def digest(path):
@@ -80,9 +62,8 @@ def test_the_clouds_of_all_placements_train_together(folder):
         assert needed.key not in seen
         assert needed.key in known or needed is task
         seen.add(needed.key)
-    assert {item.stage for item in with_inputs([task])} == {
-        "scene", "ground_truth", "collect", "pretrain",
-    }  # fmt: skip
+    stages = {item.stage for item in with_inputs([task])}
+    assert stages == {"scene", "ground_truth", "collect", "pretrain"}
 
 
 def test_the_range_holds_that_of_every_placement(folder):
@@ -94,27 +75,11 @@ def test_the_range_holds_that_of_every_placement(folder):
     assert list(task.params.point_range) == expected
 
 
-@pytest.mark.parametrize(
-    ("axis", "values"),
-    [
-        ("detector", ["pointpillars_tiny", "pointpillars_paper"]),
-        ("training.lr", [0.01, 0.02]),
-        ("classes", [["Car"], ["Car", "Cyclist"]]),
-        ("roi.x", [[0, 40], [0, 30]]),
-    ],
-)
-def test_a_base_is_one_network_of_one_scene(folder, axis, values):
-    with pytest.raises(ConfigError, match=rf"grid\.{axis}: a base is trained for one value"):
-        planned(write(folder, grid={"placement": ["line"], axis: values}))
-
-
 def test_the_command_writes_weights_to_start_from(folder):
     config, out = write(folder), folder / "weights" / "base.pt"
-    done = CliRunner().invoke(app, [str(config), "--out", str(out)])
-    assert done.exit_code == 0, done.output
-    assert "pointpillars_tiny · 4 rigs, classes Car, Cyclist, Pedestrian, from scratch" in (
-        done.output
-    )
+    done = call(app, config, "--out", out)
+    told = "pointpillars_tiny · 4 rigs, classes Car, Cyclist, Pedestrian, from scratch"
+    assert told in done.output
     content = torch.load(out, weights_only=True)
     assert content["detector"] == "pointpillars_tiny"
     assert content["classes"] == ["Car", "Cyclist", "Pedestrian"], "all, also those without object"
@@ -122,12 +87,9 @@ def test_the_command_writes_weights_to_start_from(folder):
     build_detector("pointpillars_tiny", content["classes"]).load_state_dict(content["model_state"])
     unfinished = list((folder / "runs" / "store" / "pretrain").glob(".*"))
     assert not unfinished
-
-    again = CliRunner().invoke(app, [str(config), "--out", str(folder / "again.pt")])
-    assert again.exit_code == 0, again.output
+    call(app, config, "--out", folder / "again.pt")
     other = torch.load(folder / "again.pt", weights_only=True)["model_state"]
     assert all(torch.equal(value, other[key]) for key, value in content["model_state"].items())
-
     # A trial from scratch has heads for what occurs, one from the base those of the base.
     store = Store(folder / "runs" / "store")
     for override, weights, classes in (
@@ -135,27 +97,16 @@ def test_the_command_writes_weights_to_start_from(folder):
         (f"training.checkpoint={out}", f"base.pt sha256:{digest(out)}", content["classes"]),
     ):
         trial = make_plan(read_sweep(config, [override])).trials[0]
-        failures = execute(with_inputs([trial.evaluate]), store, InProcess(), Quiet()).failures
-        assert not failures
+        execute(with_inputs([trial.evaluate]), store, InProcess(), Loud())
         training = store.load(trial.finetune)
         assert (training.weights, training.classes) == (weights, classes)
         reported = store.load(trial.evaluate).metrics["class"]
         assert set(content["classes"]) <= set(reported), "all that the configuration names"
 
 
-def test_a_mistake_is_one_line_and_exit_code_2(folder):
-    detectors = ["pointpillars_tiny", "second_tiny"]
-    config = write(folder, grid={"placement": ["line"], "detector": detectors})
-    done = CliRunner().invoke(app, [str(config), "--out", str(folder / "none.pt")])
-    assert done.exit_code == 2
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith(f"{config}: grid.detector: a base is trained for one value")
-    assert not (folder / "none.pt").exists()
-    for out, told in (("/proc/none.pt", "/proc"), (str(folder), f"--out {folder}: is a folder")):
-        done = CliRunner().invoke(app, [str(write(folder)), "--out", out])
-        assert done.exit_code == 2
-        assert done.stderr.count("\n") == 1
-        assert told in done.stderr
+def test_a_file_that_cannot_be_written_is_told_before_anything_is_trained(folder):
+    (line,) = call(app, write(folder), "--out", "/proc/none.pt", code=2).stderr.splitlines()
+    assert "/proc" in line
 
 
 def test_a_base_does_not_start_from_itself(folder):
@@ -164,19 +115,15 @@ def test_a_base_does_not_start_from_itself(folder):
     config = write(folder, grid={"placement": ["line"]}, **small)
     digests = set()
     for _ in range(2):
-        done = CliRunner().invoke(app, [str(config), "--out", str(out)])
-        assert done.exit_code == 0, done.output
-        assert "from scratch" in done.output
+        assert "from scratch" in call(app, config, "--out", out).output
         digests.add(digest(out))
     assert len(digests) == 1
 
 
 def test_a_training_that_fails_says_why(folder):
-    config = write(
-        folder, training={"epochs": 3, "lr": 1e6, "div_factor": 1, "grad_norm_clip": 1e6}
-    )
-    done = CliRunner().invoke(app, [str(config), "--out", str(folder / "none.pt")])
-    assert done.exit_code == 1
+    training = {"epochs": 3, "lr": 1e6, "div_factor": 1, "grad_norm_clip": 1e6}
+    config = write(folder, training=training)
+    done = call(app, config, "--out", folder / "none.pt", code=1)
     assert "failed: pointpillars_tiny · 4 rigs: ArithmeticError: the " in done.output
     (log,) = (folder / "runs" / "grid" / "failed").glob("pretrain-*.log")
     assert "Traceback" in log.read_text()

@@ -4,10 +4,9 @@ import math
 
 import pandas as pd
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from small_log import write_small_log
+from small_log import SMALL, write_sweep
 from written_tables import check_columns
 
 from sweeps.configuration.grid import read_sweep
@@ -20,21 +19,15 @@ from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.local import Store
 from sweeps.tasks.results import Evaluated, PogScores
-from tests.sweeps.toy import Toy, result
+from tests.sweeps.toy import Quiet, Toy, result
 from tracking.run_folders.sweep_tables import PROMOTIONS
 
 PLACEMENTS = ["line", "center", "square", "pyramid"]
 SWEEP = {
     "classes": ["Car", "Pedestrian"],
-    "surrogate": {
-        "names": ["s_mig", "covered_entropy", "m_sog"],
-        "resolution": 0.4,
-        "accuracy": False,
-        "sampling_error": False,
-    },
-    "training": {"epochs": 10, "batch_size": 2},
+    "surrogate": SMALL["surrogate"] | {"names": ["s_mig", "covered_entropy", "m_sog"]},
+    "training": {"epochs": 10},
     "grid": {"placement": PLACEMENTS, "seed": [1, 2]},
-    "ray": "debug",
     "promote": [
         {"by": "covered_entropy", "keep": 3},
         {"by": "AP_R40_3D", "keep": 1, "set": {"training.epochs": 2}},
@@ -42,23 +35,8 @@ SWEEP = {
 }
 
 
-class Quiet:
-    def started(self, task): ...
-    def finished(self, task): ...
-    def failed(self, task, failure): ...
-
-
-@pytest.fixture
-def log(tmp_path):
-    write_small_log(tmp_path / "log")
-    return tmp_path
-
-
 def read(folder, **changes):
-    scene = {"source": "log", "folder": str(folder / "log")}
-    path = folder / "grid.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene} | changes))
-    sweep = read_sweep(path)
+    sweep = read_sweep(write_sweep(folder, **SWEEP | changes))
     return sweep, make_plan(sweep)
 
 
@@ -86,15 +64,18 @@ def quick(monkeypatch):
     return ap, trained
 
 
+def mounts_of(plan, name):
+    trial = next(trial for trial in plan.trials if trial.grid_point.point.placement == name)
+    return repr(trial.collect_test[0].params.placement.mounts)
+
+
 def set_ap(ap, plan, values):
-    for trial in plan.trials:
-        name = trial.grid_point.point.placement
-        mounts = repr(trial.collect_test[0].params.placement.mounts)
-        ap[mounts] = lambda seed, epochs, name=name: values[name] + seed + epochs / 10
+    for name, value in values.items():
+        ap[mounts_of(plan, name)] = lambda seed, epochs, own=value: own + seed + epochs / 10
 
 
-def run(sweep, plan, folder):
-    store, outcome = Store(folder / "store"), Outcome()
+def run(sweep, plan, folder, store=None):
+    store, outcome = store or Store(folder / "store"), Outcome()
 
     def run_tasks(tasks):
         execute(tasks, store, InProcess(), Quiet(), outcome)
@@ -103,11 +84,11 @@ def run(sweep, plan, folder):
     return promote(sweep, plan, store, run_tasks), store, outcome
 
 
-def test_cheap_stages_for_all_and_full_trainings_for_the_best(log, quick):
+def test_cheap_stages_for_all_and_full_trainings_for_the_best(tmp_path, quick):
     ap, trained = quick
-    sweep, plan = read(log)
+    sweep, plan = read(tmp_path)
     set_ap(ap, plan, {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0})
-    promotion, store, outcome = run(sweep, plan, log)
+    promotion, store, outcome = run(sweep, plan, tmp_path)
     assert not outcome.failures
     assert promotion.complete
     table = promotion.table()
@@ -138,11 +119,11 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(log, quick):
     assert promotion.pruned[loser.key] == "rank 4 of 4 by covered_entropy (all), 3 kept"
 
 
-def test_the_outcome_is_the_same_after_a_stop(log, quick):
+def test_the_outcome_is_the_same_after_a_stop(tmp_path, quick):
     ap, trained = quick
-    sweep, plan = read(log)
+    sweep, plan = read(tmp_path)
     set_ap(ap, plan, dict.fromkeys(PLACEMENTS, 1.0) | {"center": 2.0})
-    store, outcome, given = Store(log / "stopped"), Outcome(), 0
+    store, outcome, given = Store(tmp_path / "stopped"), Outcome(), 0
 
     def stop_soon(tasks):
         nonlocal given
@@ -152,36 +133,33 @@ def test_the_outcome_is_the_same_after_a_stop(log, quick):
 
     stopped = promote(sweep, plan, store, stop_soon)
     assert not stopped.complete
-    whole, _, _ = run(sweep, plan, log)
+    whole, _, _ = run(sweep, plan, tmp_path)
     trained.clear()
-
-    def go_on(tasks):
-        execute(tasks, store, InProcess(), Quiet(), outcome)
-        return True
-
-    again = promote(sweep, plan, store, go_on)
+    again = run(sweep, plan, tmp_path, store)[0]
     assert again.pruned == whole.pruned
     columns = ["rung", "placement", "value", "rank", "kept"]
     pd.testing.assert_frame_equal(again.table()[columns], whole.table()[columns])
 
 
-def test_a_placement_whose_trainings_fail_does_not_go_on(log, quick, monkeypatch):
+@pytest.mark.parametrize(
+    ("seeds", "error"),
+    [((1, 2), ArithmeticError("the loss is nan")), ((1,), OSError(28, "No space left on device"))],
+)
+def test_a_placement_of_which_a_training_fails_does_not_go_on(tmp_path, quick, seeds, error):
+    """A mean over the other seeds would not count."""
     ap, _ = quick
-    sweep, plan = read(log, promote=SWEEP["promote"][1:])
+    sweep, plan = read(tmp_path, promote=SWEEP["promote"][1:])
     set_ap(ap, plan, {"line": 1.0, "center": 9.0, "square": 3.0, "pyramid": 0.0})
-    center = repr(
-        next(t for t in plan.trials if t.grid_point.point.placement == "center")
-        .collect_test[0]
-        .params.placement.mounts
-    )
 
-    def diverged(seed, epochs):
-        raise ArithmeticError("the loss is nan")
+    def fails(seed, epochs):
+        if seed in seeds:
+            raise error
+        return 99.0
 
-    ap[center] = diverged
-    promotion, _, outcome = run(sweep, plan, log)
+    ap[mounts_of(plan, "center")] = fails
+    promotion, _, outcome = run(sweep, plan, tmp_path)
     table = promotion.table().set_index("placement")
-    assert table.loc["square", "kept"]
+    assert table["kept"].to_dict() == dict.fromkeys(PLACEMENTS, False) | {"square": True}
     assert math.isnan(table.loc["center", "value"])
     assert table.loc["center", "rank"] == 4
     full = [t for t in plan.trials if t.grid_point.point.placement == "center"][-1]
@@ -189,27 +167,9 @@ def test_a_placement_whose_trainings_fail_does_not_go_on(log, quick, monkeypatch
     assert any(isinstance(f, Failure) for f in outcome.failures.values())
 
 
-def test_a_mean_over_fewer_seeds_does_not_count(log, quick):
-    ap, _ = quick
-    sweep, plan = read(log, promote=SWEEP["promote"][1:])
-    set_ap(ap, plan, {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0})
-    line = next(t for t in plan.trials if t.grid_point.point.placement == "line")
-
-    def lucky(seed, epochs):
-        if seed == 1:
-            raise OSError(28, "No space left on device")
-        return 99.0
-
-    ap[repr(line.collect_test[0].params.placement.mounts)] = lucky
-    promotion, _, _ = run(sweep, plan, log)
-    table = promotion.table().set_index("placement")
-    assert math.isnan(table.loc["line", "value"])
-    assert table["kept"].to_dict() == dict.fromkeys(PLACEMENTS, False) | {"square": True}
-
-
-def test_a_failed_surrogate_is_a_failure_and_no_verdict(log, quick, monkeypatch):
+def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeypatch):
     ap, trained = quick
-    sweep, plan = read(log)
+    sweep, plan = read(tmp_path)
     set_ap(ap, plan, dict.fromkeys(PLACEMENTS, 1.0))
     true = FUNCTIONS["surrogates"]
     first = plan.trials[0]
@@ -220,7 +180,7 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(log, quick, monkeypatch)
         return true(params, pog)
 
     monkeypatch.setitem(FUNCTIONS, "surrogates", fail)
-    promotion, _, outcome = run(sweep, plan, log)
+    promotion, _, outcome = run(sweep, plan, tmp_path)
     name = first.grid_point.point.placement
     own = [t for t in plan.trials if t.grid_point.point.placement == name]
     assert not any(trial.key in promotion.pruned for trial in own)
@@ -229,32 +189,27 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(log, quick, monkeypatch)
     assert not {t.finetune.key for t in own} & set(outcome.times)
 
 
-def test_placements_compete_within_a_detector(log, quick):
+def test_placements_compete_within_a_detector(tmp_path, quick):
     ap, _ = quick
     grid = SWEEP["grid"] | {"detector": ["pointpillars_tiny", "second_tiny"]}
-    sweep, plan = read(log, grid=grid)
+    sweep, plan = read(tmp_path, grid=grid)
     set_ap(ap, plan, dict(zip(PLACEMENTS, (4.0, 3.0, 2.0, 1.0), strict=True)))
-    table = run(sweep, plan, log)[0].table()
+    table = run(sweep, plan, tmp_path)[0].table()
     kept = table[table["kept"]].groupby(["rung", "detector"]).size()
-    assert kept.to_dict() == {
-        (0, "pointpillars_tiny"): 3,
-        (0, "second_tiny"): 3,
-        (1, "pointpillars_tiny"): 1,
-        (1, "second_tiny"): 1,
-    }
+    assert kept.to_dict() == {(n, d): (3, 1)[n] for n in (0, 1) for d in grid["detector"]}
 
 
-def test_the_plan_counts_what_promotion_leaves(log):
-    sweep, plan = read(log)
+def test_the_plan_counts_what_promotion_leaves(tmp_path):
+    sweep, plan = read(tmp_path)
     trainings = [task for task in at_most(sweep, plan) if task.stage == "finetune"]
     assert len(trainings) == 3 * 2 + 1 * 2
     assert sum(task.stage == "finetune" for task in plan.tasks) == 2 * 4 * 2
 
 
-def test_without_a_detector_nothing_is_trained(log):
-    sweep, plan = read(log, detector=None, grid={"placement": PLACEMENTS}, promote=[])
+def test_without_a_detector_nothing_is_trained(tmp_path):
+    sweep, plan = read(tmp_path, detector=None, grid={"placement": PLACEMENTS}, promote=[])
     assert {task.stage for task in plan.tasks} == {"scene", "pog", "surrogates"}
-    promotion, store, outcome = run(sweep, plan, log)
+    promotion, store, outcome = run(sweep, plan, tmp_path)
     assert not outcome.failures
     assert all(store.has(trial.surrogates) for trial in plan.trials)
     assert promotion.pruned == {}

@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
-from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS, ExpectedRecall, Placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
@@ -20,29 +18,25 @@ from sweeps.tasks.parameters import RecallParams
 from sweeps.tasks.stages import recall
 from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, log_of
 from tests.mlflow_database import write_database
-from tests.sweeps.small_log import write_small_log
+from tests.sweeps.small_log import write_sweep
+from tests.sweeps.toy import call
 
 SWEEP = {
     "detector": None,
     "classes": ["Car", "Cyclist"],
     "lidar": {"beams": 8, "azimuth_steps": 900, "cloud_share": 0.5},
-    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
     "grid": {"placement": ["line", "center", "pyramid"]},
-    "ray": "debug",
 }
 
 
 def read(folder, **changes):
-    scene = {"source": "log", "folder": str(folder / "log")}
-    path = folder / "small.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(folder)} | changes))
+    path = write_sweep(folder, "small.yaml", **SWEEP | {"output": str(folder)} | changes)
     sweep = read_sweep(path)
     return path, sweep, make_plan(sweep)
 
 
 @pytest.fixture
 def log(tmp_path):
-    write_small_log(tmp_path / "log")
     write_database(tmp_path / "mlflow.db")
     return tmp_path
 
@@ -118,13 +112,8 @@ def test_drawn_mounts_give_the_mean_over_vehicles(log):
 
 def test_who_asks_for_none_pays_for_none(log):
     _, _, plan = read(log, surrogate={"names": ["m_sog"]})
-    assert {task.stage for task in plan.tasks} == {
-        "scene",
-        "pog",
-        "surrogates",
-        "accuracy",
-        "sampling_error",
-    }
+    wanted = {"scene", "pog", "surrogates", "accuracy", "sampling_error"}
+    assert {task.stage for task in plan.tasks} == wanted
     assert [trial.recall for trial in plan.trials] == [None] * 3
 
 
@@ -132,8 +121,7 @@ def test_placements_are_promoted_by_it(log):
     names = {"names": ["expected_recall"], "accuracy": False, "sampling_error": False}
     promote = [{"by": "expected_recall", "class": "Car", "keep": 1}]
     path, sweep, _ = read(log, surrogate=names, promote=promote)
-    done = CliRunner().invoke(app, [str(path)])
-    assert done.exit_code == 0, done.output
+    call(app, path)
     assert "expected recall" in (log / "small/report.html").read_text(encoding="utf-8")
     boxes = read_box_log(log / "log")
     boxes = BoxLog(boxes.boxes, boxes.frames[boxes.frames["split"] == "train"], boxes.buildings)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from typer.testing import CliRunner, Result
+from small_log import TOWN
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.clouds.clouds import write_clouds
@@ -18,19 +18,9 @@ from lidarplace.scenes.recorded import LogRecording, LogScene
 from sweeps.commands.record import app
 from sweeps.tasks import stages
 from sweeps.tasks.parameters import CollectParams, RecordedParams, SceneParams
+from tests.sweeps.toy import call
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
-SCENE = {
-    "seed": 3,
-    "density": 30,
-    "pedestrians": 10,
-    "routes": 2,
-    "egos_per_run": 1,
-    "test_routes": 1,
-    "frames_per_route": 4,
-    "frame_stride": 5,
-    "warmup_s": 5,
-}
 
 
 @pytest.fixture(scope="module")
@@ -39,20 +29,17 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def recorded(folder) -> Result:
+def recorded(folder):
     config = folder / "grid.yaml"
-    settings = {"placement": "line", "scene": SCENE, "ray": "debug"}
+    settings = {"placement": "line", "scene": TOWN | {"egos_per_run": 1}, "ray": "debug"}
     settings |= {"output": str(folder / "runs"), "grid": {"scene.density": [20, 30]}}
     config.write_text(yaml.safe_dump(settings))
-    return CliRunner().invoke(app, [str(config), str(folder / "logs")], catch_exceptions=False)
+    return call(app, config, folder / "logs")
 
 
 def test_every_scene_of_the_grid_is_a_box_log(folder, recorded):
-    assert recorded.exit_code == 0, recorded.output
-    assert sorted(path.name for path in (folder / "logs").iterdir()) == [
-        "scene.density=20",
-        "scene.density=30",
-    ]
+    written = sorted(path.name for path in (folder / "logs").iterdir())
+    assert written == ["scene.density=20", "scene.density=30"]
     assert recorded.stdout.count("objects per frame") == 2
     for density in (20, 30):
         log = read_box_log(folder / "logs" / f"scene.density={density}")
@@ -64,11 +51,8 @@ def test_every_scene_of_the_grid_is_a_box_log(folder, recorded):
 
 def test_a_mistake_is_one_line(tmp_path):
     (tmp_path / "grid.yaml").write_text("placement: line\nscene: {towns: [Nowhere]}\n")
-    done = CliRunner().invoke(app, [str(tmp_path / "grid.yaml"), str(tmp_path)])
-    assert done.exit_code == 2
-    path = tmp_path / "grid.yaml"
-    assert done.stderr.startswith(f"{path}: scene: no map 'Nowhere'; looked in ")
-    assert done.stderr.count("\n") == 1
+    (line,) = call(app, tmp_path / "grid.yaml", tmp_path, code=2).stderr.splitlines()
+    assert line.startswith(f"{tmp_path}/grid.yaml: scene: no map 'Nowhere'; looked in ")
 
 
 def inner(points: np.ndarray) -> np.ndarray:
@@ -84,18 +68,11 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     value = stages.scene(SceneParams(LogRecording(scene, scene.digest())))
     pd.testing.assert_frame_equal(value.boxes, log.boxes)
     pd.testing.assert_frame_equal(value.buildings, log.buildings)
-
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
-    own = CollectParams(
-        placement,
-        misaligned_heights=False,
-        seed=1,
-        split="train",
-        crop=CROP,
-        errors=MountingErrors(),
+    ours = stages.collect(
+        CollectParams(placement, False, 1, "train", CROP, MountingErrors()), value
     )
-    ours = stages.collect(own, value)
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
     write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
@@ -103,7 +80,6 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     theirs = stages.collect(params, value)
     with pytest.raises(ValueError, match="the clouds have changed since the command was given"):
         stages.collect(replace(params, digest="another"), value)
-
     numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()
     assert ours.frames.tolist() == theirs.frames.tolist() == numbers
     assert ours.counts.sum() > 500

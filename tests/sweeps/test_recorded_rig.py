@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from toy import Loud
+from small_log import SMALL
 
 from lidarplace.clouds.clouds import PointClouds, read_clouds, write_clouds
 from lidarplace.clouds.recorded import recorded_clouds
@@ -15,15 +15,11 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig, one_rig
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
-from sweeps.execution.backends import InProcess
-from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
-from sweeps.results.promotion import Promotion
 from sweeps.results.rigs import lidar_models, rigs_yaml
-from sweeps.results.run_folder import Run, write_run
-from sweeps.store.local import Store
 from sweeps.tasks.parameters import CollectParams, RecordedParams
 from tests.other_simulator import LIDAR, MOUNTS, RIG, write_log
+from tests.sweeps.toy import ran
 from tracking.report.sections.recorded_clouds import side_by_side
 from tracking.run_folders.sweep import RunFolder
 
@@ -31,19 +27,11 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 SUBSETS = {"only_low": ["low"], "both": ["low", "top"]}
-SWEEP = {
-    "classes": ["Car"],
+SWEEP = SMALL | {
     "placements": {name: {"recorded": lidars} for name, lidars in SUBSETS.items()},
     "lidar": {"azimuth_steps": 90},
-    "surrogate": {
-        "names": ["covered_entropy", "expected_recall"],
-        "resolution": 0.4,
-        "accuracy": False,
-        "sampling_error": False,
-    },
-    "training": {"epochs": 1, "batch_size": 2},
+    "surrogate": SMALL["surrogate"] | {"names": ["covered_entropy", "expected_recall"]},
     "grid": {"placement": list(SUBSETS), "scene.clouds": ["recorded", "simulated"]},
-    "ray": "debug",
 }
 
 
@@ -77,10 +65,8 @@ def test_a_subset_has_exactly_the_points_of_its_lidars(log):
 
 
 def test_a_sweep_on_real_points_and_on_simulated_ones(log, tmp_path):
-    sweep, plan = read(log, tmp_path)
-    store = Store(tmp_path / "store")
-    outcome = Outcome()
-    execute(plan.tasks, store, InProcess(), Loud(), outcome)
+    sweep, _ = read(log, tmp_path)
+    plan, store, folder = ran(sweep, tmp_path)
     parts = [read_clouds(path) for path in sorted((log / "clouds" / "recorded").iterdir())]
     assert [trial.grid_point.point.placement for trial in plan.trials[::2]] == list(SUBSETS)
     for trial in plan.trials:
@@ -108,9 +94,7 @@ def test_a_sweep_on_real_points_and_on_simulated_ones(log, tmp_path):
         values = [store.load(trial.recall).table["value"].tolist() for trial in (real, simulated)]
         assert values[0] == values[1], "surrogates are of the rig, whatever its clouds"
     assert len({trial.evaluate.key for trial in plan.trials}) == 4
-    about = Run(outcome, Promotion(complete=True), set(), 1, "run grid.yaml", 0.0, 1.0)
-    write_run(tmp_path / "run", sweep, plan, store, about)
-    run = RunFolder.read(tmp_path / "run")
+    run = RunFolder.read(folder)
     pairs = side_by_side(run)
     assert set(pairs["placement"]) == set(SUBSETS)
     assert pairs[["recorded", "simulated"]].notna().all(axis=None)
@@ -152,27 +136,8 @@ ONE = {"placement": ["only_top"]}
             r"placements: only_top\.recorded: unknown LiDAR 'tpo' of the recorded rig; expected "
             r"top, low \(did you mean top\?\)",
         ),
-        (
-            {"recorded": ["top", "top"]},
-            {},
-            r"placements\.only_top: recorded: each LiDAR once, found top, top",
-        ),
-        (
-            {"recorded": ["top"], "mounts": [{"z": 2}]},
-            {},
-            r"placements\.only_top: recorded and mounts: ",
-        ),
-        ({}, {}, r"placements\.only_top: mounts: is missing"),
-        (
-            {"recorded": "top"},
-            {},
-            r"placements\.only_top\.recorded: expected a list, such as \[top\], found 'top'",
-        ),
-        (
-            {"recorded": ["top"]},
-            {"weather": {"rain": 1}},
-            "weather: does not apply to recorded clouds",
-        ),
+        ({"recorded": ["top", "top"]}, {}, "only_top: recorded: each LiDAR once, found top, top"),
+        ({"recorded": ["top"]}, {"weather": {"rain": 1}}, "weather: does not apply to recorded"),
         ({"recorded": ["top"]}, {"judge": "generalist"}, "recorded clouds belong to one rig"),
     ],
 )

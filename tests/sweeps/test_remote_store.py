@@ -4,6 +4,7 @@ import errno
 import pickle
 import time
 import uuid
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,18 +13,17 @@ import fsspec
 import numpy as np
 import pandas as pd
 import pytest
-from flip_bit import flip_bit
 from fsspec.registry import known_implementations
+from small_log import write_sweep
 
-from lidarplace.files.atomic import replacing
+from sweeps.configuration.grid import read_sweep
 from sweeps.store import checkpoint_mirror
-from sweeps.store.checkpoint_attempts import attempts
 from sweeps.store.local import Note, Store
-from sweeps.store.open import open_store
+from sweeps.store.open import open_store, reference, store_of
 from sweeps.store.remote import RemoteStore
 from sweeps.store.result_folder import DamagedResult, Ran, Record
 from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy, keep_in
+from tests.sweeps.toy import Toy, flip_bit, keep_in, texts, write
 
 TASK = Task("finetune", "a", Toy(1), resumable=True)
 
@@ -74,7 +74,6 @@ def test_what_one_machine_saves_another_loads(machine):
     assert other.has(TASK)
     assert other.finished([TASK, Task("finetune", "b", Toy())]) == {TASK.key}
     assert other.record(TASK) == Record(label="a", seconds=1.5, node="n1")
-    assert other.record(TASK).seconds == 1.5
     assert not other.path(TASK).exists(), "what is asked about a result is not copied"
     found = other.load(TASK)
     assert isinstance(found.large, np.memmap)
@@ -124,36 +123,33 @@ def test_two_machines_that_save_at_once_leave_one_whole_result(machine, monkeypa
     assert machine("third").record(TASK).seconds == n
 
 
-@pytest.mark.parametrize("cut", [True, False])
-def test_a_damaged_result_is_refused_by_name(machine, url, cut):
-    machine("one").save(TASK, value(), seconds=0.0)
-    filesystem, root = fsspec.url_to_fs(url)
-    (path,) = (path for path in filesystem.find(root) if path.endswith("array.npy"))
-    filesystem.rm_file(path)
-    if cut:
-        filesystem.pipe_file(path, b"few")
-    with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: .*"):
-        machine("other").load(TASK)
-    assert not machine("other").path(TASK).exists()
-    assert not machine("third").has(TASK)
-    assert not machine("third").contents()
+def changed(data):
+    return data[:50] + bytes([data[50] ^ 4]) + data[51:]
 
 
-@pytest.mark.parametrize("name", ["array.npy", "table.parquet", "result.json"])
-def test_what_is_damaged_at_the_url_is_removed_there(machine, url, name):
+@pytest.mark.parametrize(
+    ("name", "harm", "told", "read"),
+    [
+        ("array.npy", lambda data: None, "a file is missing", RemoteStore.load),
+        ("array.npy", lambda data: b"few", "array.npy has 3 bytes", RemoteStore.load),
+        ("array.npy", changed, "array.npy is not what was written", RemoteStore.load),
+        ("table.parquet", changed, "table.parquet is not what was written", RemoteStore.load),
+        ("result.json", changed, "result.json is not what was written", RemoteStore.record),
+    ],
+)
+def test_what_is_damaged_at_the_url_is_removed_there(machine, url, name, harm, told, read):
     machine("one").save(TASK, value(), seconds=0.0)
     filesystem, root = fsspec.url_to_fs(url)
     (path,) = (path for path in filesystem.find(root) if path.endswith(name))
-    data = bytearray(filesystem.cat_file(path))
-    data[len(data) // 2] ^= 4
-    filesystem.pipe_file(path, bytes(data))
-    if name == "result.json":
-        with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged"):
-            machine("third").record(TASK)
-    else:
-        with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: {name} is not what"):
-            machine("other").load(TASK)
+    content = harm(filesystem.cat_file(path))
+    filesystem.rm_file(path)
+    if content is not None:
+        filesystem.pipe_file(path, content)
+    with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: {told}"):
+        read(machine("other"), TASK)
+    assert not machine("other").path(TASK).exists()
     assert not machine("third").has(TASK)
+    assert not machine("third").contents()
     machine("other").save(TASK, value(5), seconds=0.0)
     assert machine("third").load(TASK).n == 5
 
@@ -193,19 +189,12 @@ def test_a_damaged_copy_is_not_handed_on(machine, url):
     assert machine("other").load(TASK).array.tolist() == [3] * 4
 
 
-def write(path, text):
-    with replacing(path) as partial:
-        partial.write_text(text)
-
-
-def texts(folder):
-    return {path.name: path.read_text() for path in folder.glob("[!.]*")}
-
-
 def test_another_machine_goes_on_with_a_task(machine, url):
     one, other = machine("one"), machine("other")
-    with pytest.raises(KeyError):
-        train_until_stopped(one)
+    with suppress(KeyError), one.working_folder(TASK) as folder:
+        write(folder / "last.pt", "1")
+        write(folder / "last.pt", "2")
+        raise KeyError
     with other.working_folder(TASK) as folder:
         assert texts(folder) == {"last.pt": "2"}
         write(folder / "last.pt", "3")
@@ -216,13 +205,6 @@ def test_another_machine_goes_on_with_a_task(machine, url):
     assert not any("working" in path for path in files_at(url))
     with machine("third").working_folder(TASK) as folder:
         assert texts(folder) == {}
-
-
-def train_until_stopped(store):
-    with store.working_folder(TASK) as folder:
-        write(folder / "last.pt", "1")
-        write(folder / "last.pt", "2")
-        raise KeyError
 
 
 def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monkeypatch):
@@ -239,7 +221,7 @@ def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monk
             while {"last.pt": n} not in found:
                 assert time.monotonic() < give_up
                 checkpoint_mirror.fetch(filesystem, place, there)
-                found = [texts(attempt) for attempt in attempts(there)]
+                found = [texts(attempt) for attempt in there.glob("[!.]*")]
     assert len(files_at(url)) == 1, "what was replaced is removed"
 
 
@@ -289,10 +271,13 @@ def test_a_fetch_that_breaks_off_spoils_nothing(machine, url, monkeypatch):
         assert texts(folder) == {"last.pt": "whole"}
 
 
-def test_notes_and_references_are_seen_by_all(machine):
+def test_notes_and_references_are_seen_by_all(machine, url):
     one, other = machine("one"), machine("other")
+    filesystem, root = fsspec.url_to_fs(url)
     with one.running(TASK, Note("n1")):
         assert other.running_notes([TASK]) == {TASK.key: Note("n1")}
+        filesystem.pipe_file(f"{root}/{TASK.stage}/{one.local.note(TASK).name}", b'{"host": ')
+        assert other.running_notes([TASK]) == {}, "it is not whole"
     assert other.running_notes([TASK]) == {}
     lost = one.running(TASK, Note())
     lost.__enter__()  # and never left
@@ -312,15 +297,8 @@ def test_notes_and_references_are_seen_by_all(machine):
     assert one.references() == {"tiny": {"a"}}
 
 
-def test_a_note_that_is_not_whole_is_left_out(machine, url):
-    store = machine("one")
-    filesystem, root = fsspec.url_to_fs(url)
-    with store.running(TASK, Note("n1")):
-        filesystem.pipe_file(f"{root}/{TASK.stage}/{store.local.note(TASK).name}", b'{"host": ')
-        assert store.running_notes([TASK]) == {}
-
-
-def test_a_sweep_at_a_url_cannot_be_locked_out(machine):
+def test_a_sweep_at_a_url_cannot_be_locked_out(machine, monkeypatch):
+    monkeypatch.setattr("sweeps.store.lock._PATIENCE_S", 0.05)
     store = machine("one")
     with store.in_use(), pytest.raises(ValueError, match="in use"):
         store.local.exclusive().__enter__()
@@ -358,3 +336,24 @@ def test_a_place_that_cannot_be_read_is_named(tmp_path, monkeypatch):
     told = "store: memory://a: cannot be read: PermissionError: no credentials"
     with pytest.raises(ValueError, match=told):
         open_store("memory://a", tmp_path)
+
+
+def sweep(folder, **settings):
+    return read_sweep(write_sweep(folder, placement="line", **settings))
+
+
+def test_the_store_of_a_sweep_is_beside_the_runs_or_where_it_says(tmp_path):
+    assert store_of(sweep(tmp_path)) == Store(tmp_path / "runs/store")
+    assert store_of(sweep(tmp_path, store=str(tmp_path / "a"))) == Store(tmp_path / "a")
+    found = store_of(sweep(tmp_path, store={"url": "memory://b/", "cache": str(tmp_path / "c")}))
+    assert isinstance(found, RemoteStore)
+    assert found.cache == tmp_path / "c"
+
+
+def test_sweeps_of_one_name_in_two_folders_refer_apart(tmp_path):
+    here, there = sweep(tmp_path), sweep(tmp_path, output=str(tmp_path / "other"))
+    assert reference(here) != reference(there)
+    assert reference(here) == reference(sweep(tmp_path, output=f"{tmp_path}/./runs"))
+    assert reference(here).startswith("grid.")
+    assert reference(here, "pretrain") != reference(here)
+    assert Path(reference(here)).name == reference(here)

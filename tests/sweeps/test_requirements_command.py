@@ -17,13 +17,8 @@ SMALL = {
     "lidar": {"beams": 4, "azimuth_steps": 90},
     "placements": {"mine": {"mounts": [{"z": 1.8}, {"x": 0.5, "z": 1.8}]}},
     "requirements": [
-        {
-            "name": "people",
-            "where": {"distance": [0.5, 2]},
-            "what": "Pedestrian",
-            "at_least": {"points": 1},
-            "step": 1.0,
-        }
+        {"name": "people", "where": {"distance": [0.5, 2]}, "what": "Pedestrian"}
+        | {"at_least": {"points": 1}, "step": 1.0}
     ],
 }
 
@@ -156,12 +151,9 @@ def test_several_sensors_and_their_common_view():
     verdicts = {
         (words[0], words[1]): next(w for w in words if w in ("pass", "FAIL")) for words in lines
     }
-    assert verdicts == {
-        ("roof", "people"): "pass",
-        ("roof", "calibration"): "pass",
-        ("apart", "people"): "FAIL",
-        ("apart", "calibration"): "FAIL",
-    }
+    names = ("people", "calibration")
+    assert [verdicts["roof", name] for name in names] == ["pass", "pass"]
+    assert [verdicts["apart", name] for name in names] == ["FAIL", "FAIL"]
     assert "1 points by 2 sensors" in done.stdout
     found = json.loads(run(SMALL | {"placements": rigs, "requirements": [view]}, "--json").stdout)
     (case,) = next(own["cases"] for own in found["outcomes"] if own["rig"] == "apart")

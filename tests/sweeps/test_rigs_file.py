@@ -1,8 +1,7 @@
 """The rigs of a sweep, opened in the studio."""
 
 import pytest
-import yaml
-from small_log import write_small_log
+from small_log import write_sweep
 
 from lidarplace.studio.rigs_file import read_rigs
 from sweeps.configuration.grid import read_sweep
@@ -20,18 +19,10 @@ OWN = {"convention": "carla", "mounts": [{"x": 0.1, "z": 2.0, "yaw_deg": 12.5, "
         ({"profile": "released-code"}, {"azimuth_steps": 250}),
     ],
 )
-def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, monkeypatch, lidar, told):
-    monkeypatch.chdir(tmp_path)
-    write_small_log(tmp_path / "log")
-    config = {
-        "scene": {"source": "log", "folder": "log"},
-        "detector": None,
-        "lidar": lidar,
-        "placements": {"mine": OWN, "unused": {"mounts": [{"z": 1}]}},
-        "grid": {"placement": ["mine", "line_roll"]},
-    }
-    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(config))
-    sweep = read_sweep(tmp_path / "sweep.yaml")
+def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, lidar, told):
+    own = {"placements": {"mine": OWN, "unused": {"mounts": [{"z": 1}]}}, "detector": None}
+    own["grid"] = {"placement": ["mine", "line_roll"]}
+    sweep = read_sweep(write_sweep(tmp_path, lidar=lidar, **own))
     (tmp_path / FILE).write_text(rigs_yaml(sweep))
     file = read_rigs(tmp_path / FILE)
     assert file.content["lidar"] == told

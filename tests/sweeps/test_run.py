@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
+from small_log import TOWN
 
 from lidarplace.base.metrics import METRICS
 from tests.forked import run_forked
@@ -16,16 +17,7 @@ from tests.mlflow_database import write_database
 
 ROOT = Path(__file__).parents[2]
 TINY = {
-    "scene": {
-        "seed": 3,
-        "density": 30,
-        "pedestrians": 10,
-        "routes": 2,
-        "test_routes": 1,
-        "frames_per_route": 4,
-        "frame_stride": 5,
-        "warmup_s": 5,
-    },
+    "scene": TOWN,
     "lidar": {"azimuth_steps": 120, "range_noise": 0.02, "drop_off": 0.05},
     "surrogate": {"resolution": 0.4},
     "training": {"epochs": 1, "batch_size": 2},
@@ -96,22 +88,13 @@ def test_the_run_folder_holds_the_results(folder, first):
     assert about["frames"] == {"train": 8, "test": 4}
     assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"
     assert about["command"].startswith("lidarplace run ")
-    model = {
-        "name": None,
-        "price_usd": None,
-        "beams": 16,
-        "elevation_deg": [-25.0, 5.0],
-        "azimuth_steps": 120,
-    }
+    model = {"name": None, "price_usd": None, "beams": 16, "azimuth_steps": 120}
+    model["elevation_deg"] = [-25.0, 5.0]
     assert about["lidars"] == dict.fromkeys(("line", "center"), [model] * 4)
     assert (run / "report.html").stat().st_size > 1e6
     artifacts = next((folder / "runs/artifacts").glob("*/artifacts/sweep.json")).parent
-    assert {path.name for path in artifacts.iterdir()} >= {
-        "decision.html",
-        "report.html",
-        "report.md",
-        "config.yaml",
-    }
+    logged = {path.name for path in artifacts.iterdir()}
+    assert logged >= {"decision.html", "report.html", "report.md", "config.yaml"}
     tables = {path.name for path in (run / "tables").iterdir()}
     assert {path.name for path in (artifacts / "tables").iterdir()} == tables != set()
     assert "line" in first.stdout
@@ -119,19 +102,12 @@ def test_the_run_folder_holds_the_results(folder, first):
 
 
 def test_mlflow_has_a_parent_and_a_run_for_every_trial(folder, first):
-    assert mlflow_runs(folder) == {
-        "tiny": "FINISHED",
-        "line · pointpillars_tiny · seed 1": "FINISHED",
-        "center · pointpillars_tiny · seed 1": "FINISHED",
-    }
+    trials = (f"{name} · pointpillars_tiny · seed 1" for name in ("line", "center"))
+    assert mlflow_runs(folder) == dict.fromkeys(["tiny", *trials], "FINISHED")
     with sqlite3.connect(folder / "runs/mlflow.db") as database:
-        params = database.execute(
-            "select key, value from params where key in "
-            "('weights', 'batch_size', 'training.batch_size')"
-        ).fetchall()
-    assert sorted(params) == sorted(
-        2 * [("weights", "scratch"), ("batch_size", "2"), ("training.batch_size", "2")]
-    )
+        params = database.execute("select key, value from params").fetchall()
+    for param in (("weights", "scratch"), ("batch_size", "2"), ("training.batch_size", "2")):
+        assert params.count(param) == 2
 
 
 def test_the_plan_shows_what_is_cached(folder, first):
@@ -164,19 +140,6 @@ def test_the_same_command_does_nothing_twice(folder, first):
     assert len(mlflow_runs(folder)) == 3
 
 
-def test_debug_gives_the_same_without_ray(folder, first, tmp_path):
-    write_database(tmp_path / "runs/mlflow.db")
-    result = sweep(tmp_path, "--set", "ray=debug", "--set", "grid.placement=[line]")
-    assert result.returncode == 0, result.stdout + result.stderr
-    for name, keys in (("surrogates", ["surrogate", "class"]), ("results", ["metric", "iou"])):
-        theirs = pd.read_parquet(folder / f"runs/tiny/{name}.parquet")
-        theirs = theirs[theirs["placement"] == "line"].reset_index(drop=True)
-        ours = pd.read_parquet(tmp_path / f"runs/tiny/{name}.parquet")
-        assert len(ours)
-        assert ours[keys].equals(theirs[keys])
-        pd.testing.assert_series_equal(ours["value"], theirs["value"], rtol=1e-6)
-
-
 def test_a_failed_trial_does_not_stop_the_others(folder, first):
     grid = "grid={placement: [line], training.lr: [0.01, 1.0e+6]}"
     result = sweep(folder, "--set", "ray=debug", "--set", grid)
@@ -185,8 +148,3 @@ def test_a_failed_trial_does_not_stop_the_others(folder, first):
     assert re.search(r"in epoch 1, step \d+, frames", result.stdout)
     trials = pd.read_parquet(folder / "runs/tiny/trials.parquet")
     assert sorted(trials["status"]) == ["failed", "finished"]
-
-
-def test_schema(tmp_path):
-    schema = json.loads(run_forked(["run", "--schema"], ROOT, tmp_path).stdout)
-    assert {"placement", "grid", "exclude", "training", "ray"} <= set(schema["properties"])

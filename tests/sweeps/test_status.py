@@ -4,9 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-import yaml
-from small_log import write_small_log
-from typer.testing import CliRunner
+from small_log import write_sweep
 
 from sweeps.commands.status import app
 from sweeps.configuration.grid import read_sweep
@@ -16,21 +14,12 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.state import sweep_state
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import locked
-from tests.sweeps.toy import Toy
-
-SWEEP = {
-    "classes": ["Car"],
-    "surrogate": {"accuracy": False, "sampling_error": False},
-    "grid": {"placement": ["line", "center"], "seed": [1, 2]},
-}
+from tests.sweeps.toy import Toy, call
 
 
 @pytest.fixture
 def sweep(tmp_path):
-    write_small_log(tmp_path / "log")
-    scene = {"source": "log", "folder": str(tmp_path / "log")}
-    path = tmp_path / "grid.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
+    path = write_sweep(tmp_path, grid={"placement": ["line", "center"], "seed": [1, 2]})
     found = read_sweep(path)
     return path, found, make_plan(found), Store(tmp_path / "runs/store")
 
@@ -56,6 +45,7 @@ def test_every_status(sweep):
     finish(store, *running.finetune.inputs, *failed.finetune.inputs)
     folder = found.common.output / "grid"
     failures = FailureFolder(folder / "failed")
+    failures.write(done.evaluate, Failure("once"))  # which the result outweighs
     failures.write(failed.finetune, Failure("the loss is nan", "Traceback …", lasting=True))
     why = f"needs finetune '{failed.label}', which failed"
     failures.write(failed.evaluate, Failure(why, lasting=True, follows=True))
@@ -63,9 +53,8 @@ def test_every_status(sweep):
     with locked(folder, alone=True), store.running(running.finetune, note):
         state = sweep_state(found, plan, store)
         assert state.alive
-        told = CliRunner().invoke(app, [str(path)])
-        assert told.exit_code == 0
-        as_json = json.loads(CliRunner().invoke(app, [str(path), "--json"]).output)
+        told = call(app, path)
+        as_json = json.loads(call(app, path, "--json").output)
     assert [trial.status for trial in state.trials] == ["done", "running", "failed", "waiting"]
     assert state.trials[1].detail == "finetune on node7, process 42, since 2026-01-02 03:04:05"
     assert state.trials[2].detail == "the loss is nan"
@@ -104,23 +93,14 @@ def test_the_reason_is_that_of_the_first_task_that_failed(sweep):
     assert {t.status for t in sweep_state(found, plan, store).trials} == {"waiting"}
 
 
-def test_a_result_outweighs_an_old_failure(sweep):
-    _, found, plan, store = sweep
-    FailureFolder(found.common.output / "grid/failed").write(
-        plan.trials[0].evaluate, Failure("once")
-    )
-    finish(store, *plan.needed_for(plan.trials[0].results))
-    assert sweep_state(found, plan, store).trials[0].status == "done"
-
-
 def test_many_trials_are_summed_up(sweep, monkeypatch):
     path, _, plan, store = sweep
     monkeypatch.setattr("sweeps.commands.status._MOST_TRIALS", 3)
     finish(store, *plan.needed_for(plan.trials[0].results))
-    short = CliRunner().invoke(app, [str(path)]).output
+    short = call(app, path).output
     assert "4 more trials: --all lists them" in short
     assert plan.trials[0].label not in short
-    assert plan.trials[0].label in CliRunner().invoke(app, [str(path), "--all"]).output
+    assert plan.trials[0].label in call(app, path, "--all").output
 
 
 @pytest.mark.parametrize("text", ["", "{", "7", "[]", '{"log": 1}', "[" * 100_000])

@@ -7,55 +7,32 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
 from sweeps.commands import requirements as verb
 from sweeps.commands import run
+from sweeps.plan.plan import read_plan
+from sweeps.tasks.stages import requirements
 from tests.mlflow_database import write_database
-from tests.sweeps.small_log import write_small_log
+from tests.sweeps.small_log import SMALL, write_sweep
+from tests.sweeps.toy import call
 from tracking.run_folders.sweep import RunFolder
 
 NEEDS = [
-    {
-        "name": "people / near",
-        "where": {"distance": [0.5, 2]},
-        "what": "Pedestrian",
-        "at_least": {"points": 5},
-        "also_when": {"one_lidar_dead": True, "range_factor": 0.02},
-        "step": 1.0,
-    },
-    {
-        "name": "found",
-        "where": {"x": [5, 9], "y": [-2, 2]},
-        "what": "Car",
-        "at_least": {"probability": 0.01},
-        "for": 0.5,
-        "step": 2.0,
-    },
-    {
-        "name": "ground",
-        "where": {"distance": [0, 1], "z": [0, 1]},
-        "at_least": {"coverage": 0.9},
-        "step": 0.5,
-    },
+    {"name": "people / near", "where": {"distance": [0.5, 2]}, "what": "Pedestrian", "step": 1.0}
+    | {"at_least": {"points": 5}, "also_when": {"one_lidar_dead": True, "range_factor": 0.02}},
+    {"name": "found", "where": {"x": [5, 9], "y": [-2, 2]}, "what": "Car", "step": 2.0}
+    | {"at_least": {"probability": 0.01}, "for": 0.5},
+    {"name": "ground", "where": {"distance": [0, 1], "z": [0, 1]}, "step": 0.5}
+    | {"at_least": {"coverage": 0.9}},
 ]
-LIDAR = {"beams": 4, "azimuth_steps": 90}
-SWEEP = {
-    "scene": {"source": "log", "folder": "log"},
-    "classes": ["Car"],
-    "lidar": LIDAR,
+SWEEP = SMALL | {
+    "lidar": {"beams": 4, "azimuth_steps": 90},
     "detector": None,
-    "surrogate": {
-        "resolution": 0.8,
-        "names": ["s_mig"],
-        "accuracy": False,
-        "sampling_error": False,
-    },
+    "surrogate": SMALL["surrogate"] | {"names": ["s_mig"]},
     "requirements": NEEDS,
     "vehicle": [[[-2, -1, 0], [2, 1, 1]]],
     "grid": {"placement": ["line", "center"]},
-    "ray": "debug",
 }
 
 
@@ -65,10 +42,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("needs")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        write_small_log(Path("log"))
         write_database(Path("runs/mlflow.db"))
         done = sweep(SWEEP)
-    assert done.exit_code == 0, done.output
     assert "requirements" in done.stdout
     assert "of 3" in done.stdout, "a column of the summary"
     return folder
@@ -80,16 +55,15 @@ def in_folder(folder, monkeypatch):
 
 
 def sweep(content, *arguments):
-    Path("small.yaml").write_text(yaml.safe_dump(content))
-    return CliRunner().invoke(run.app, ["small.yaml", *arguments], env={"COLUMNS": "160"})
+    path = write_sweep(Path(), "small.yaml", **content)
+    return call(run.app, path, *arguments, env={"COLUMNS": "160"})
 
 
 def test_a_sweep_has_the_verdicts_of_the_verb():
     table = pd.read_parquet("runs/small/requirements.parquet")
     file = {key: SWEEP[key] for key in ("lidar", "vehicle", "requirements")}
     Path("needs.yaml").write_text(yaml.safe_dump(file | {"rigs": ["line", "center"]}))
-    told = CliRunner().invoke(verb.app, ["needs.yaml", "--json"])
-    assert told.exit_code == 1, told.output
+    call(verb.app, "needs.yaml", "--json", code=1)
     expected = pd.read_csv("requirements.csv")
     pd.testing.assert_frame_equal(
         table.rename(columns={"placement": "rig"}), expected, check_dtype=False, atol=1e-9
@@ -124,11 +98,11 @@ def test_the_report_folds_them_and_draws_what_fails():
 
 def test_axes_of_lidar_and_weather_have_verdicts_of_their_own():
     axes = {"lidar.range": [3.0, 60.0], "weather.visibility": [4.0, 1000.0]}
-    done = sweep(SWEEP | {"name": "axes", "grid": {"placement": ["line"], **axes}})
-    assert done.exit_code == 0, done.output
-    table = pd.read_parquet("runs/axes/requirements.parquet")
-    own = table[(table["requirement"] == "found") & (table["case"] == "as built")]
-    values = own.set_index(["lidar.range", "weather.visibility"])["value"]
+    content = SWEEP | {"requirements": NEEDS[1:2], "grid": {"placement": ["line"], **axes}}
+    values = {}
+    for trial in read_plan(write_sweep(Path(), "axes.yaml", **content))[1].trials:
+        (value,) = requirements(trial.requirements.params).table["value"]
+        values[tuple(trial.grid_point.axes[axis] for axis in axes)] = value
     assert len(values) == 4
     assert values[3.0, 4.0] < values[60.0, 1000.0]
     assert values[60.0, 4.0] < values[60.0, 1000.0]
@@ -153,8 +127,7 @@ def test_several_sensors_and_common_view_in_a_sweep():
         "at_least": {"points": 5, "sensors": 2}, "also_when": {"sensors_dead": 2},
     }  # fmt: skip
     view = {"name": "calibration", "common_view": {"pairs": "all", "share": 0.99}}
-    done = sweep(SWEEP | {"name": "twice", "requirements": [twice, view]})
-    assert done.exit_code == 0, done.output
+    sweep(SWEEP | {"name": "twice", "requirements": [twice, view]})
     run_folder = RunFolder.read(Path("runs/twice"))
     table = run_folder.requirements.set_index(["placement", "requirement", "case"]).sort_index()
     own = table.loc[("line", "people / near")]

@@ -16,7 +16,7 @@ from sweeps.commands.doctor import _print as print_findings
 from sweeps.commands.status import print_state
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.results.dry_run import Planned, PlannedScene, PlannedTrial, print_planned
+from sweeps.results.dry_run import Planned, print_planned
 from sweeps.results.state import SweepState, TrialState
 from sweeps.store.local import Store
 from sweeps.tasks.task import Task
@@ -101,8 +101,8 @@ def test_the_state_of_a_sweep():
 
 
 def test_the_plan_of_a_sweep():
-    trials = [PlannedTrial(key="k", label=name, cached=False) for name in NAMES]
-    scenes = [PlannedScene(OBEYED, 1, 1)]
+    trials = [{"key": "k", "label": name, "cached": False} for name in NAMES]
+    scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
     stages = {"train": {"tasks": 6, "cached": 0}}
     asked = [{"requirement": name, "measure": "points"} for name in NAMES]
     plan = Planned(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
@@ -126,7 +126,7 @@ def test_the_progress_of_a_sweep(terminal, tmp_path):
 
 
 def test_what_the_doctor_finds():
-    findings = [Finding(name, OBEYED, name, "missing", name) for name in NAMES]
+    findings = [Finding(OBEYED, "missing", name, check=name, needed_for=name) for name in NAMES]
     text = printed(print_findings, findings)
     assert_shown(text)
     assert "✗ Missing\n" in text

@@ -1,12 +1,13 @@
 """What reaches MLflow: every trial with a result once, whoever finished it, and failures."""
 
 import struct
+from io import StringIO
 
 import pandas as pd
 import pytest
-import yaml
-from small_log import write_small_log
+from small_log import write_sweep
 
+from lidarplace.command_line.terminal import Terminal
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.mlflow.trials import TrialLog
@@ -14,12 +15,6 @@ from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
 from sweeps.store.result_folder import Ran
 from tests.sweeps.toy import result
-
-
-class Quiet:
-    def started(self, task): ...
-    def finished(self, task): ...
-    def failed(self, task, failure): ...
 
 
 def finish(store, *tasks):
@@ -36,50 +31,27 @@ def finish(store, *tasks):
         store.save(task, result(**value), 1.0, Ran(peak_memory=3_000_000))
 
 
+def planned(tmp_path, **keys):
+    """A plan, its store, and a function that makes its log; `keys` of the configuration."""
+    grid = {"placement": ["line", "center", "square"]}
+    plan = make_plan(read_sweep(write_sweep(tmp_path, grid=grid, **keys)))
+    store = Store(tmp_path / "store")
+
+    def listener():
+        own = {"trials": plan.trials, "axes": (), "there": store.finished(plan.tasks)}
+        shown = (Terminal(file=StringIO()), (), store, FailureFolder(tmp_path / "failed"))
+        return TrialLog(*shown, **own, pictures=tmp_path / "pictures")
+
+    return plan, store, listener
+
+
 @pytest.fixture
 def sweep(tmp_path):
     return planned(tmp_path)
 
 
-def planned(tmp_path, **keys):
-    """A plan, its store, and a function that makes its log; `keys` of the configuration."""
-    write_small_log(tmp_path / "log")
-    path = tmp_path / "grid.yaml"
-    path.write_text(
-        yaml.safe_dump(
-            {
-                "scene": {"source": "log", "folder": str(tmp_path / "log")},
-                "classes": ["Car"],
-                "surrogate": {"accuracy": False, "sampling_error": False},
-                "grid": {"placement": ["line", "center", "square"]},
-                **keys,
-            }
-        )
-    )
-    plan = make_plan(read_sweep(path))
-    store = Store(tmp_path / "store")
-
-    def listener():
-        return TrialLog(
-            Quiet(),
-            plan.trials,
-            store,
-            axes=(),
-            there=store.finished(plan.tasks),
-            failures=FailureFolder(tmp_path / "failed"),
-            pictures=tmp_path / "pictures",
-        )
-
-    return plan, store, listener
-
-
-METRICS = {
-    "AP_R40_3D.Car.0.70": 50.0,
-    "surrogate.s_mig.Car": -2.0,
-    "seconds": 2.0,
-    "peak_memory_megabytes": 3.0,
-    "batch_size": 2,
-}
+METRICS = {"AP_R40_3D.Car.0.70": 50.0, "surrogate.s_mig.Car": -2.0, "seconds": 2.0}
+METRICS |= {"peak_memory_megabytes": 3.0, "batch_size": 2}
 
 
 def told(log):
@@ -108,13 +80,8 @@ def test_a_run_can_be_filtered_and_tells_its_data_and_has_pictures(sweep):
     assert last.key == plan.trials[-1].key
     run = last.describe()
     scene = plan.trials[-1].scenes[0]
-    assert run.tags | {"folder": "log"} == {
-        "placement": "square",
-        "detector": "pointpillars_tiny",
-        "seed": 0,
-        "scene": "log",
-        "folder": "log",
-    }
+    of_rig = {"placement": "square", "detector": "pointpillars_tiny", "seed": 0}
+    assert run.tags | {"folder": "log"} == of_rig | {"scene": "log", "folder": "log"}
     assert [(d.name, d.digest, d.context, d.profile) for d in run.datasets] == [
         ("log train", scene.key, "train", {"frames": 3}),
         ("log test", scene.key, "test", {"frames": 1}),
@@ -126,20 +93,16 @@ def test_a_run_can_be_filtered_and_tells_its_data_and_has_pictures(sweep):
         assert height > 250
 
 
-def test_what_was_there_has_ended_at_once(sweep):
-    plan, store, listener = sweep
-    for trial in plan.trials[:2]:
-        finish(store, *trial.results)
-    assert [name for name, *_ in told(listener())] == [trial.label for trial in plan.trials[:2]]
-
-
-def test_what_another_driver_finished_meanwhile_is_told_at_the_end(sweep):
+def test_what_was_there_has_ended_at_once_and_at_the_end_what_another_driver_finished(sweep):
     plan, store, listener = sweep
     log = listener()
     for trial in plan.trials[:2]:
         finish(store, *trial.results)
+    labels = [trial.label for trial in plan.trials[:2]]
+    assert [name for name, *_ in told(listener())] == labels
+    assert not told(log)
     log.end({})
-    assert [name for name, *_ in told(log)] == [trial.label for trial in plan.trials[:2]]
+    assert [name for name, *_ in told(log)] == labels
 
 
 def test_failures_have_their_reason_and_the_surrogates_that_are_known(sweep):

@@ -2,36 +2,33 @@
 
 import yaml
 from search_files import write_search
-from small_log import write_small_log
+from small_log import write_sweep
 
 from sweeps.configuration.grid import read_sweep
-from sweeps.configuration.whole_paths import with_whole_paths
+from sweeps.configuration.whole_paths import portable
 from sweeps.search.problem.problem import read_problem
 
 RAYS = "azimuth_deg,elevation_deg\n" + "".join(f"{a},-5\n" for a in range(0, 360, 5))
 
 
+def copied(found, folder):
+    """Its configuration in another folder."""
+    path = folder / "elsewhere" / "copy.yaml"
+    path.parent.mkdir()
+    path.write_text(yaml.safe_dump(dict(found.source)))
+    return path
+
+
 def test_a_sweep_with_patterns_everywhere_can_be_read_from_elsewhere(tmp_path):
     for name in ("one.csv", "two.csv"):
         (tmp_path / name).write_text(RAYS)
-    write_small_log(tmp_path / "log")
     own = {"mounts": [{"z": 2.0, "lidar": {"pattern": "two.csv"}}]}
-    content = {
-        "scene": {"source": "log", "folder": str(tmp_path / "log")},
-        "lidar": {"pattern": "one.csv"},
-        "placements": {"pattern": own},
-        "grid": {"placement": ["line", "pattern"], "lidar.pattern": ["one.csv", "two.csv"]},
-    }
-    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(content))
-    sweep = read_sweep(tmp_path / "sweep.yaml")
-    (tmp_path / "elsewhere").mkdir()
-    copy = tmp_path / "elsewhere" / "sweep.yaml"
-    copy.write_text(yaml.safe_dump(dict(sweep.source)))
-    again = read_sweep(copy)
-    assert {own.point.lidar.pattern for own in again.points} == {
-        tmp_path / "one.csv",
-        tmp_path / "two.csv",
-    }
+    grid = {"placement": ["line", "pattern"], "lidar.pattern": ["one.csv", "two.csv"]}
+    keys = {"lidar": {"pattern": "one.csv"}, "placements": {"pattern": own}, "grid": grid}
+    sweep = read_sweep(write_sweep(tmp_path, **keys))
+    again = read_sweep(copied(sweep, tmp_path))
+    found = {own.point.lidar.pattern for own in again.points}
+    assert found == {tmp_path / "one.csv", tmp_path / "two.csv"}
     assert [own.point for own in again.points] == [own.point for own in sweep.points]
 
 
@@ -39,10 +36,7 @@ def test_a_search_among_patterns_can_be_read_from_elsewhere(tmp_path):
     (tmp_path / "one.csv").write_text(RAYS)
     models = {"pattern": "vlp16", "livox": {"pattern": "one.csv", "range": 50.0}}
     problem = read_problem(write_search(tmp_path, search={"models": models}))
-    (tmp_path / "elsewhere").mkdir()
-    copy = tmp_path / "elsewhere" / "search.yaml"
-    copy.write_text(yaml.safe_dump(dict(problem.source)))
-    assert read_problem(copy).models == problem.models
+    assert read_problem(copied(problem, tmp_path)).models == problem.models
     assert {"pattern", "livox"} <= set(problem.models)
 
 
@@ -51,23 +45,15 @@ def test_corrections_are_found_from_elsewhere_and_keys_have_their_content(tmp_pa
     models = {"correction": "vlp16", "own": {"name": "vlp16", "correction": "car.yaml"}}
     problem = read_problem(write_search(tmp_path, search={"models": models}))
     assert problem.models["own"].correction.distance == 50
-    (tmp_path / "elsewhere").mkdir()
-    copy = tmp_path / "elsewhere" / "search.yaml"
-    copy.write_text(yaml.safe_dump(dict(problem.source)))
-    assert read_problem(copy).models == problem.models
+    assert read_problem(copied(problem, tmp_path)).models == problem.models
     (tmp_path / "car.yaml").rename(tmp_path / "truck.yaml")
     models["own"]["correction"] = "truck.yaml"
     moved = read_problem(write_search(tmp_path, search={"models": models}))
     assert moved.key == problem.key
     (tmp_path / "truck.yaml").write_text("distance: 60")
     assert read_problem(tmp_path / "small.yaml").key != problem.key
-    write_small_log(tmp_path / "log")
-    content = {
-        "scene": {"source": "log", "folder": str(tmp_path / "log")},
-        "grid": {"placement": ["line"], "lidar.correction": [None, "truck.yaml"]},
-    }
-    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(content))
-    points = read_sweep(tmp_path / "sweep.yaml").points
+    grid = {"placement": ["line"], "lidar.correction": [None, "truck.yaml"]}
+    points = read_sweep(write_sweep(tmp_path, grid=grid)).points
     found = [own.rig.lidars[0].correction for own in points]
     assert [own and own.distance for own in found] == [None, 60]
 
@@ -75,4 +61,4 @@ def test_corrections_are_found_from_elsewhere_and_keys_have_their_content(tmp_pa
 def test_other_values_stay_as_they_are(tmp_path):
     (tmp_path / "body.stl").write_text("")
     config = {"vehicle": [[[0, 0, 0], [1, 1, 1]]], "name": "body.stl", 3: {"mesh": None}}
-    assert with_whole_paths(config, tmp_path) == config
+    assert portable(config, tmp_path) == config

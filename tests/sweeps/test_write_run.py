@@ -7,28 +7,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from small_log import write_small_log
-from test_detector_sweep import SWEEP, Loud
-from typer.testing import CliRunner
+from small_log import write_sweep
 from written_tables import check_columns
 
 from sweeps.commands.failures import app
 from sweeps.configuration.grid import read_sweep
-from sweeps.execution.backends import InProcess
-from sweeps.execution.execute import Outcome, execute
-from sweeps.plan.plan import make_plan, read_plan
+from sweeps.plan.plan import read_plan
 from sweeps.results.failure_frames import failure_frames
-from sweeps.results.promotion import Promotion
-from sweeps.results.run_folder import Run, _once, write_run
-from sweeps.store.local import Store
+from sweeps.results.run_folder import _once
 from sweeps.store.open import store_of
-from sweeps.tasks.parameters import (
-    CollectParams,
-    RecallParams,
-    RequirementsParams,
-    SurrogateParams,
-    keys_of,
-)
+from sweeps.tasks import parameters
+from tests.sweeps.toy import call, ran
 from tracking.findings.failures import failures
 from tracking.findings.groups import groups
 from tracking.run_folders import sweep_tables
@@ -44,26 +33,12 @@ BODY = [[[-2.0, -0.9, 0.2], [2.0, 0.9, 1.5]]]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("sweep")
-    write_small_log(path / "log")
-    grid = {"placement": ["center", "line"], "detector": ["pointpillars_tiny"]}
-    config = path / "small.yaml"
-    scene = {"source": "log", "folder": str(path / "log")}
-    own = {"scene": scene, "grid": grid, "output": str(path / "runs")}
-    own["surrogate"] = {"resolution": SWEEP["surrogate"]["resolution"]}  # all that can be studied
-    near = {"x": [3, 5], "y": [-1, 1]}
-    own["vehicle"] = BODY
-    own["requirements"] = [
-        {"name": "near", "where": near, "what": "Car", "at_least": {"points": 1}, "step": 1.0}
-    ]
-    config.write_text(yaml.safe_dump(SWEEP | own))
-    sweep = read_sweep(config)
-    plan, store, outcome = make_plan(sweep), Store(path / "runs" / "store"), Outcome()
-    execute(plan.tasks, store, InProcess(), Loud(), outcome)
-    run = Run(
-        outcome, Promotion(complete=True), set(), 1, "sweeps.commands.run small.yaml", 0.0, 1.0
-    )
-    write_run(path / "run", sweep, plan, store, run)
-    return path / "run"
+    own = {"grid": {"placement": ["center", "line"], "detector": ["pointpillars_tiny"]}}
+    own |= {"classes": ["Car", "Pedestrian"], "surrogate": {"resolution": 0.4}}  # with all studies
+    near = {"name": "near", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Car", "step": 1.0}
+    own |= {"vehicle": BODY, "requirements": [near | {"at_least": {"points": 1}}]}
+    sweep = read_sweep(write_sweep(path, "small.yaml", **own))
+    return ran(sweep, path)[-1]
 
 
 def test_tables_have_the_columns_that_their_models_tell(folder):
@@ -79,15 +54,19 @@ def test_tables_have_the_columns_that_their_models_tell(folder):
 @pytest.mark.parametrize(
     ("table", "stages"),
     [
-        (sweep_tables.POINTS, [CollectParams]),
-        (sweep_tables.SURROGATES, [SurrogateParams, RecallParams]),
-        (sweep_tables.REQUIREMENTS, [RequirementsParams]),
+        (sweep_tables.POINTS, [parameters.CollectParams]),
+        (sweep_tables.SURROGATES, [parameters.SurrogateParams, parameters.RecallParams]),
+        (sweep_tables.REQUIREMENTS, [parameters.RequirementsParams]),
     ],
     ids=lambda value: getattr(value, "name", ""),
 )
 def test_rows_of_settings_that_differ_are_told_apart(table, stages):
     """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
-    keys = {key.partition(".")[0] for stage in stages for key in keys_of(object.__new__(stage))}
+    keys = {
+        key.partition(".")[0]
+        for stage in stages
+        for key in parameters.keys_of(object.__new__(stage))
+    }
     assert keys - {"placement", "classes"} <= set(table.axes)
 
 
@@ -97,12 +76,6 @@ def test_rows_that_trials_share_in_part_are_there_once():
     rows = pd.DataFrame({"split": ["test", "train"], "object_id": [1, 2]})
     found = [(None, [tested], lambda: rows[:1]), (None, [tested, trained], lambda: rows)]
     pd.testing.assert_frame_equal(_once(sweep_tables.INDIVIDUALS, (), found), rows)
-
-
-def test_the_vehicle_is_kept_to_be_drawn(folder):
-    told = RunFolder.read(folder)
-    np.testing.assert_array_equal(told.sweep.body.boxes, BODY)
-    assert told.sweep.body.mesh is None
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):
@@ -115,8 +88,10 @@ def test_individuals_of_both_splits_are_counted_once(folder):
     assert set(cars) == {4}
 
 
-def test_what_hangs_on_each_individual_stands_beside_the_results(folder):
+def test_what_hangs_on_each_individual_stands_beside_the_results_and_the_vehicle(folder):
     run = RunFolder.read(folder)
+    np.testing.assert_array_equal(run.sweep.body.boxes, BODY)
+    assert run.sweep.body.mesh is None
     assert run.left_out is not None
     keys = ["trial", "placement", "detector", "seed", "class", "metric", "iou"]
     assert not run.left_out.duplicated([*keys, "unit", "left_out"]).any()
@@ -170,8 +145,7 @@ def test_frames_have_the_points_on_objects_and_the_detections_that_were_evaluate
 
 def test_the_command_compares_two_rigs(folder, tmp_path):
     out = tmp_path / "out"
-    done = CliRunner().invoke(app, [str(folder), "--rigs", "line,center", "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    done = call(app, folder, "--rigs", "line,center", "--out", out)
     assert "Of 4 objects (4 individuals) line finds " in done.output
     assert "no frames are shown" not in done.output
     objects = pd.read_parquet(out / "objects.parquet")
@@ -190,8 +164,7 @@ def test_the_command_compares_two_rigs(folder, tmp_path):
     ],
 )
 def test_a_mistake_is_one_line(folder, words, said):
-    done = CliRunner().invoke(app, [str(folder), *words])
-    assert done.exit_code == 2
+    done = call(app, folder, *words, code=2)
     assert said in " ".join(done.output.split())
 
 
@@ -201,11 +174,9 @@ def test_without_results_in_the_store_there_are_counts_alone(folder, tmp_path):
     (tmp_path / "moved" / "config.yaml").write_text(
         yaml.safe_dump(config | {"output": str(tmp_path / "elsewhere")})
     )
-    words = [str(tmp_path / "moved"), "--rigs", "line,center", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
+    words = [tmp_path / "moved", "--rigs", "line,center", "--out", tmp_path / "out"]
+    done = call(app, *words)
     assert "no frames are shown: the store" in done.output
     (tmp_path / "moved" / "found.parquet").unlink()
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2
+    done = call(app, *words, code=2)
     assert "has no found.parquet" in " ".join(done.output.split())

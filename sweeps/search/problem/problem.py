@@ -24,7 +24,7 @@ from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_over
 from sweeps.configuration.question import check_dead, check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import PRETRAINED, SearchFile, Tests, TrafficSettings
-from sweeps.configuration.whole_paths import with_whole_paths
+from sweeps.configuration.whole_paths import portable
 from sweeps.execution.memory import check_memory
 from sweeps.plan.named_files import outside_of
 from sweeps.plan.plan import make_plan
@@ -273,7 +273,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         mount_draws=file.surrogate.mount_draws,
         seed=file.scene.seed,
     )
-    whole = with_whole_paths(source, path.parent)
+    whole = portable(source, path.parent)
     problem = Problem(path, whole, file, models, space, start, question, rigs)
     _check_what_comes_later(problem)
     return problem
