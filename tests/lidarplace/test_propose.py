@@ -68,19 +68,7 @@ def test_world_and_poses_are_guessed(tmp_path):
 def test_usual_names(names):
     """In the order of the keys, however the columns stand."""
     listed = names.split()
-    keys = [
-        "drive",
-        "time",
-        "object",
-        "category",
-        "x",
-        "y",
-        "z",
-        "length",
-        "width",
-        "height",
-        "yaw",
-    ]
+    keys = [*mapping_of(traffic(), Manner())["columns"]]
     if listed[0] == "frame":
         keys = ["frame", *keys[2:]]
     elif listed[1].startswith(("frame", "Bild")):
