@@ -31,11 +31,13 @@ def street() -> BoxLog:
     return log_of(STREET)
 
 
-def oncoming(log: BoxLog) -> np.ndarray:
-    """y of the vehicles ahead that come straight towards the ego on its road."""
+def check_oncoming(log: BoxLog, side: int) -> None:
+    """Vehicles ahead that come straight towards the ego on its road are on this side: y > 0 is 1."""
     boxes = log.boxes[log.boxes["class"] != "Pedestrian"]
     facing = np.cos(boxes["yaw"]) < -0.9999
-    return boxes.loc[facing & boxes["x"].between(2, 40) & (boxes["y"].abs() < 7), "y"].to_numpy()
+    y = boxes.loc[facing & boxes["x"].between(2, 40) & (boxes["y"].abs() < 7), "y"]
+    assert len(y) > 20
+    assert (side * y > 0).all()
 
 
 def left_hand(path: Path, source: str) -> Path:
@@ -49,9 +51,8 @@ def test_an_opendrive_street_is_driven_on_the_left(tmp_path, street):
     left, right = source.split("<center>")
     source = f"{left}<center>{right.replace('3.5', '5.5', 1)}"
     log = log_of(left_hand(tmp_path / "street.xodr", source))
-    ahead = oncoming(log)
-    assert len(ahead) > 20
-    assert (ahead < 0).all()
+    check_oncoming(log, -1)
+    check_oncoming(street, 1)
     # The reference line is y = 5 up to x = 0, and bends to the left behind that.
     frames = log.frames[log.frames["ego_x"] < -10]
     along = np.cos(frames["ego_yaw"]) > 0
@@ -61,8 +62,6 @@ def test_an_opendrive_street_is_driven_on_the_left(tmp_path, street):
     assert frames.loc[~along, "ego_y"].min() < 5 - 3.5, "the lane is 5.5 m broad"
     assert log.frames["ego_y"].max() > 30
     assert log.buildings["y"].max() > 30
-    assert len(oncoming(street)) > 20
-    assert (oncoming(street) > 0).all()
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +75,9 @@ def grid(tmp_path_factory) -> tuple[Path, Path]:
         *("--lefthand", "--no-turnarounds", "--sidewalks.guess", "--crossings.guess"),
     ]
     written = ["--opendrive-output", str(plain), "--opendrive-output.lefthand-left"]
-    for command in (
-        [programs / "netgenerate", *made, "--output-file", str(network)],
-        [programs / "netconvert", "--sumo-net-file", str(network), *written],
-    ):
+    generate = [programs / "netgenerate", *made, "--output-file", str(network)]
+    convert = [programs / "netconvert", "--sumo-net-file", str(network), *written]
+    for command in (generate, convert):
         quiet = ["--no-warnings", "--xml-validation", "never"]
         subprocess.run([*command, *quiet], check=True, capture_output=True)
     return network, left_hand(folder / "grid.xodr", plain.read_text())
@@ -88,9 +86,7 @@ def grid(tmp_path_factory) -> tuple[Path, Path]:
 @pytest.mark.parametrize("kind", [0, 1])
 def test_a_town_is_driven_on_the_left(grid, kind):
     log = log_of(grid[kind], density=24, pedestrians=0, routes=6)
-    ahead = oncoming(log)
-    assert len(ahead) > 20
-    assert (ahead < 0).all()
+    check_oncoming(log, -1)
     assert len(log.buildings) > 20
     # Lanes are 3.2 m wide, and the streets are the lines x = 0, 90, 180 and y = 0, 90.
     frames = log.frames
