@@ -25,7 +25,7 @@ from lidarplace.configuration.settings import (
     Text,
     Turn,
 )
-from lidarplace.rigs.further_sensors import Camera, MountedSensor, Radar
+from lidarplace.rigs.further_sensors import Camera, Kind, MountedSensor, Radar
 from lidarplace.rigs.placement import Mount
 
 Ranges = dict[ClassName, Annotated[Distance, Field(gt=0)]]
@@ -43,7 +43,7 @@ def further_catalogue() -> Mapping[str, Mapping[str, Any]]:
 class FurtherSensorSettings(PoseSettings):
     """A camera or a radar on its mount."""
 
-    KIND: ClassVar[str]
+    KIND: ClassVar[Kind]
     NEEDED: ClassVar[str]
 
     model: Name | None = Field(None, description="name in the catalogue; other keys override it")

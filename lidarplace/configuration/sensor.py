@@ -35,6 +35,8 @@ MOST_RAYS = 20_000_000
 """Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 TURNING = {"azimuth_deg", "azimuth_steps", "beams", "elevation_deg", "elevations_deg", "offsets_m"}
 """Keys of a LiDAR whose beams turn."""
+ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm", "size_mm")
+"""Keys that data sheets of any LiDAR may have."""
 
 
 def _beside_or_packaged(source: str, info: ValidationInfo) -> str:
@@ -130,18 +132,13 @@ class SensorSettings(Settings):
                 raise ValueError(f"{key}: {name} has a pattern of its own and no beams")
             if key in ("beams", "elevation_deg"):
                 raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
-        keys = ["range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm"]
+        keys = [*ANY]
         if sheet.rosette is None and data.get("pattern") is None:
             keys += ["elevations_deg", "azimuth_deg", "azimuth_steps"]
-            own = data.get("elevations_deg")
-            if not isinstance(own, (list, tuple)) or len(own) == len(sheet.elevations_deg):
+            table = data.get("elevations_deg")
+            if not isinstance(table, (list, tuple)) or len(table) == len(sheet.elevations_deg):
                 keys.append("offsets_m")  # else they are of other lasers
-        known = {key: getattr(sheet, key) for key in (*keys, "size_mm")}
-        # What no source gives is the default.
-        for key in ("min_range", "range_noise", "wavelength_nm"):
-            if known[key] is None:
-                del known[key]
-        return known | data
+        return {key: own for key in keys if (own := getattr(sheet, key)) is not None} | data
 
     @field_validator("elevation_deg", "elevations_deg")
     @classmethod

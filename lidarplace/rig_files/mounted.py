@@ -29,9 +29,7 @@ class MountedLidar:
     @property
     def kind(self) -> Kind:
         """What it is."""
-        if self.further is None:
-            return "lidar"
-        return "camera" if isinstance(self.further, CameraSettings) else "radar"
+        return "lidar" if self.further is None else self.further.KIND
 
     def moved(self, x: float, y: float, z: float) -> "MountedLidar":
         """The same LiDAR, farther by so many metres."""

@@ -42,10 +42,9 @@ class Lidar:
     """A LiDAR that fires every beam at every azimuth step within its field of view; or each of
     the rays of a pattern, which are beams that fire once in a frame, at an azimuth of their own.
 
-    Raises:
-        ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
-            is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a
-            pattern has azimuth steps.
+    Raises ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
+    is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a pattern
+    has azimuth steps.
     """
 
     elevations: tuple[float, ...]  # of every beam above the xy plane, radians, in [-pi/2, pi/2]
@@ -236,12 +235,9 @@ class Lidar:
     def corrected(self, by: Corrects, unit: str | None = None) -> Lidar:
         """The same LiDAR as on a real vehicle, in clouds, `expected_recall` and requirements.
 
-        Args:
-            by: from `lidarplace.configuration.correction.read_correction`.
-            unit: name of the LiDAR on that vehicle, which has a mask or beams of its own; None:
-                what holds for the whole vehicle alone.
-
-        Raises ValueError: there is no such unit, or what is known of it does not fit this LiDAR.
+        `by` is what `read_correction` reads, `unit` the name of the LiDAR on that vehicle whose
+        mask and beams apply; None: what holds for the whole vehicle alone. Raises ValueError: there
+        is no such unit, or what is known of it does not fit this LiDAR.
         """
         return by.applied_to(self, unit)
 

@@ -64,19 +64,14 @@ def validate(
     vehicle: Vehicle | None = None,
     without: Sequence[str] = (),
 ) -> Validation:
-    """Compare the simulation of a log with what its own LiDARs returned.
+    """Compare the simulation of a log in a folder with what its own LiDARs returned.
 
-    Args:
-        log: with real points and the rigs that recorded them.
-        folder: of the log; its real clouds, where `convert --clouds` kept some, are used.
-        correction: None: one is fitted, and judged on routes that it was not fitted to.
-        vehicle: carries the LiDARs; None: a sedan.
-        without: objects left out by their object_id or its beginning, such as wrong labels: they
-            neither hide nor count.
+    Real clouds, where `convert --clouds` kept some, are used. Without a correction one is fitted,
+    and judged on routes that it was not fitted to. No vehicle: a sedan. Objects `without`, by their
+    object_id or its beginning, such as wrong labels, neither hide nor count.
 
-    Raises:
-        InputError: an object to leave out is not there, there are no counts, no rig, rigs of
-            different scenes differ in their LiDARs, or no object has real points.
+    Raises InputError: an object to leave out is not there, there are no counts, no rig, rigs of
+    different scenes differ in their LiDARs, or no object has real points.
     """
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)

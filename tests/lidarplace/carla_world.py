@@ -52,10 +52,9 @@ class Blueprint:
 
 class Library:
     def __init__(self, server):
-        wheels = {"number_of_wheels": "4"}
-        bike = {"number_of_wheels": "2"}
+        wheels = {n: "2" if n.endswith("bike") else "4" for n in server.models}
         self._blueprints = {
-            **{n: (bike if n.endswith("bike") else wheels) for n in server.models},
+            **{n: {"number_of_wheels": number} for n, number in wheels.items()},
             **{n: {} for n in WALKERS},
             "controller.ai.walker": {},
             "sensor.lidar.ray_cast": dict.fromkeys(LIDAR_ATTRIBUTES, "0"),
@@ -73,17 +72,15 @@ class Actor:
         self._world, self._parent = world, parent
         self.id, self.type_id = number, blueprint.id
         self.attributes = dict(blueprint.attributes)
-        self.is_alive = True
-        self.physics, self.autopilot, self.goal = True, False, None
-        self.callback = None
+        self.is_alive, self.physics, self.autopilot = True, True, False
+        self.goal = self.callback = None
         self._transform = transform
         half = (world.server.models | WALKERS).get(blueprint.id)
         if half:
             # A vehicle stands on its origin, a walker's origin is its middle.
             z = half[2] if blueprint.id.startswith("vehicle.") else 0.0
-            self.bounding_box = carla.BoundingBox(
-                carla.Location(half[3], 0, z), carla.Vector3D(*half[:3])
-            )
+            middle = carla.Location(half[3], 0, z)
+            self.bounding_box = carla.BoundingBox(middle, carla.Vector3D(*half[:3]))
 
     @property
     def matrix(self):
@@ -109,7 +106,7 @@ class Actor:
         self.callback = callback
 
     def start(self):
-        self.started = True
+        pass
 
     def go_to_location(self, location):
         self._parent.goal = location
@@ -189,11 +186,8 @@ class World:
         self.rng = np.random.default_rng(seed)
 
     def try_spawn_actor(self, blueprint, transform, attach_to=None):
-        if attach_to is None and any(
-            actor._parent is None
-            and actor.get_transform().location.distance(transform.location) < 1
-            for actor in self.actors.values()
-        ):
+        others = [actor.get_transform().location for actor in self._all() if not actor._parent]
+        if attach_to is None and any(own.distance(transform.location) < 1 for own in others):
             return None
         actor = Actor(self, self._next, blueprint, transform, attach_to)
         self.actors[self._next] = actor
@@ -231,8 +225,10 @@ class World:
 
 
 class TrafficManager:
+    synchronous = False
+
     def __init__(self):
-        self.synchronous, self.seeds = False, []
+        self.seeds = []
 
     def get_port(self):
         return 8000

@@ -89,7 +89,9 @@ def test_own_body_is_left_out_and_the_crop_kept(collected):
 
 
 def test_boxes_are_in_the_ego_frame(collected):
-    _, _, log = collected
+    out, _, log = collected
+    assert read_box_log(out).boxes.equals(log.boxes)
+    assert read_box_log(out).frames.equals(log.frames)
     cars = log.boxes[log.boxes["class"] != "Pedestrian"]
     # Road and vehicles rise together, so in the leaning frame all stand level on z = 0.
     np.testing.assert_allclose(cars["z"], cars["height"] / 2, atol=1e-3)
@@ -111,13 +113,6 @@ def test_the_ego_moves_ahead_in_the_right_handed_world(collected):
         np.testing.assert_allclose((step * ahead).sum(axis=1), along, rtol=1e-2)
 
 
-def test_the_log_on_disk_is_the_log_returned(collected):
-    out, _, log = collected
-    again = read_box_log(out)
-    assert again.boxes.equals(log.boxes)
-    assert again.frames.equals(log.frames)
-
-
 def test_world_is_left_as_it_was_found(collected):
     _, server, _ = collected
     assert len(server.worlds) == 2 + 2 * 2  # a drive a route, a replay a route and placement
@@ -131,23 +126,18 @@ def test_world_is_left_as_it_was_found(collected):
 
 
 def test_nothing_is_done_twice_and_placements_can_be_added(tmp_path):
-    first, _ = run(tmp_path, placements=[CENTER])
+    first, log = run(tmp_path, placements=[CENTER])
     assert first.ticks > 0
-    again, _ = run(tmp_path, placements=[CENTER])
-    assert again.ticks == 0
+    for gone in ((), ("boxes", "frames", "buildings")):  # they are made from the routes
+        for name in gone:
+            (tmp_path / f"{name}.parquet").unlink()
+        again, found = run(tmp_path, placements=[CENTER])
+        assert again.ticks == 0
+        pd.testing.assert_frame_equal(found.boxes, log.boxes)
+    assert (tmp_path / "frames.parquet").exists()
     more, _ = run(tmp_path, placements=[TILTED])
     assert [world.town for world in more.worlds] == ["Town01"] * 2
     assert not more.traffic_manager.seeds  # nothing was driven anew
-
-
-def test_a_box_log_that_was_not_written_any_more_is_made_from_the_routes(tmp_path):
-    _, log = run(tmp_path, placements=[])
-    for name in ("boxes", "frames", "buildings"):
-        (tmp_path / f"{name}.parquet").unlink()
-    again, found = run(tmp_path, placements=[])
-    assert again.ticks == 0
-    pd.testing.assert_frame_equal(found.boxes, log.boxes)
-    assert (tmp_path / "frames.parquet").exists()
 
 
 @pytest.mark.parametrize("dies_at", [3, 25, 50])
@@ -186,17 +176,19 @@ def test_nothing_is_written_before_there_is_a_server(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_silent_lidar_is_an_error(tmp_path):
-    scene = SCENE.model_copy(update={"timeout_s": 0.05})
-    server = Server(mute=14)  # 12 road users, then LiDAR 0 and LiDAR 1
-    with pytest.raises(TimeoutError, match="placement tilted: LiDAR 1 delivered nothing"):
-        run(tmp_path, server, scene)
+@pytest.mark.parametrize(
+    ("wrong", "changes", "error", "message"),
+    [  # 12 road users, then LiDAR 0 and LiDAR 1
+        ({"mute": 14}, {"timeout_s": 0.05}, TimeoutError, "tilted: LiDAR 1 delivered nothing"),
+        ({"shove": 0.5}, {}, RuntimeError, r"frame \d: vehicle\S+ stands 0\.50 m from where"),
+        ({"glass": "*"}, {"frames_per_route": 8, "density": 12}, RuntimeError, "look through them"),
+    ],
+)
+def test_a_server_that_goes_wrong_is_an_error(tmp_path, wrong, changes, error, message):
+    server = Server(**wrong)
+    with pytest.raises(error, match=message):
+        run(tmp_path, server, SCENE.model_copy(update=changes), [TILTED])
     assert not server.worlds[-1].actors
-
-
-def test_somebody_astray_is_an_error(tmp_path):
-    with pytest.raises(RuntimeError, match=r"frame \d: vehicle\S+ stands 0\.50 m from where"):
-        run(tmp_path, Server(shove=0.5))
 
 
 def test_who_vanishes_is_in_no_later_frame_or_cloud(tmp_path):
@@ -244,12 +236,6 @@ def test_what_the_town_lacks(tmp_path, key, value, message):
     with pytest.raises(ValueError, match=message):
         run(tmp_path, server, SCENE.model_copy(update={key: value}), placements=[])
     assert all(not world.actors for world in server.worlds)
-
-
-def test_lidars_that_look_through_everybody_are_an_error(tmp_path):
-    scene = SCENE.model_copy(update={"frames_per_route": 8, "density": 12})
-    with pytest.raises(RuntimeError, match="look through them"):
-        run(tmp_path, Server(glass="*"), scene, [CENTER])
 
 
 def test_models_that_lidars_look_through_are_named():

@@ -154,20 +154,17 @@ FURTHER = [
 
 @pytest.mark.parametrize("name", ["own", "nuscenes", "osi"])
 def test_cameras_and_radars_come_back(name, tmp_path):
-    path = tmp_path / "rig.yaml"
-    if name == "own":
-        write_own(path, FURTHER)
-        back = [*read_own(path), *read_further(path)]
-    else:
-        FORMATS[name].write(path, FURTHER)
-        back = FORMATS[name].read(path, [])
+    path, ours = tmp_path / "rig.yaml", name == "own"
+    write = write_own if ours else FORMATS[name].write
+    write(path, FURTHER)
+    back = [*read_own(path), *read_further(path)] if ours else FORMATS[name].read(path, [])
     assert [(own.name, own.kind) for own in back] == [(own.name, own.kind) for own in FURTHER]
     for own, before in zip(back, FURTHER, strict=True):
         np.testing.assert_allclose(own.mount.position, before.mount.position, atol=1e-9)
         np.testing.assert_allclose(own.mount.rotation, before.mount.rotation, atol=1e-9)
     one, two = back[1].further.built(), FURTHER[1].further.built()
     np.testing.assert_allclose(one.focal, two.focal, rtol=1e-6)
-    if name == "own":
+    if ours:
         assert back[3].further.built() == FURTHER[3].further.built()
 
 
@@ -271,15 +268,15 @@ def test_what_the_catalogue_holds_can_be_built_and_has_a_source():
 
 
 @pytest.mark.parametrize(
-    ("kind", "keys", "told"),
+    ("kind", "key", "value", "told"),
     [
-        (CameraSettings, {"model": "a2d2_frnt"}, "no camera is called 'a2d2_frnt'"),
-        (RadarSettings, {"model": "a2d2_front_camera"}, "no radar is called"),
-        (CameraSettings, {"fov_deg": (190.0, 20.0)}, r"expected angles within \(0, 180\)"),
-        (CameraSettings, {"intrinsic": ((0.0, 0.0, 1.0),) * 3}, "expected focal lengths > 0"),
-        (RadarSettings, {"elevation_deg": (3.0, 3.0)}, "with min < max"),
+        (CameraSettings, "model", "a2d2_frnt", "no camera is called 'a2d2_frnt'"),
+        (RadarSettings, "model", "a2d2_front_camera", "no radar is called"),
+        (CameraSettings, "fov_deg", (190.0, 20.0), r"expected angles within \(0, 180\)"),
+        (CameraSettings, "intrinsic", ((0.0, 0.0, 1.0),) * 3, "expected focal lengths > 0"),
+        (RadarSettings, "elevation_deg", (3.0, 3.0), "with min < max"),
     ],
 )
-def test_cameras_and_radars_that_cannot_be(kind, keys, told):
+def test_cameras_and_radars_that_cannot_be(kind, key, value, told):
     with pytest.raises(ValueError, match=told):
-        kind(z=1.0, **keys)
+        kind(z=1.0, **{key: value})

@@ -108,8 +108,8 @@ def test_equal_offsets_of_nothing_change_no_bit():
 def test_blocks_are_runs_of_beams():
     lidar = replace(LIDAR, offsets=(0.1, 0.1, 0.2, 0.2, 0.1))
     found = blocks(Mount(z=2.0, roll=math.pi / 2), lidar)
-    assert [own.beams for _, own, _ in found] == [2, 2, 1]
-    assert [(rays.start, rays.stop) for *_, rays in found] == [(0, 480), (480, 960), (960, 1200)]
+    runs = [(own.beams, rays.start, rays.stop) for _, own, rays in found]
+    assert runs == [(2, 0, 480), (2, 480, 960), (1, 960, 1200)]
     assert [round(mount.y, 12) for mount, *_ in found] == [-0.1, -0.2, -0.1]
 
 

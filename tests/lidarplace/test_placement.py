@@ -1,24 +1,52 @@
+"""Mounts and placements: the paper's eight, CARLA's convention, and what its code does."""
+
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
+from lidarplace.clouds.profiles import PROFILES, Profile, with_tilt_in_degrees
 from lidarplace.coverage import coverage
 from lidarplace.coverage.rays import ray_counts
-from lidarplace.rigs.pose import from_carla
+from lidarplace.rigs.pose import from_carla, rotation
 
-TABLE = pd.read_csv(Path(__file__).parents[1] / "data/paper_placements.csv")
+DATA = Path(__file__).parents[1] / "data"
+TABLE = pd.read_csv(DATA / "paper_placements.csv")
+CARLA = json.loads((DATA / "carla_transforms.json").read_text())["poses"]
+
+
+def test_senses_of_rotation():
+    x, y = np.eye(3)[:2]
+    assert (rotation(0, 0.1, 0) @ x)[2] < 0, "pitch > 0 tips the nose down"
+    assert (rotation(0.1, 0, 0) @ y)[2] > 0, "roll > 0 lifts the left side"
+    assert (rotation(0, 0, 0.1) @ x)[1] > 0, "yaw > 0 turns to the left"
+
+
+@pytest.mark.parametrize("pose", CARLA)
+def test_conversion_agrees_with_carla(pose):
+    names = ("x", "y", "z", "roll", "pitch", "yaw")
+    x, y, z, *angles = from_carla(*(pose[name] for name in names))
+    mirror = np.diag([1.0, -1.0, 1.0])
+    theirs = np.array(pose["matrix"])
+    # CARLA computes in float32.
+    np.testing.assert_allclose(rotation(*angles), mirror @ theirs[:3, :3] @ mirror, atol=1e-6)
+    np.testing.assert_allclose([x, y, z], mirror @ theirs[:3, 3], atol=1e-6)
+
+
+def test_conversion_is_its_own_inverse():
+    pose = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
+    assert from_carla(*from_carla(*pose)) == pose
 
 
 def test_paper_placements_are_the_papers_table():
     assert list(PAPER_PLACEMENTS) == list(TABLE["placement"].unique())
     for name, rows in TABLE.groupby("placement"):
-        expected = {
-            Mount(*from_carla(r.x_m, r.y_m, r.z_m, r.roll_rad, r.pitch_rad))
-            for r in rows.itertuples()
-        }
-        assert set(PAPER_PLACEMENTS[name].mounts) == expected
+        poses = rows[["x_m", "y_m", "z_m", "roll_rad", "pitch_rad"]].to_numpy().tolist()
+        assert set(PAPER_PLACEMENTS[name].mounts) == {Mount(*from_carla(*pose)) for pose in poses}
 
 
 def test_side_lidars_look_out_and_the_front_one_down():
@@ -59,3 +87,33 @@ def test_a_mixed_rig_covers_what_its_lidars_cover_alone():
         np.testing.assert_array_equal(coverage(mixed, roi, method), parts[0] | parts[1])
     counts = [ray_counts(rig, roi, "dda") for rig in alone]
     np.testing.assert_array_equal(ray_counts(mixed, roi, "dda"), counts[0] + counts[1])
+
+
+def test_points_of_a_frame():
+    assert PROFILES["paper"].lidar.rays == 90_000
+    assert PROFILES["released-code"].lidar.rays == 4_000
+    for profile in PROFILES.values():
+        np.testing.assert_allclose(np.degrees(profile.lidar.elevations), np.linspace(-25, 5, 16))
+
+
+def test_tilts_are_taken_for_degrees():
+    placement = PAPER_PLACEMENTS["pyramid_roll"]
+    released = with_tilt_in_degrees(placement)
+    for before, after in zip(placement.mounts, released.mounts, strict=True):
+        assert after.roll == pytest.approx(math.radians(before.roll))
+        assert (before.x, before.y, before.z, before.yaw) == (after.x, after.y, after.z, after.yaw)
+    assert released.mounts[3].roll == pytest.approx(0.0048869, abs=1e-7)
+    pitched = with_tilt_in_degrees(PAPER_PLACEMENTS["pyramid_pitch"])
+    assert pitched.mounts[1].pitch == pytest.approx(0.09 * math.pi / 180)
+
+
+def test_a_quirk_alone():
+    placement = PAPER_PLACEMENTS["line_roll"]
+    assert PROFILES["paper"].placement(placement) == placement
+    sparse = Profile(PROFILES["released-code"].lidar)
+    assert sparse.placement(placement) == placement
+    tilted = Profile(Lidar.paper(), tilt_in_degrees=True).placement(placement)
+    assert tilted == with_tilt_in_degrees(placement)
+    everything = PROFILES["released-code"]
+    assert everything.misaligned_heights
+    assert everything.placement(placement) == tilted

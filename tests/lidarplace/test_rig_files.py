@@ -138,12 +138,14 @@ def test_a_urdf_of_another_library(tmp_path):
 
 def test_an_osi_configuration_of_another_library(tmp_path):
     out = tmp_path / "rig.yaml"
-    source = DATA / "sensor_view_configuration.json"
-    found_by_command(source, out, "--format", "osi", "--origin", -1.4, 0, 0.3, "--lidar", "vlp16")
+    command = DATA / "sensor_view_configuration.json", out, "--format", "osi", "--origin"
+    found_by_command(*command, -1.4, 0, 0.3, "--lidar", "vlp16")
     (lidar,) = read_own(out)
     assert (lidar.name, lidar.model.name) == ("lidar_7", "vlp16")
     np.testing.assert_allclose(lidar.mount.position, [0, 0, 1.8], atol=1e-9)
     np.testing.assert_allclose(lidar.mount.rotation, rotation(0.1, -0.2, 3.0), atol=1e-9)
+    told = found_by_command(*command, 0, 0, -1.6).stderr
+    assert "warning: lidar_7 is 0.1 m under the ground" in told
 
 
 def test_the_messages_own_names_are_read_as_well(tmp_path):
@@ -219,10 +221,3 @@ def test_calibrations_of_nuscenes(tmp_path):
     chosen = re.search(r"--only (LIDAR_TOP\.\S+)", done.output)[1]
     (lidar,) = FORMATS["nuscenes"].read(tmp_path / "v1", [chosen])
     assert lidar.name == "LIDAR_TOP"
-
-
-def test_a_lidar_under_the_ground_is_told(tmp_path):
-    source = DATA / "sensor_view_configuration.json"
-    out = tmp_path / "rig.yaml"
-    done = found_by_command(source, out, "--format", "osi", "--origin", 0, 0, -1.6)
-    assert "warning: lidar_7 is 0.1 m under the ground" in done.stderr

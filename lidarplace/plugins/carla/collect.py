@@ -53,15 +53,10 @@ def collect(
     """Collect what is missing in `out` from a running server; one process a folder.
 
     Placements by name may be none, and others may be added in a later call. `report` receives one
-    line per route and what was left out; `connected` makes the client.
-
-    Raises:
-        ImportError: the client is not installed.
-        OSError: no server answers, a LiDAR does not deliver, or a file cannot be written.
-        ValueError: `out` holds another scene, or another placement of a name; a LiDAR has what
-            none of CARLA's has; client and server have different versions; the server lacks a map,
-            blueprint or room.
-        RuntimeError: the server failed.
+    line per route and what was left out; `connected` makes the client. Raises, besides what that
+    does, ValueError: `out` holds another scene, or another placement of a name, a LiDAR has what
+    none of CARLA's has, or the server lacks a map, blueprint or room; TimeoutError: a LiDAR does
+    not deliver; RuntimeError: the server failed.
     """
     for name, placement in placements.items():
         for lidar in placement.lidars:

@@ -1,6 +1,8 @@
-"""Verdicts: by hand, by single rays at every position, and what must hold for every rig."""
+"""Verdicts: by hand, by single rays at every position, by several sensors and with dead ones, and
+what must hold for every rig."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -16,9 +18,16 @@ from lidarplace.requirements.area import Area, grid_over, in_the_way
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.presets.read import preset
-from lidarplace.requirements.requirement import STANDARD, AlsoWhen, PlacedObject, Requirement
+from lidarplace.requirements.requirement import (
+    STANDARD,
+    AlsoWhen,
+    PlacedObject,
+    Requirement,
+    dead_sets,
+)
 from lidarplace.rigs.weather import Weather
-from tests.lidarplace.requirements.brute_force import hits_of
+from lidarplace.studio.blind_ground import blind_ground, counted_ground
+from tests.lidarplace.requirements.brute_force import cells_of, hits_of
 
 CAR = Vehicle.car()
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
@@ -26,6 +35,7 @@ LIDAR = Lidar(tuple(np.radians([-50.0, -30.0, -20.0, -12.0, -6.0, -2.0, 3.0])), 
 RIG = Placement("rig", [Mount(x=0.6, y=0.4, z=1.8, roll=0.1), Mount(x=-1.0, z=1.9)], LIDAR)
 FOG = Weather(visibility=1.0, rain=5.0)
 PERSON = PlacedObject(0.5, 0.7, 1.7)
+CURVE = DetectionCurve.model_validate({"class": "Pedestrian", "iou": 0.5, "most": 0.8, "rate": 0.2})
 
 
 def outcome(area, measure, least=1.0, placed=None, rig=RIG, vehicle=CAR, **wanted):
@@ -104,27 +114,10 @@ def test_coverage_is_that_of_the_near_field():
 
 
 def test_probability_is_the_curve_of_the_cells():
-    curve = DetectionCurve.model_validate(
-        {"class": "Pedestrian", "iou": 0.5, "most": 0.8, "rate": 0.2}
-    )
     area = Area(distance=(0.5, 3.0))
     cells = outcome(area, "cells", 1, PERSON)
-    found = outcome(area, "probability", 0.5, PERSON, curve=curve)
+    found = outcome(area, "probability", 0.5, PERSON, curve=CURVE)
     assert found.least_of == pytest.approx(0.8 * (1 - np.exp(-0.2 * cells.least_of)))
-
-
-@settings(max_examples=20)
-@given(
-    x=st.floats(-1.5, 1.5),
-    y=st.floats(-0.7, 0.7),
-    z=st.floats(1.55, 2.5),
-    roll=st.floats(-1, 1),
-    measure=st.sampled_from(["points", "cells", "coverage"]),
-)
-def test_another_lidar_takes_nothing_away(x, y, z, roll, measure):
-    more = Placement("more", [*RIG.mounts, Mount(x + 1e-6, y, z, roll)], LIDAR)
-    asked = Area(distance=(0.3, 2.0)), measure, 1.0, None if measure == "coverage" else PERSON
-    assert (outcome(*asked, more, step=0.7).least_of >= outcome(*asked, step=0.7).least_of).all()
 
 
 def test_a_symmetric_rig_has_a_symmetric_result():
@@ -183,3 +176,99 @@ def test_areas_of_sectors_and_lanes():
     assert behind.points.tolist() == points[np.abs(azimuth) >= 157.5].tolist()
     lanes = grid_over(Area(x=(-1.0, 1.0), y=((-5.25, -1.75), (1.75, 5.25))), CAR, 0.5)
     assert set(np.abs(lanes.points[:, 1])) == {1.75, 2.25, 2.75, 3.25, 3.75, 4.25, 4.75, 5.25}
+
+
+FEW = Lidar(tuple(np.radians([-50.0, -30.0, -18.0, -9.0, -3.0])), azimuth_steps=60)
+THREE = Placement(
+    "three", [Mount(0.6, 0.4, 1.8, 0.1), Mount(-1.0, z=1.9), Mount(2.4, -0.3, 0.7, 0.0, 0.1)], FEW
+)
+TURNED = PlacedObject(0.5, 0.7, 1.7, headings=2)
+AREA = Area(distance=(0.3, 1.5))
+
+
+def of_three(rig=THREE, area=AREA, measure="points", placed=TURNED, step=1.3, **wanted):
+    return outcome(area, measure, 1.0, placed, rig, step=step, **wanted)
+
+
+@pytest.fixture(scope="module")
+def hits():
+    """Of every position and heading the points of each LiDAR on the person."""
+    laid = lay_out(Requirement("x", AREA, "points", 1.0, TURNED, step=1.3), CAR)
+    return [
+        [hits_of(THREE, CAR, box) for box in by_heading if np.isfinite(box[0])]
+        for by_heading in laid.boxes.swapaxes(0, 1)
+    ]
+
+
+@pytest.mark.parametrize("measure", ["points", "cells", "probability"])
+@pytest.mark.parametrize(("sensors", "dead"), [(1, 0), (2, 0), (3, 0), (4, 0), (1, 1), (2, 1)])
+def test_several_sensors_against_single_rays(hits, measure, sensors, dead):
+    def count(points):
+        if measure == "points":
+            return len(points)
+        cells = len(cells_of(points, TURNED.size, 0.2))
+        return float(CURVE.probability(np.array([cells]))[0]) if measure == "probability" else cells
+
+    def has(of_lidars, alive):
+        found = sorted((count(of_lidars[n]) for n in alive), reverse=True)
+        return found[sensors - 1] if len(found) >= sensors else 0
+
+    sets = [(), *(combinations(range(3), dead) if dead else ())]
+    expected = [
+        [min(has(box, set(range(3)) - set(gone)) for box in boxes) for boxes in hits]
+        for gone in sets
+    ]
+    curve = CURVE if measure == "probability" else None
+    case = AlsoWhen(sensors_dead=dead)
+    found = of_three(measure=measure, curve=curve, cell=0.2, sensors=sensors, also_when=case)
+    assert [own.value for own in found.findings] == pytest.approx([min(own) for own in expected])
+    assert found.least_of == pytest.approx(np.min(expected, axis=0))
+    assert found.least_of.max() > 0 or sensors + dead > 3
+
+
+@pytest.mark.parametrize("measure", ["points", "cells", "coverage"])
+def test_two_dead_of_three_are_the_one_that_is_left(measure):
+    wanted = {"measure": measure, "placed": None if measure == "coverage" else TURNED}
+
+    def values(**case):
+        findings = of_three(**wanted, also_when=AlsoWhen(**case)).findings[1:]
+        return {own.case: own.value for own in findings}
+
+    alone = [of_three(Placement("one", [THREE.mounts[n]], FEW), **wanted).worst for n in (2, 1, 0)]
+    pairs = [f"without LiDAR {a} and LiDAR {b}" for a, b in ((1, 2), (1, 3), (2, 3))]
+    expected = dict(zip(pairs, (own.value for own in alone), strict=True))
+    assert values(sensors_dead=2) == expected
+    assert [*values(sensors_dead=5).values()] == [0.0]
+    assert values(one_lidar_dead=True) == values(sensors_dead=1)
+
+
+def test_volume_by_two_sensors_is_where_two_lidars_see_each_by_itself():
+    roi = Roi((-3.0, 3.0), (-2.0, 2.0), (0.0, 0.5), 0.5)  # one layer: a column is a voxel
+    each = [seen_in_columns(Placement("one", [mount], FEW), CAR, roi)[0] for mount in THREE.mounts]
+    _, outside = seen_in_columns(THREE, CAR, roi)
+    asked = {"area": Area(x=(-3.0, 3.0), y=((-2.0, 2.0),)), "step": 0.5, "heights": (0.0, 0.5)}
+    for sensors in (1, 2, 3, 4):
+        found = of_three(measure="coverage", placed=None, sensors=sensors, **asked)
+        assert found.worst.value == (np.sum(each, axis=0) >= sensors).sum() / outside.sum()
+
+
+def test_ground_is_counted_by_sensors():
+    """A cell has as many as there are LiDARs for which, alone, it is not blind."""
+    found = counted_ground(THREE, CAR, 1.5)
+    blind = [
+        {tuple(at) for at in blind_ground(Placement("one", [mount], FEW), CAR, 1.5).middles}
+        for mount in THREE.mounts
+    ]
+    expected = [sum(tuple(at) not in own for own in blind) for at in found.middles]
+    assert found.sensors.tolist() == expected
+    assert set(expected) == {0, 1, 2, 3}
+    assert found.share == np.mean(np.array(expected) < 2)
+    assert not counted_ground(None, CAR, 1.5).sensors.any()
+
+
+def test_sets_of_dead_sensors_are_bounded():
+    assert dead_sets(0, 3) == [()]
+    assert dead_sets(9, 2) == [(0, 1)]
+    assert len(dead_sets(2, 40)) == 780
+    with pytest.raises(ValueError, match="expected at most 1,000 sets of 3 dead sensors, found 1,"):
+        dead_sets(3, 20)

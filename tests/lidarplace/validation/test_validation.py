@@ -72,17 +72,15 @@ def test_subsets_of_the_lidars_are_a_placement_experiment(found):
     assert (cells["shipped"] > 1.1 * cells["real"]).all()
     points = table.loc[("points", "all")]
     np.testing.assert_allclose(points["corrected"], points["real"], rtol=0.1)
-    assert points.loc["up + down", "real"] == pytest.approx(
-        points.loc[["up", "down"], "real"].sum()
-    )
+    assert points["real"]["up + down"] == pytest.approx(points["real"][["up", "down"]].sum())
     assert (found.agreement["subsets"] == 3).all()
 
 
 def test_the_reason_of_the_worst_is_known_from_clouds(found):
-    assert set(found.worst["reason"]) <= {"lost", "passed beyond", "hidden",
-                                          "too few simulated",
-                                          "hidden in the simulation alone"}  # fmt: skip
-    rays = found.worst[["in the box", "hidden", "passed beyond", "lost"]].sum(axis=1)
+    fates = ["in the box", "hidden", "passed beyond", "lost"]
+    reasons = {*fates[1:], "too few simulated", "hidden in the simulation alone"}
+    assert set(found.worst["reason"]) <= reasons
+    rays = found.worst[fates].sum(axis=1)
     np.testing.assert_array_equal(rays, found.worst["shipped"])
 
 
@@ -127,10 +125,8 @@ def test_a_wrong_label_is_left_out(real, found):
 def test_clouds_of_the_corrected_rig_have_the_real_points(real, found):
     """Above z = 0, where the clouds' ground hides nothing of the boxes."""
     _, log = real
-    lidars = [
-        lidar.corrected(found.correction, name)
-        for name, lidar in zip(NAMES, RIG.placement.lidars, strict=True)
-    ]
+    named = zip(NAMES, RIG.placement.lidars, strict=True)
+    lidars = [lidar.corrected(found.correction, name) for name, lidar in named]
     high = log.boxes[log.boxes["z"] > log.boxes["height"] / 2]
     ratio = {}
     for name, rig in (("shipped", RIG.placement), ("corrected", RIG.placement.with_lidar(lidars))):
@@ -194,9 +190,8 @@ def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     assert read_correction(out / "correction.yaml").factor["Car"] == pytest.approx(0.6, rel=0.12)
     scores = pd.read_parquet(out / "scores.parquet")
     assert set(scores["by"]) == {"all", "distance", "class", "route"}
-    again = CliRunner().invoke(
-        app, [str(folder), "--out", str(out), "--correction", str(out / "correction.yaml")]
-    )
+    given = ["--correction", str(out / "correction.yaml")]
+    again = CliRunner().invoke(app, [str(folder), "--out", str(out), *given])
     assert again.exit_code == 0, again.output
     empty = tmp_path / "empty"
     write_box_log(empty, replace(read_box_log(folder), boxes=log.boxes.drop(columns="points")))
@@ -205,10 +200,11 @@ def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     assert len(wrong.output.strip().splitlines()) == 1
 
 
-LIDAR = "{beams: 14, elevation_deg: [-24, 2], azimuth_steps: 300, range: 80}"
-MOUNTED = (
-    f"mounts: [{{name: top, z: 2, lidar: {LIDAR}}}, {{name: low, x: 2.6, z: 0.6, lidar: {LIDAR}}}]"
-)
+MOUNTED = """
+mounts:
+- {name: top, z: 2, lidar: &l {beams: 14, elevation_deg: [-24, 2], azimuth_steps: 300, range: 80}}
+- {name: low, x: 2.6, z: 0.6, lidar: *l}
+"""
 
 
 def test_a_world_that_convert_built_stops_simulated_rays(tmp_path):
@@ -259,10 +255,8 @@ PERFECT = {"by": "all", "bias": 0.0, "spread": 0.0, "within_2": 1.0, "rho": 1.0,
 
 
 def judged(found, shipped, corrected=None, **facts):
-    rows = [
-        {"model": "shipped"} | PERFECT | shipped,
-        {"model": "corrected"} | PERFECT | (corrected or {}),
-    ]
+    models = {"shipped": shipped, "corrected": corrected or {}}
+    rows = [{"model": model} | PERFECT | changes for model, changes in models.items()]
     return verdict(replace(found, scores=pd.DataFrame(rows), **facts))
 
 

@@ -1,7 +1,7 @@
 """A made-up vehicle whose LiDARs lose returns by a rule that the validation has to find again."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,31 +17,18 @@ from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.validation.simulation import SECTORS, rays_on_objects, sectors_of
 
 NAMES = ("up", "down")
-RIG = RecordedRig(
-    NAMES,
-    Placement(
-        "vehicle",
-        [Mount(z=2.1), Mount(z=1.8, yaw=0.3)],
-        Lidar.even(beams=32, elevation_deg=(-25, 12), azimuth_steps=1200, range=150.0),
-    ),
-)
+LIDAR = Lidar.even(beams=32, elevation_deg=(-25, 12), azimuth_steps=1200, range=150.0)
+RIG = RecordedRig(NAMES, Placement("vehicle", [Mount(z=2.1), Mount(z=1.8, yaw=0.3)], LIDAR))
 SIZES = {"Car": (4.5, 1.9, 1.6), "Cyclist": (1.8, 0.6, 1.7), "Pedestrian": (0.7, 0.7, 1.75)}
 KEPT = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
 
 
-@dataclass(frozen=True)
-class Loss:
+class Loss(NamedTuple):
     """What the vehicle loses."""
 
     factor: dict[str, float]
     distance: float = np.inf
-    shadow: float = 1.0
-    """Share that the lower LiDAR returns in its first six sectors."""
-
-    def mask(self) -> np.ndarray:
-        shares = np.ones((2, SECTORS))
-        shares[1, :6] = self.shadow
-        return shares
+    shadow: float = 1.0  # share that the lower LiDAR returns in its first six sectors
 
 
 NOTHING = Loss({})
@@ -75,7 +62,8 @@ def recorded(
     """A log with the points that the vehicle's LiDARs returned, and its clouds in `folder`."""
     table, listed = boxes(routes, objects, frames, seed)
     log = BoxLog(table, listed)
-    surroundings, mask = Surroundings(log), loss.mask()
+    surroundings, mask = Surroundings(log), np.ones((2, SECTORS))
+    mask[1, :6] = loss.shadow
     factor = np.array([loss.factor.get(name, 1.0) for name in table["class"]])
     counts = {name: np.zeros(len(table)) for name in NAMES}
     for scene, own in listed.groupby("scene"):
@@ -84,16 +72,14 @@ def recorded(
             random = np.random.default_rng(int(frame))
             rows, points, sizes = surroundings.rows(frame), [], []
             parts = body_parts(None).and_(surroundings.parts(frame, 300.0))
-            for n, (mount, lidar) in enumerate(
-                zip(RIG.placement.mounts, RIG.placement.lidars, strict=True)
-            ):
-                hits = rays_on_objects(mount, lidar, parts)
-                met = np.zeros(lidar.rays, bool)
+            for n, mount in enumerate(RIG.placement.mounts):
+                hits = rays_on_objects(mount, LIDAR, parts)
+                met = np.zeros(LIDAR.rays, bool)
                 met[hits.ray] = True
-                away, target = np.full(lidar.rays, 80.0), np.zeros(lidar.rays, int)
+                away, target = np.full(LIDAR.rays, 80.0), np.zeros(LIDAR.rays, int)
                 away[hits.ray], target[hits.ray] = hits.range, hits.target  # the rest is walls
-                at = mount.position + lidar.directions() @ mount.rotation.T * away[:, None]
-                share = mask[n][sectors_of(lidar.directions())]
+                at = mount.position + LIDAR.directions() @ mount.rotation.T * away[:, None]
+                share = mask[n][sectors_of(LIDAR.directions())]
                 own_share = factor[rows][target]
                 share = share * np.where(met, own_share * np.exp(-away / loss.distance), 1.0)
                 kept = random.random(len(at)) < share
@@ -104,10 +90,8 @@ def recorded(
             clouds.append((np.concatenate(points), np.array(sizes)))
         packed = PointClouds.from_frames(own["frame"].to_numpy(), clouds, KEPT)
         write_clouds(folder / "clouds" / "recorded" / scene, packed)
-    table = table.assign(
-        points=sum(counts.values()), **{f"points/{n}": c for n, c in counts.items()}
-    )
-    rigs = dict.fromkeys(listed["scene"].unique(), RIG)
-    done = BoxLog(table, listed, rigs=rigs)
+    of_each = {f"points/{name}": own for name, own in counts.items()}
+    table = table.assign(points=sum(counts.values()), **of_each)
+    done = BoxLog(table, listed, rigs=dict.fromkeys(listed["scene"].unique(), RIG))
     write_box_log(folder, done)
     return done

@@ -1,45 +1,45 @@
+"""The plug-in of CARLA without a collection: its command, settings, classes and LiDARs."""
+
+import math
 import re
 import socket
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 pytest.importorskip("carla")
 
-from carla_world import Server
+from carla_world import Server, cast
 
 from lidarplace.plugins.carla.command import Collection, app
 from lidarplace.plugins.carla.drive import object_class, starts
-from lidarplace.plugins.carla.server import check_versions, connect
+from lidarplace.plugins.carla.lidars import mount_transform
+from lidarplace.plugins.carla.returns import ego_points
+from lidarplace.plugins.carla.server import check_versions
 from lidarplace.plugins.carla.settings import CarlaScene
+from lidarplace.rig_files.carla import attributes, even_fans
 from lidarplace.rigs.lidar import Lidar
-
-
-def closed_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
-
-
-def test_no_server_is_an_error_within_the_timeout():
-    scene = CarlaScene(host="127.0.0.1", port=closed_port(), timeout_s=0.5)
-    with pytest.raises(ConnectionError, match=r"no CARLA server answers at 127.* within 0\.5 s"):
-        connect(scene)
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
 
 
 def test_command_without_a_server(tmp_path):
     config = tmp_path / "carla.yaml"
     config.write_text("scene: {towns: [Town01], timeout_s: 0.5}\nplacements: {line: null}\n")
-    port = str(closed_port())
-    command = [str(config), str(tmp_path / "out"), "--host", "127.0.0.1", "--port", port]
-    done = CliRunner().invoke(app, command)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = f"{config} {tmp_path}/out --host 127.0.0.1 --port {port}"
+    done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 2
     (line,) = done.stderr.splitlines()
-    assert f"127.0.0.1:{port}" in line
+    assert f"no CARLA server answers at 127.0.0.1:{port} within 0.5 s" in line
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_classes(blueprint, wheels, size, expected):
     assert object_class(blueprint, wheels, size, {blueprint: "Car"}) == "Car"
 
 
-def test_plan_numbers_routes_and_frames_and_shares_no_start():
+def test_plan_numbers_routes_and_frames_and_shares_no_start_and_starts_lie_far_apart():
     scene = CarlaScene(towns=("Town01", "Town03"), routes=3, test_routes=2)
     plan = scene.plan()
     assert [route.part for route in plan] == ["train"] * 6 + ["test"] * 4
@@ -102,12 +102,8 @@ def test_plan_numbers_routes_and_frames_and_shares_no_start():
     assert len({(route.town, route.start) for route in plan}) == 10
     assert len({route.seed for route in plan}) == 10
 
-
-def test_starts_lie_far_apart():
     points = [(x, y) for x in range(0, 100, 10) for y in range(0, 100, 10)]
-    scene = CarlaScene()
-    route = scene.plan()[0]
-    taken = [points[starts(points, count, scene, route)] for count in range(1, 6)]
+    taken = [points[starts(points, count, scene, plan[0])] for count in range(1, 6)]
     apart = [np.hypot(a[0] - b[0], a[1] - b[1]) for a in taken for b in taken if a != b]
     assert len(set(taken)) == 5
     assert min(apart) > 40
@@ -133,3 +129,74 @@ def test_placements_of_a_settings_file():
     assert rigs["mine"].mounts[0].pitch == 0.1
     named = Collection.model_validate({"lidar": "VLP-16", "placements": {"line": None}}).rigs()
     assert named["line"].lidar == Lidar.named("vlp16")
+
+
+PAPER = Lidar.paper()
+
+
+def all_points(lidar, mount):
+    """Of a LiDAR alone on the plane of the world in memory."""
+    (fan,) = even_fans(lidar.elevations)
+    known = {"atmosphere_attenuation_rate": "0.004"} | attributes(lidar, fan, seed=0)
+    matrix = np.array(mount_transform(mount, (0, 0)).get_matrix())
+    returns = cast(SimpleNamespace(attributes=known, matrix=matrix), [])
+    return ego_points(returns, mount, lidar, (-np.inf,) * 3 + (np.inf,) * 3, (-1.0, -1.0, -1.0))
+
+
+def test_the_papers_beam_table_is_one_sensor():
+    (fan,) = even_fans(PAPER.elevations)
+    values = {name: float(value) for name, value in attributes(PAPER, fan, seed=5).items()}
+    assert values["channels"] == 16
+    assert values["points_per_second"] == 90_000 * 20
+    assert (values["lower_fov"], values["upper_fov"]) == pytest.approx((-25, 5), abs=1e-6)
+    assert values["rotation_frequency"] == 20
+    assert values["dropoff_general_rate"] == values["dropoff_zero_intensity"] == 0
+    values = attributes(PAPER, even_fans(PAPER.elevations)[0], seed=2**31 + 5)
+    found = [values[name] for name in ("channels", "points_per_second", "noise_seed")]
+    assert found == ["16", "1800000", "5"]
+    assert attributes(PAPER, even_fans([0.0])[0], seed=2**31 - 1)["noise_seed"] == "2147483647"
+
+
+@settings(derandomize=True)
+@given(st.lists(st.floats(-math.pi / 2, math.pi / 2), min_size=1, max_size=40))
+def test_fans_hold_every_beam_once(elevations):
+    fans = even_fans(elevations)
+    beams = np.concatenate([np.linspace(fan.lower, fan.upper, fan.beams) for fan in fans])
+    np.testing.assert_allclose(np.sort(beams), np.sort(elevations), atol=1e-6)
+    assert len(fans) <= (len(elevations) + 1) // 2
+
+
+@pytest.mark.parametrize("mount", PAPER_PLACEMENTS["pyramid_roll"].mounts)
+def test_mount_in_carlas_own_matrix(mount):
+    pose = np.array(mount_transform(mount, (0.0, 0.0)).get_matrix())
+    mirror = np.diag([1, -1, 1])
+    np.testing.assert_allclose(mirror @ pose[:3, :3] @ mirror, mount.rotation, atol=1e-6)
+    np.testing.assert_allclose(mirror @ pose[:3, 3], mount.position, atol=1e-6)
+
+
+def test_returns_of_a_tilted_lidar_lie_on_a_plane_in_the_ego_frame():
+    # The world's plane rises along x by 4 degrees, and the ego stands level at its foot.
+    lidar = Lidar((-0.4, -0.1), azimuth_steps=90)
+    points = all_points(lidar, Mount(0.2, 0.6, 2.2, roll=-0.28, pitch=0.1, yaw=1.0))
+    assert len(points) > 60
+    rise = math.tan(math.radians(4))
+    np.testing.assert_allclose(points[:, 2], rise * points[:, 0], atol=2e-4)
+
+
+def test_field_of_view_is_cut_from_the_full_turn():
+    lidar = Lidar((-0.3,), azimuth_steps=360, azimuth=(math.radians(80), math.radians(200)))
+    points = all_points(lidar, Mount(z=2.0))
+    turned = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 360
+    assert turned.min() >= 80 - 1e-3
+    assert turned.max() <= 200 + 1e-3
+    assert abs(len(points) - lidar.fired_steps) <= 2  # rounding in float32 at the two ends
+
+
+def test_crop_and_own_body():
+    points = np.array(
+        [[0, 0, 1.0, 1], [2.3, 0, 0.5, 1], [2.6, 0, 0.5, 1], [10, 3, 0, 1], [10.1, 0, 0, 1]],
+        np.float32,
+    )
+    lidar = Lidar((0.0,), azimuth_steps=8)
+    kept = ego_points(points, Mount(), lidar, (-10, -10, -1, 10, 10, 3), (4.6, 2.0, 1.5))
+    np.testing.assert_array_equal(kept, points[[2, 3]] * [1, -1, 1, 1])  # y to the left
