@@ -68,13 +68,13 @@ class Page(HTMLParser):
 
 
 @pytest.fixture
-def built(reported) -> Path:
-    return reported / "report.html"
+def built(reported_run) -> Path:
+    return reported_run / "report.html"
 
 
 @pytest.fixture(scope="module")
-def page(reported) -> Page:
-    return Page((reported / "report.html").read_text(encoding="utf-8"))
+def page(reported_run) -> Page:
+    return Page((reported_run / "report.html").read_text(encoding="utf-8"))
 
 
 def test_every_placement_is_in_tables_maps_and_clouds(page):
