@@ -104,8 +104,7 @@ def test_a_slug_is_a_safe_name():
 def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     rows = (("a", "–", "1", "–"), ("b", "–", "–", "–"))
     stressed = frozenset({(0, 2), (1, 1)})
-    table = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0}))
-    shown = table.without_dashes()
+    shown = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0})).without_dashes()
     assert shown.head == ("rig", "mean")
     assert shown.rows == (("a", "1"), ("b", "–"))
     assert shown.best == {(0, 1)}
