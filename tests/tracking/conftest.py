@@ -22,7 +22,7 @@ def run(made_up_run: Path) -> RunFolder:
 
 
 @pytest.fixture(scope="session")
-def reported(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with its whole report, and with tables that were there before. Read it only."""
     folder = tmp_path_factory.mktemp("reported") / "grid"
     shutil.copytree(made_up_run, folder)

@@ -94,12 +94,10 @@ def test_published_and_own_stand_side_by_side_for_the_same_network(page):
 
 
 def test_spread_by_chance_is_exceeded_by_one_sweep_in_twenty():
-    rng = np.random.default_rng(0)
-    y = 60 + rng.normal(size=(300, 5, 3))
+    y = 60 + np.random.default_rng(0).normal(size=(300, 5, 3))
     each = [tables(range(5), own)[0].assign(detector=f"d{k}") for k, own in enumerate(y)]
     table = sensitivity(seed_means(pd.concat(each)))
-    beyond = (table["spread"] > table["by_chance"]).mean()
-    assert 0.02 < beyond < 0.09
+    assert 0.02 < (table["spread"] > table["by_chance"]).mean() < 0.09
     assert (table["relative"] - table["spread"] / table["mean"]).abs().max() < 1e-12
 
 
@@ -136,5 +134,4 @@ def test_pairs_are_told_apart_though_their_intervals_overlap(run):
     assert len(pairs) == 10
     assert ((pairs["low"] > 0) | (pairs["high"] < 0)).all()
     assert "does not blur" in separation_sentences(pairs, "Car")[0]
-    blurred = pairs.assign(low=-1.0, high=1.0)
-    assert "S-MIG 0 of 10" in separation_sentences(blurred, "Car")[0]
+    assert "S-MIG 0 of 10" in separation_sentences(pairs.assign(low=-1.0, high=1.0), "Car")[0]

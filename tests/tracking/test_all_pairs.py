@@ -36,8 +36,7 @@ def of_routes(values):
 
 
 def test_seeds_alone_are_tukeys():
-    rng = np.random.default_rng(0)
-    y = rng.normal(size=(4, 5))
+    y = np.random.default_rng(0).normal(size=(4, 5))
     noise = Noise(np.full(4, 5.0), float(y.var(axis=1, ddof=1).mean()), 16)
     pairs = AllPairs.of(y.mean(axis=1), noise)
     theirs = stats.tukey_hsd(*y)

@@ -47,8 +47,7 @@ def test_surrogates_that_order_alike_count_once():
 
 def test_noise_predicts_nothing():
     rng = np.random.default_rng(1)
-    y = rng.normal(size=(8, 2))
-    one = found(y, s_mig=rng.normal(size=8), m_sog=rng.normal(size=8))[0]
+    one = found(rng.normal(size=(8, 2)), s_mig=rng.normal(size=8), m_sog=rng.normal(size=8))[0]
     assert one.predictor == ""
     assert "no surrogate is shown to predict it" in one.sentence
 

@@ -27,8 +27,7 @@ def of_means(y):
 @pytest.mark.parametrize("predictor", [1.0, 0.8])
 def test_noise_lowers_a_correlation_to_its_share_of_the_ceiling(coefficient, predictor):
     """One sample so large that it is the population: reliability 1 / (1 + noise² / seeds)."""
-    rng = np.random.default_rng(1)
-    _, said, y = world(rng, 200_000, 2, 1.0, predictor)
+    _, said, y = world(np.random.default_rng(1), 200_000, 2, 1.0, predictor)
     found = {"pearson": stats.pearsonr, "spearman": stats.spearmanr}[coefficient]
     most = float(ceiling(of_means(y)[0], coefficient))
     reached = found(said, y.mean(axis=1)).statistic
@@ -124,8 +123,7 @@ def test_detectors_that_agree_in_a_part():
 
 
 def test_two_seeds_agree_whatever_their_level():
-    rng = np.random.default_rng(8)
-    _, _, y = world(rng, 7, 3, 0.5)
+    _, _, y = world(np.random.default_rng(8), 7, 3, 0.5)
     stricter = y - np.array([0, 5, 9])
     one, other = (
         ceilings(tables(range(7), table)[0])["agreement_of_seeds"].item() for table in (y, stricter)

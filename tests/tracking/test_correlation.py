@@ -91,8 +91,7 @@ def test_many_tests_are_adjusted_and_the_same_test_counts_once():
     named = {"s_mig": x[0], "ig": 100 + x[0], "covered_entropy": -x[0], "m_sog": x[1]}
     parts = [tables(values, y, surrogate=name) for name, values in named.items()]
     row = correlate(parts[0][0], pd.concat([part[1] for part in parts])).set_index("surrogate")
-    p = row["pearson_p"]
-    pair = p[["s_mig", "m_sog"]].to_numpy()
+    pair = row["pearson_p"][["s_mig", "m_sog"]].to_numpy()
     assert (row["pearson_tests"] == 2).all()
     assert (row["pairs_tested"] == 4).all()
     holm = multipletests(pair, method="holm")[1]

@@ -93,8 +93,7 @@ def test_a_browser_shows_the_runs(address, tmp_path):
     command += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"]
     command += ["--window-size=1600,1000"]
     command += [f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=GUARD_S)
-    page = done.stdout
+    page = subprocess.run(command, capture_output=True, text=True, timeout=GUARD_S).stdout
     places = [page.find(f"{name} · tiny · seed 1") for name in ("center", "square", "line")]
     assert -1 not in places
     assert "AP_R40_3D.Car.0.70" in page

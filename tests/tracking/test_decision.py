@@ -202,8 +202,7 @@ def test_the_first_screen_has_the_rigs_on_the_vehicle_with_posts_and_what_to_do(
 
 
 def test_a_rig_beyond_the_car_is_in_view():
-    mount = Mount(x=-7.5, y=1.3, z=3.4)
-    (plot,) = rig_views([("truck", PicturedRig.of([mount]))], None)
+    (plot,) = rig_views([("truck", PicturedRig.of([Mount(x=-7.5, y=1.3, z=3.4)]))], None)
     for axis, value in (("xaxis", -7.5), ("yaxis", 1.3), ("yaxis2", 3.4)):
         low, high = plot.layout[axis].range
         assert low < value < high

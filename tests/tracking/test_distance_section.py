@@ -11,8 +11,7 @@ from tracking.report.sections.objects import by_distance_section, by_sector_sect
 
 
 def test_points_per_object_and_ap_are_by_ring(run):
-    section = by_distance_section(Analysis(run))
-    tables = {table.name: table for table in section.tables}
+    tables = {table.name: table for table in by_distance_section(Analysis(run)).tables}
     points, ap = tables["points-per-object-car"], tables["ap-by-distance-car"]
     assert points.head == ap.head == ("placement", "0–10 m", "10–20 m")
     car = run.points.query("`class` == 'Car' and placement == 'line'")
@@ -53,6 +52,5 @@ def test_maps_of_all_placements_share_their_scales(run):
 
 
 def test_rigs_are_drawn_without_maps(run):
-    section = rigs_section(Analysis(replace(run, maps=None)))
-    (picture,) = section.figures
+    (picture,) = rigs_section(Analysis(replace(run, maps=None))).figures
     assert len(picture.layout.updatemenus[0].buttons) == len(run.placements)

@@ -69,8 +69,7 @@ def test_boxes_and_meshes_are_drawn(made_up_run, told, extent):
 def test_older_run_folders_have_the_sedan_of_the_clouds(made_up_run):
     assert "vehicle" not in json.loads((made_up_run / SweepResult.FILE).read_text())
     sections = sections_of(made_up_run)
-    drawn = extents(sections, "scatter", "xy")
-    ends = {tuple(np.round(extent, 9).tolist()) for extent in drawn}
+    ends = {tuple(np.round(extent, 9).tolist()) for extent in extents(sections, "scatter", "xy")}
     assert ends == {(-2.3, 2.3, -0.95, 0.95), (-2.3, 2.3, 0.0, 1.5)}
     assert any("a sedan in orange" in note for note in sections[1].notes)
 

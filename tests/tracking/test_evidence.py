@@ -43,8 +43,7 @@ def individuals(run, number):
 
 
 def short(run, share):
-    last = run.curves["epoch"] == run.curves["epoch"].max()
-    loss = (run.curves["metric"] == "loss") & last
+    loss = (run.curves["metric"] == "loss") & (run.curves["epoch"] == run.curves["epoch"].max())
     value = run.curves["value"] * np.where(loss, 1 - share, 1.0)
     return replace(run, curves=run.curves.assign(value=value))
 
@@ -125,8 +124,7 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_another_log_for_a_log(ru
 
 def test_a_sweep_without_results_has_no_headline(run):
     assert headline(replace(run, results=run.results[:0])) == []
-    nothing = run.results.assign(value=np.nan)
-    assert headline(replace(run, results=nothing)) == []
+    assert headline(replace(run, results=run.results.assign(value=np.nan))) == []
 
 
 def test_no_left_out_table_is_a_weakness(run):

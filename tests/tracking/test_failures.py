@@ -131,8 +131,7 @@ def test_frames_take_turns_and_show_no_individual_twice(found):
     assert not shown.duplicated(["scene", "object_id"]).any()
     worth = np.maximum(lead, 0) * found.objects["visibility"]
     assert shown["frame"].iloc[0] == worth.groupby(found.objects["frame"]).sum().idxmax()
-    both = replace(found, found=np.ones_like(found.found))
-    assert both.telling() == []
+    assert replace(found, found=np.ones_like(found.found)).telling() == []
 
 
 def test_points_in_a_box_have_the_colour_of_what_became_of_it():

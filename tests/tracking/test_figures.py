@@ -21,8 +21,7 @@ ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
 
 
 def test_maps_keep_their_mean_and_their_place():
-    rng = np.random.default_rng(0)
-    entropy = rng.random((500, 200)).astype(np.float32)
+    entropy = np.random.default_rng(0).random((500, 200)).astype(np.float32)
     heat = pog_from_above(entropy, ROI, "POG").data[0]
     cells = np.asarray(heat.z).T
     assert max(cells.shape) <= 200
@@ -35,8 +34,7 @@ def test_maps_keep_their_mean_and_their_place():
 
 
 def test_clouds_are_thinned_inside_the_roi_and_seeded(run):
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-60, 60, (200_000, 4)).astype(np.float32)
+    points = np.random.default_rng(0).uniform(-60, 60, (200_000, 4)).astype(np.float32)
     lidar = {"line": np.repeat([0, 2], 100_000).astype(np.uint8), "center": np.zeros(10, np.uint8)}
     boxes, labels = np.array([[10.0, 2, 1, 4, 2, 1.5, np.pi / 2]]), np.array(["Car"])
     frame = Frame(boxes, labels, {"line": points, "center": points[:10]}, lidar)
@@ -57,8 +55,7 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded(run):
     # Turned by a quarter: 4 m along y, 2 m along x.
     assert (np.nanmin(car.x), np.nanmax(car.x)) == pytest.approx((9, 11))
     assert (np.nanmin(car.y), np.nanmax(car.y)) == pytest.approx((0, 4))
-    menu = plot.layout.updatemenus[0].buttons
-    shown = [button.args[0]["visible"] for button in menu]
+    shown = [button.args[0]["visible"] for button in plot.layout.updatemenus[0].buttons]
     assert shown == [[True, False, True, True], [False, True, True, True]]
 
 
@@ -84,8 +81,7 @@ def test_a_label_keeps_off_the_bar_of_its_neighbour():
     x, y = np.array([0.0, 1.0, 10.0]), np.array([1.0, 3.0, 9.0])
     assert label_places(x, y, ["one", "", ""])[0] == "middle right"
     # Its bar reaches down beside the first point.
-    bars = np.array([np.nan, 3.0, 0.0])
-    assert label_places(x, y, ["one", "", ""], bars)[0] != "middle right"
+    assert label_places(x, y, ["one", "", ""], np.array([np.nan, 3.0, 0.0]))[0] != "middle right"
 
 
 @pytest.mark.parametrize(("count", "mode"), [(20, "markers+text"), (21, "markers")])

@@ -32,8 +32,7 @@ def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
     table = generalist.judgements(run)
     one = table[(table["class"] == "Car") & (table["surrogate"] == "generalist's 3D AP")]
     same = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and judge == 'generalist'"
-    results = run.results.query(same)
-    expected = results.groupby(["detector", "placement"])["value"].mean()
+    expected = run.results.query(same).groupby(["detector", "placement"])["value"].mean()
     for judge in ("specialist", "finetuned"):
         own = one[one["judge"] == judge].set_index(["detector", "placement"])["value"]
         pd.testing.assert_series_equal(own.sort_index(), expected.sort_index())
@@ -43,8 +42,7 @@ def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
 def test_no_candidates_without_others(run, made_up_run):
     alone = run.results["judge"] == "generalist"
     for part in (alone, ~alone):
-        less = RunFolder(**vars(run) | {"results": run.results[part]})
-        assert generalist.judgements(less).empty
+        assert generalist.judgements(RunFolder(**vars(run) | {"results": run.results[part]})).empty
     plain = RunFolder.read(made_up_run)
     assert generalist.with_judgements(plain) is plain.surrogates
 

@@ -74,8 +74,7 @@ def test_cautions_of_failures_objects_and_training(run):
     trials.loc[0, ["status", "error"]] = "failed", "Traceback\nValueError: no frame"
     columns = ["trial", "epoch", "metric", "value"]
     rows = [(t, e, "loss", 1 / e) for t in trials["trial"] for e in (1, 2, 3)]
-    curves = pd.DataFrame(rows, columns=columns)
-    said = cautions(replace(run, trials=trials, curves=curves))
+    said = cautions(replace(run, trials=trials, curves=pd.DataFrame(rows, columns=columns)))
     assert said[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
     assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
     assert any(s.startswith("Cyclist: no ground truth") for s in said)
@@ -156,5 +155,4 @@ def test_a_training_that_ended_flat_is_no_caution(run):
     flat = run.curves.assign(value=np.where(run.curves["metric"] == "loss", 0.5, 1.0))
     said = cautions(replace(run, curves=flat))
     assert not any("Training was short" in s for s in said)
-    one_epoch = flat[flat["epoch"] == 1]
-    assert cautions(replace(run, curves=one_epoch)) == said
+    assert cautions(replace(run, curves=flat[flat["epoch"] == 1])) == said

@@ -32,8 +32,7 @@ def test_what_a_unit_does_to_all_placements_cancels_between_them():
     pairs = zip("abc", common + own, strict=True)
     rows = pd.concat(mean_without(y, unit="individual", placement=name) for name, y in pairs)
     single, paired = sample_error(rows, paired=False), sample_error(rows, paired=True)
-    differences = own - own.mean(axis=0)
-    by_hand = np.sum(differences.var(axis=1, ddof=1)) / 2 / 12
+    by_hand = np.sum((own - own.mean(axis=0)).var(axis=1, ddof=1)) / 2 / 12
     assert paired.variance == pytest.approx(by_hand)
     assert single.variance > 100 * paired.variance
     assert single.degrees == 11
@@ -79,8 +78,7 @@ def study(random, placements=4, seeds=3, units=12, shared=3.0, own=2.0, noise=0.
         for seed in range(seeds):
             luck = noise * random.standard_normal()
             values.append((f"p{i}", seed, 50 + deviations.mean() + luck))
-            rows = mean_without(50 + deviations + luck, None, "individual", f"p{i}", seed)
-            left_out.append(rows)
+            left_out.append(mean_without(50 + deviations + luck, None, "individual", f"p{i}", seed))
     results = pd.DataFrame(values, columns=["placement", "seed", "value"])
     fixed = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
     results = results.assign(**fixed, difficulty="all", ground_truths=100)
@@ -125,8 +123,7 @@ def test_an_interval_by_hand():
 
 def test_without_a_table_and_with_one_seed_intervals_are_as_they_were():
     results, left_out = study(np.random.default_rng(3))
-    alone = seed_means(results)
-    pd.testing.assert_frame_equal(alone, seed_means(results, left_out=left_out[:0]))
+    pd.testing.assert_frame_equal(seed_means(results), seed_means(results, left_out=left_out[:0]))
     one = results[results["seed"] == 0]
     means = seed_means(one, left_out=left_out[left_out["seed"] == 0])
     assert means[["low", "high", "half"]].isna().all(axis=None)

@@ -121,12 +121,10 @@ def test_the_report_tells_how_reliable_each_metric_is(run):
             parts.append(own.assign(unit="half", left_out=side, value=own["value"] + noise))
     halves = pd.concat(parts).drop(columns="difficulty")
     together = replace(run, left_out=pd.concat([run.left_out, halves]))
-    section = reliability_section(Analysis(together))
-    (table,) = section.tables
+    (table,) = reliability_section(Analysis(together)).tables
     reliable = {}
     for (metric, iou), own in halves.groupby(["metric", "iou"]):
-        wide = own.pivot_table("value", "placement", "left_out").rank()
-        deviations = wide - 3
+        deviations = own.pivot_table("value", "placement", "left_out").rank() - 3
         rho = [(deviations[f"{i}a"] * deviations[f"{i}b"]).sum() / 10 for i in range(3)]
         mean = max(np.mean(rho), 0)
         reliable[metric, iou] = 2 * mean / (1 + mean)

@@ -21,8 +21,7 @@ DATA = [
 
 @pytest.fixture
 def picture(tmp_path) -> Path:
-    path = tmp_path / "placement.png"
-    path.write_bytes(b"a picture")
+    (path := tmp_path / "placement.png").write_bytes(b"a picture")
     return path
 
 

@@ -78,8 +78,7 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     # What takes seconds to import, once for all drivers.
     heavy = ["mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking", "tracking.mlflow.log"]
     processes.set_forkserver_preload(heavy)
-    run = folder / "demo"
-    run.mkdir()
+    (run := folder / "demo").mkdir()
     (run / "report.html").write_text("<p>report</p>")
     (run / "placement.png").write_bytes(b"a picture")
     chance = random.Random(3)  # the first driver dies in the middle of a trial
@@ -91,8 +90,7 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
         assert driver.exitcode == -signal.SIGKILL
     log_all(uri, run)
     made.assert_logged_once(store, SEEDS)
-    parent = made.runs_of(store)["demo"]
-    assert parent.data.params == {"epochs": "3"}
+    assert made.runs_of(store)["demo"].data.params == {"epochs": "3"}
     files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
     assert files == len(SEEDS) * ["placement.png"] + ["report.html"]
     with sqlite3.connect(store.removeprefix("sqlite:///")) as database:

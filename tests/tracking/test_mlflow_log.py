@@ -46,8 +46,7 @@ def log_two(uri, folder, **about):
 
 
 def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, tmp_path):
-    figure = tmp_path / "report.html"
-    figure.write_text("<p>report</p>")
+    (figure := tmp_path / "report.html").write_text("<p>report</p>")
     metrics = {"seconds": 2.5, "recall.all.0.50": np.nan}
     one = trial("t1", name="line", params={"seed": 1}, metrics=metrics, curve=CURVE, ended=10_000)
     with logging(uri, tmp_path, [one], params={"epochs": 3}) as log:
@@ -91,8 +90,7 @@ def test_a_resumed_sweep_doubles_nothing_and_asks_for_nothing_that_is_there(uri,
 @pytest.mark.parametrize("fails_in", ["create_run", "log_batch", "log_artifact", "set_terminated"])
 def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in):
     """The connection breaks when a call has been carried out, in part, and not been answered."""
-    picture = tmp_path / "placement.png"
-    picture.write_bytes(b"a picture")
+    (picture := tmp_path / "placement.png").write_bytes(b"a picture")
     log_two(uri, tmp_path)
     from mlflow import MlflowClient
 
@@ -138,8 +136,7 @@ def test_of_two_parents_the_oldest_stays_and_has_all_trials(uri, tmp_path):
     log_two(uri, tmp_path)
     mlflow = client(uri)
     second = runs_of(uri)["demo"]
-    mine = {"lidarplace.sweep": "k1"}
-    first = mlflow.create_run(second.info.experiment_id, 1, mine, "demo")
+    first = mlflow.create_run(second.info.experiment_id, 1, {"lidarplace.sweep": "k1"}, "demo")
     log_two(uri, tmp_path)
     runs = runs_of(uri)
     assert runs.pop("demo").info.run_id == first.info.run_id
@@ -185,8 +182,7 @@ def test_more_params_and_metrics_than_one_batch_takes(uri, tmp_path):
     params = {f"p{i}": i for i in range(150)}
     metrics = {f"m{i}": float(i) for i in range(1100)}
     for _ in range(2):
-        one = trial("line", params=params, metrics=metrics)
-        logged(uri, tmp_path, [one], params=params)
+        logged(uri, tmp_path, [trial("line", params=params, metrics=metrics)], params=params)
     run = runs_of(uri)["line"]
     assert len(run.data.params) == 150
     assert run.data.metrics == metrics
@@ -223,12 +219,9 @@ def test_what_mlflow_refuses_does_not_hold_up_the_rest_and_is_tried_again(uri, t
 
 
 def test_artifacts_that_cannot_be_written_hold_up_nothing(uri, tmp_path):
-    root = tmp_path / "store" / "artifacts"
-    root.write_text("a file where a folder should be")
-    report = tmp_path / "report.html"
-    report.write_text("<p>report</p>")
-    picture = tmp_path / "placement.png"
-    picture.write_bytes(b"a picture")
+    (root := tmp_path / "store" / "artifacts").write_text("a file where a folder should be")
+    (report := tmp_path / "report.html").write_text("<p>report</p>")
+    (picture := tmp_path / "placement.png").write_bytes(b"a picture")
     drawn = trial("drawn", files=[picture], metrics={"seconds": 1.0})
     said = []
     for seeds in ([1], [1, 2]):  # the second driver tries the artifacts again, and goes on

@@ -77,8 +77,7 @@ def postgres():
 
 
 def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
-    report = tmp_path / "report.html"
-    report.write_text("<p>report</p>")
+    (report := tmp_path / "report.html").write_text("<p>report</p>")
     said: list[str] = []
 
     def log(seeds, patience_s=60.0):

@@ -18,8 +18,7 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
     uri = made.new_store(tmp_path / "store")
     port = made.free_port()
     address = f"http://me:s3cret@127.0.0.1:{port}"
-    report = tmp_path / "report.html"
-    report.write_text("<p>report</p>")
+    (report := tmp_path / "report.html").write_text("<p>report</p>")
     said: list[str] = []
 
     def log(seeds, patience_s=60.0, params=None):

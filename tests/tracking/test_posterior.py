@@ -145,11 +145,9 @@ def test_the_same_in_many_worlds():
 
 def test_without_noise_it_is_the_distance_to_the_best():
     y = np.array([[3.0, 3.0], [5.0, 5.0], [4.0, 4.0]])
-    noise = Noise.of(y)
-    found = expected_regret(y[:, 0], noise, np.array([[1, 0, 0], [0, 1, 0], [1 / 3] * 3]))
+    found = expected_regret(y[:, 0], Noise.of(y), np.array([[1, 0, 0], [0, 1, 0], [1 / 3] * 3]))
     assert found.tolist() == [pytest.approx([x] * 3) for x in (2.0, 0.0, 1.0)]
-    one = Noise.of(y[:, :1])
-    assert np.isnan(expected_regret(y[:, 0], one, np.eye(3))).all()
+    assert np.isnan(expected_regret(y[:, 0], Noise.of(y[:, :1]), np.eye(3))).all()
 
 
 def test_choices_of_surrogates():

@@ -85,8 +85,7 @@ def test_the_mean_s_own_interval_holds_it_whatever_the_seeds_add(seed_sd, covere
 
 
 def test_many_samples_at_once_are_each_by_itself():
-    rng = np.random.default_rng(3)
-    y = rng.normal(size=(5, 4, 3))
+    y = np.random.default_rng(3).normal(size=(5, 4, 3))
     y[1, 0, 0] = np.nan
     variance, degrees = seed_noise(y)
     for i in range(5):

@@ -68,13 +68,13 @@ class Page(HTMLParser):
 
 
 @pytest.fixture
-def built(reported) -> Path:
-    return reported / "report.html"
+def built(reported_run) -> Path:
+    return reported_run / "report.html"
 
 
 @pytest.fixture(scope="module")
-def page(reported) -> Page:
-    return Page((reported / "report.html").read_text(encoding="utf-8"))
+def page(reported_run) -> Page:
+    return Page((reported_run / "report.html").read_text(encoding="utf-8"))
 
 
 def test_every_placement_is_in_tables_maps_and_clouds(page):
@@ -145,8 +145,7 @@ def test_it_names_the_best_placement_and_the_weaknesses(built, page):
 def test_a_name_cannot_become_a_tag(tmp_path):
     evil = "</script><script>alert(1)</script>"
     folder = write_run(tmp_path / "evil", names=["line", evil, "<img src=http://x/>"])
-    config = folder / "config.yaml"
-    config.write_text(f"name: '{evil}'\n")
+    (folder / "config.yaml").write_text(f"name: '{evil}'\n")
     page = Page(build_report(folder).read_text(encoding="utf-8"))
     assert page.loads == []
     assert evil in page.words
@@ -173,8 +172,7 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
     for name in optional:
         (folder / name).unlink()
     sections = ("individuals", "accuracy", "sampling_error", "where_time_went", "by_distance")
-    built = report_of(folder, "coverage", "clouds", *sections)
-    page = Page(built.read_text(encoding="utf-8"))
+    page = Page(report_of(folder, "coverage", "clouds", *sections).read_text(encoding="utf-8"))
     for name in optional[1:]:
         assert name in page.text
     assert "The run folder has no maps of residual entropy." in page.text
@@ -214,8 +212,7 @@ def tasks():
     """Two stages that overlap by a second, and a result that was there before."""
     rows = [("pog", 1.0, 4.0, 1.5, 2e8), ("pog", 1.0, 3.0, 1.0, 3e8)]
     rows += [("train", 3.0, 11.0, 8.0, np.nan), ("train", np.nan, np.nan, 5.0, np.nan)]
-    columns = ["stage", "started", "ended", "seconds", "peak_memory"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=["stage", "started", "ended", "seconds", "peak_memory"])
 
 
 def test_stages_have_their_own_seconds_from_first_start_to_last_end(tasks):

@@ -15,25 +15,25 @@ from tracking.pages.page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section, Table, figure_title, slug
 
 
-def test_every_linked_csv_file_is_there_and_no_other(reported):
-    links = Page((reported / "report.html").read_text(encoding="utf-8")).links
+def test_every_linked_csv_file_is_there_and_no_other(reported_run):
+    links = Page((reported_run / "report.html").read_text(encoding="utf-8")).links
     linked = {link for link in links if not link.startswith("#")}
-    files = {f"tables/{file.name}" for file in (reported / "tables").glob("*.csv")}
+    files = {f"tables/{file.name}" for file in (reported_run / "tables").glob("*.csv")}
     assert linked == {"decision.html", "failures.html", *files}
-    assert (reported / "tables" / "mine.txt").is_file()
+    assert (reported_run / "tables" / "mine.txt").is_file()
     assert "tables/placements-car.csv" in linked
 
 
-def test_every_entry_of_the_contents_has_its_section(reported):
-    text = (reported / "report.html").read_text(encoding="utf-8")
+def test_every_entry_of_the_contents_has_its_section(reported_run):
+    text = (reported_run / "report.html").read_text(encoding="utf-8")
     anchors = [link[1:] for link in Page(text).links if link.startswith("#")]
     assert len(anchors) > 8
     assert all(text.count(f'id="{anchor}"') == 1 for anchor in anchors)
 
 
-def test_csv_files_hold_unrounded_numbers(reported):
-    table = pd.read_csv(reported / "tables" / "placements-car.csv").set_index("placement")
-    results = pd.read_parquet(reported / "results.parquet")
+def test_csv_files_hold_unrounded_numbers(reported_run):
+    table = pd.read_csv(reported_run / "tables" / "placements-car.csv").set_index("placement")
+    results = pd.read_parquet(reported_run / "results.parquet")
     own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
     means = own.groupby("placement")["value"].mean()
     assert set(table.index) == set(NAMES)
@@ -42,9 +42,9 @@ def test_csv_files_hold_unrounded_numbers(reported):
     assert "S-MIG (nats)" in table.columns
 
 
-def test_markdown_has_every_table_of_the_page(reported):
-    text = (reported / "report.md").read_text(encoding="utf-8")
-    shown = Page((reported / "report.html").read_text(encoding="utf-8"))
+def test_markdown_has_every_table_of_the_page(reported_run):
+    text = (reported_run / "report.md").read_text(encoding="utf-8")
+    shown = Page((reported_run / "report.html").read_text(encoding="utf-8"))
     # The verdicts are paragraphs there.
     assert len(re.findall(r"^\| :?---", text, re.M)) == shown.tags.count("table") - 1
     assert text.startswith("# grid\n")
@@ -54,15 +54,15 @@ def test_markdown_has_every_table_of_the_page(reported):
         assert "\n" not in line
 
 
-def test_markdown_tells_how_much_was_compared_as_the_page_does(reported):
+def test_markdown_tells_how_much_was_compared_as_the_page_does(reported_run):
     many = "400 training and 100 test frames with 840 boxes of 68 individuals."
     extent = f"5 placements, 10 trials, {many}"
-    assert (reported / "report.md").read_text().split("\n\n")[1] == extent
-    assert f">{extent}<" in (reported / "report.html").read_text()
+    assert (reported_run / "report.md").read_text().split("\n\n")[1] == extent
+    assert f">{extent}<" in (reported_run / "report.html").read_text()
 
 
-def test_figures_are_named_for_those_who_do_not_see_them(reported):
-    text = (reported / "report.html").read_text(encoding="utf-8")
+def test_figures_are_named_for_those_who_do_not_see_them(reported_run):
+    text = (reported_run / "report.html").read_text(encoding="utf-8")
     labels = re.findall(r'role="figure" aria-label="([^"]*)"', text)
     assert len(labels) == len(Page(text).figures)
     assert all(labels)
@@ -104,8 +104,7 @@ def test_a_slug_is_a_safe_name():
 def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     rows = (("a", "–", "1", "–"), ("b", "–", "–", "–"))
     stressed = frozenset({(0, 2), (1, 1)})
-    table = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0}))
-    shown = table.without_dashes()
+    shown = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0})).without_dashes()
     assert shown.head == ("rig", "mean")
     assert shown.rows == (("a", "1"), ("b", "–"))
     assert shown.best == {(0, 1)}
@@ -114,8 +113,8 @@ def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     assert empty.without_dashes() == empty
 
 
-def test_all_but_the_answer_is_folded_away_with_its_figures_and_tables(reported):
-    text = (reported / "report.html").read_text(encoding="utf-8")
+def test_all_but_the_answer_is_folded_away_with_its_figures_and_tables(reported_run):
+    text = (reported_run / "report.html").read_text(encoding="utf-8")
     fold = r'<details class="folded"><summary><h2[^>]*>([^<]*)<(.*?)</details>'
     folds = dict(re.findall(fold, text, re.S))
     headings = re.findall(r"<h2[^>]*>([^<]*)<", text)

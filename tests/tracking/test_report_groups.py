@@ -62,8 +62,7 @@ def test_a_few_findings_name_detector_and_setting(found):
 
 
 def test_the_most_sensitive_is_named_with_its_setting(found):
-    section = sensitivity_section(found)
-    (said,) = (note for note in section.notes if note.startswith("Car: "))
+    (said,) = (note for note in sensitivity_section(found).notes if note.startswith("Car: "))
     assert "the most of 4 detectors and settings" in said
     assert "density = " in said
 

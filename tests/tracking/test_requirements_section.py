@@ -56,8 +56,7 @@ def test_the_worst_case_decides(folder):
     found = verdicts(run, {})
     assert len(found) == 2 * len(run.placements)
     number = {name: i for i, name in enumerate(run.placements)}
-    near = found[found["requirement"] == NEAR].set_index("placement")
-    for name, row in near.iterrows():
+    for name, row in found[found["requirement"] == NEAR].set_index("placement").iterrows():
         dead = 2.0 * number[name] < 20.0
         assert row["case"] == ("without LiDAR 1" if dead else "as built")
         assert row["met"] == (number[name] >= 5)
@@ -137,5 +136,4 @@ def test_of_many_positions_the_worst_is_seen():
     assert np.nanmin(shown.customdata) == 1.0
     assert (shown.customdata[1] == 1.0).sum() == 1
     assert np.isnan(shown.customdata[2]).all()
-    x = shown.x[int(shown.customdata[1].argmin())]
-    assert abs(x - 333) < 4
+    assert abs(shown.x[int(shown.customdata[1].argmin())] - 333) < 4

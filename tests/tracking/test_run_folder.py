@@ -64,8 +64,7 @@ def test_optional_files_may_be_missing(copy):
 
 
 def test_what_is_written_is_read(run, tmp_path):
-    again = tmp_path / "again"
-    again.mkdir()
+    (again := tmp_path / "again").mkdir()
     shutil.copy(run.path / "config.yaml", again)
     for written in (run.sweep, run.maps, run.frame, run.failures):
         written.write(again)
@@ -151,8 +150,7 @@ def test_the_summary_tells_axes_and_detectors_apart(tmp_path):
 
 def test_without_results_the_summary_ranks_by_expected_recall(tmp_path):
     names = [f"p{i:02d}" for i in range(30)]
-    folder = write_run(tmp_path / "alone", names, detectors=(), densities=(40, 120))
-    run = RunFolder.read(folder)
+    run = RunFolder.read(write_run(tmp_path / "alone", names, detectors=(), densities=(40, 120)))
     table = summary_table(run)
     assert table.columns.tolist() == [
         *("placement", "scene.density"),

@@ -58,8 +58,7 @@ def test_a_longest_training_that_failed_leaves_no_error(run):
     cost = training_cost(run.results[~failed], run.curves, run.axes)
     assert cost.loc[cost["placement"] == "line", "error"].isna().all()
     assert cost.loc[cost["placement"] == "center", "error"].notna().all()
-    summary = summarise_cost(cost, run.axes)
-    assert summary["error"].notna().all()
+    assert summarise_cost(cost, run.axes)["error"].notna().all()
 
 
 def test_summary_ranks_placements_as_the_longest_training_does(run):
@@ -73,8 +72,7 @@ def test_summary_ranks_placements_as_the_longest_training_does(run):
     assert summary.loc["Car", 1, 0.25]["error"] == pytest.approx(7.5, abs=1.5)
     assert summary.loc["Car", 1, 0.25]["seconds"] == 2
     means = part[part["class"] == "Car"].pivot_table("ap", "placement", list(COST_AXES))
-    ranks = means.rank().corr("kendall")
-    for key, value in ranks[4, 1.0].items():
+    for key, value in means.rank().corr("kendall")[4, 1.0].items():
         assert summary.loc[("Car", *key), "kendall"] == pytest.approx(value)
 
 
@@ -90,8 +88,7 @@ def test_the_figure_has_a_point_a_training_and_a_star_for_the_longest(run):
 
 @pytest.mark.parametrize("trainings", [TRAININGS, [(1, 1.0), (4, 1.0)], []])
 def test_the_report_has_the_cost_of_training_where_it_varied(tmp_path, trainings):
-    folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=trainings)
-    run = RunFolder.read(folder)
+    run = RunFolder.read(write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=trainings))
     section = training_cost_section(Analysis(run))
     assert (section is not None) == bool(varied_cost_axes(run.results)) == bool(trainings)
     if section is not None:
