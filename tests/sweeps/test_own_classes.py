@@ -81,6 +81,8 @@ def test_a_curve_that_is_lent(log, tmp_path):
     told = r"surrogate.curves: .*curve of Truck .*class_settings.Truck.curve, .*lidarplace calib"
     with pytest.raises(ConfigError, match=told):
         plan_of(log, tmp_path, surrogate=surrogate)
+    with pytest.raises(ConfigError, match="curve of Tram"):
+        plan_of(log, tmp_path, class_settings={"Truck": {"curve": "Tram"}}, surrogate={})
     plan = plan_of(log, tmp_path, class_settings=lent, surrogate=surrogate)
     curves = plan.trials[0].recall.params.curves
     assert curves.of("Truck", 0.5).rate == curves.of("Car", 0.5).rate
