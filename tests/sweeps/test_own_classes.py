@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from four_classes import CLASSES, SIZES, write_four_classes
+from small_log import SMALL, write_sweep
 
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.pog.surrogates.table import ASKED_FOR
@@ -122,21 +123,12 @@ def test_classes_of_a_log_that_count_as_others(log, tmp_path):
 
 
 def test_from_a_log_to_a_decision(log, tmp_path):
-    config = tmp_path / "own.yaml"
-    config.write_text(
-        f"""
-scene: {{source: log, folder: {log}}}
-classes: [Car, Truck, Scooter, Pedestrian]
-class_settings: {{Truck: {{iou: [0.7, 0.5], colour: "#CC79A7"}}}}
-surrogate:
-  {{names: [covered_entropy, log_cells], resolution: 1.0, accuracy: false, sampling_error: false}}
-lidar: {{cloud_share: 0.04}}
-training: {{epochs: 1, frame_share: 0.5}}
-ray: debug
-output: {tmp_path / "runs"}
-grid: {{placement: [line, center]}}
-"""
-    )
+    names = {"names": ["covered_entropy", "log_cells"], "resolution": 1.0}
+    keys = {"classes": ["Car", "Truck", "Scooter", "Pedestrian"], "lidar": {"cloud_share": 0.04}}
+    keys |= {"class_settings": {"Truck": {"iou": [0.7, 0.5], "colour": "#CC79A7"}}}
+    keys |= {"surrogate": SMALL["surrogate"] | names, "grid": {"placement": ["line", "center"]}}
+    keys |= {"training": {"epochs": 1, "frame_share": 0.5}}
+    config = write_sweep(log.parent, "own.yaml", **keys, output=str(tmp_path / "runs"))
     write_database(tmp_path / "runs" / "mlflow.db")
     for options in (["--dry-run"], []):
         done = run_forked(["run", str(config), *options], ROOT, tmp_path)
