@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
+from small_log import write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Roi
 from lidarplace.configuration.placement import read_placement
@@ -27,7 +27,6 @@ SWEEP = {
     "lidar": {"azimuth_steps": 1800, "cloud_share": 0.2},
     "detector": "pointpillars_tiny",
     "grid": {"placement": ["line", "center", "line_roll"], "seed": [1, 2]},
-    "ray": "debug",
 }
 
 
@@ -50,10 +49,7 @@ def write_log(folder):
 @pytest.fixture
 def config(tmp_path):
     write_log(tmp_path / "log")
-    scene = {"source": "log", "folder": str(tmp_path / "log")}
-    path = tmp_path / "sweep.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
-    return path
+    return write_sweep(tmp_path, **SWEEP)
 
 
 def detect(config):

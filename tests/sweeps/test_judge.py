@@ -2,8 +2,7 @@
 
 import pandas as pd
 import pytest
-import yaml
-from small_log import write_small_log
+from small_log import write_small_log, write_sweep
 
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
@@ -18,20 +17,11 @@ SETTINGS = {
     "placement": "line",
     "judge": "generalist",
     "generalist": {"rigs": 3, "rigs_per_frame": 1, "epochs": 1},
-    "classes": ["Car"],
     "detector": "pointpillars_tiny",
     "training": {"score_threshold": 0.0},
     "lidar": {"beams": 8, "azimuth_steps": 180},
     "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
-    "surrogate": {"resolution": 0.8},
 }
-
-
-def trial_of(folder, **changes):
-    path = folder / "grid.yaml"
-    path.write_text(yaml.safe_dump(SETTINGS | changes))
-    (trial,) = make_plan(read_sweep(path)).trials
-    return trial
 
 
 def value_of(task, known):
@@ -49,10 +39,9 @@ def judged(tmp_path):
     log = pd.read_parquet(tmp_path / "log/frames.parquet")
     log["split"] = ["train", "test", "test", "test"]
     log.to_parquet(tmp_path / "log/frames.parquet")
-    trial = trial_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
-    model = build_detector(
-        "pointpillars_tiny", ["Car"], point_range=trial.evaluate.params.point_range
-    )
+    (trial,) = make_plan(read_sweep(write_sweep(tmp_path, **SETTINGS))).trials
+    crop = trial.evaluate.params.point_range
+    model = build_detector("pointpillars_tiny", ["Car"], point_range=crop)
     weights = result(state_dict=model.state_dict(), classes=["Car"])
     return trial, {trial.finetune.key: weights}, Store(tmp_path / "store")
 

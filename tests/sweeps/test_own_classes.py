@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from four_classes import CLASSES, SIZES, write_four_classes
+from small_log import SMALL, write_sweep
 
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.pog.surrogates.table import ASKED_FOR
@@ -81,6 +82,8 @@ def test_a_curve_that_is_lent(log, tmp_path):
     told = r"surrogate.curves: .*curve of Truck .*class_settings.Truck.curve, .*lidarplace calib"
     with pytest.raises(ConfigError, match=told):
         plan_of(log, tmp_path, surrogate=surrogate)
+    with pytest.raises(ConfigError, match="curve of Tram"):
+        plan_of(log, tmp_path, class_settings={"Truck": {"curve": "Tram"}}, surrogate={})
     plan = plan_of(log, tmp_path, class_settings=lent, surrogate=surrogate)
     curves = plan.trials[0].recall.params.curves
     assert curves.of("Truck", 0.5).rate == curves.of("Car", 0.5).rate
@@ -120,21 +123,12 @@ def test_classes_of_a_log_that_count_as_others(log, tmp_path):
 
 
 def test_from_a_log_to_a_decision(log, tmp_path):
-    config = tmp_path / "own.yaml"
-    config.write_text(
-        f"""
-scene: {{source: log, folder: {log}}}
-classes: [Car, Truck, Scooter, Pedestrian]
-class_settings: {{Truck: {{iou: [0.7, 0.5], colour: "#CC79A7"}}}}
-surrogate:
-  {{names: [covered_entropy, log_cells], resolution: 1.0, accuracy: false, sampling_error: false}}
-lidar: {{cloud_share: 0.04}}
-training: {{epochs: 1, frame_share: 0.5}}
-ray: debug
-output: {tmp_path / "runs"}
-grid: {{placement: [line, center]}}
-"""
-    )
+    names = {"names": ["covered_entropy", "log_cells"], "resolution": 1.0}
+    keys = {"classes": ["Car", "Truck", "Scooter", "Pedestrian"], "lidar": {"cloud_share": 0.04}}
+    keys |= {"class_settings": {"Truck": {"iou": [0.7, 0.5], "colour": "#CC79A7"}}}
+    keys |= {"surrogate": SMALL["surrogate"] | names, "grid": {"placement": ["line", "center"]}}
+    keys |= {"training": {"epochs": 1, "frame_share": 0.5}}
+    config = write_sweep(log.parent, "own.yaml", **keys, output=str(tmp_path / "runs"))
     write_database(tmp_path / "runs" / "mlflow.db")
     for options in (["--dry-run"], []):
         done = run_forked(["run", str(config), *options], ROOT, tmp_path)

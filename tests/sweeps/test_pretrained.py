@@ -183,18 +183,15 @@ def test_a_domain_is_that_of_its_rigs():
     assert domain.outside(pattern, crop, ("Car",)) == told
 
 
-def test_the_file_of_the_package_can_be_read():
+def test_the_demo_and_its_search_fit_the_file_of_the_package():
     found = read_generalist()
     assert found.detector == "pointpillars_tiny"
     assert found.classes == ("Car", "Cyclist", "Pedestrian")
     assert all(torch.isfinite(value).all() for value in found.state_dict.values())
-
-
-def test_the_demo_and_its_search_fit_the_file_of_the_package():
     examples = Path(__file__).parents[2] / "examples"
     plan = make_plan(read_sweep(examples / "demo.yaml"))
     trained = [task.params for task in plan.tasks if task.stage == "finetune"]
-    assert [params.checkpoint for params in trained] == 8 * [read_generalist().digest]
+    assert [params.checkpoint for params in trained] == 8 * [found.digest]
     problem = read_problem(examples / "search_demo.yaml")  # refuses rigs that it does not know
     assert problem.pretrained
     assert problem.space.zones[0].z == (1.6, 1.8)

@@ -69,9 +69,12 @@ def mounts_of(plan, name):
     return repr(trial.collect_test[0].params.placement.mounts)
 
 
-def set_ap(ap, plan, values):
-    for name, value in values.items():
+def read_with(ap, folder, *values, **changes):
+    """As `read`, with an AP of each placement."""
+    sweep, plan = read(folder, **changes)
+    for name, value in zip(PLACEMENTS, values, strict=True):
         ap[mounts_of(plan, name)] = lambda seed, epochs, own=value: own + seed + epochs / 10
+    return sweep, plan
 
 
 def run(sweep, plan, folder, store=None):
@@ -86,8 +89,7 @@ def run(sweep, plan, folder, store=None):
 
 def test_cheap_stages_for_all_and_full_trainings_for_the_best(tmp_path, quick):
     ap, trained = quick
-    sweep, plan = read(tmp_path)
-    set_ap(ap, plan, {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0})
+    sweep, plan = read_with(ap, tmp_path, 1.0, 2.0, 3.0, 0.0)
     promotion, store, outcome = run(sweep, plan, tmp_path)
     assert not outcome.failures
     assert promotion.complete
@@ -104,7 +106,7 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(tmp_path, quick):
     best = sorted(values, key=values.get, reverse=True)
     assert set(first.loc[first["kept"], "placement"]) == set(best[:3])
     assert set(second["placement"]) == set(best[:3])
-    ap_of = {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0}
+    ap_of = dict(zip(PLACEMENTS, (1.0, 2.0, 3.0, 0.0), strict=True))
     expected = [ap_of[name] + 1.5 + 0.2 for name in second["placement"]]
     assert second["value"].tolist() == pytest.approx(expected), "mean over seeds, after two epochs"
     (winner,) = second.loc[second["kept"], "placement"]
@@ -121,8 +123,7 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(tmp_path, quick):
 
 def test_the_outcome_is_the_same_after_a_stop(tmp_path, quick):
     ap, trained = quick
-    sweep, plan = read(tmp_path)
-    set_ap(ap, plan, dict.fromkeys(PLACEMENTS, 1.0) | {"center": 2.0})
+    sweep, plan = read_with(ap, tmp_path, 1.0, 2.0, 1.0, 1.0)
     store, outcome, given = Store(tmp_path / "stopped"), Outcome(), 0
 
     def stop_soon(tasks):
@@ -148,8 +149,7 @@ def test_the_outcome_is_the_same_after_a_stop(tmp_path, quick):
 def test_a_placement_of_which_a_training_fails_does_not_go_on(tmp_path, quick, seeds, error):
     """A mean over the other seeds would not count."""
     ap, _ = quick
-    sweep, plan = read(tmp_path, promote=SWEEP["promote"][1:])
-    set_ap(ap, plan, {"line": 1.0, "center": 9.0, "square": 3.0, "pyramid": 0.0})
+    sweep, plan = read_with(ap, tmp_path, 1.0, 9.0, 3.0, 0.0, promote=SWEEP["promote"][1:])
 
     def fails(seed, epochs):
         if seed in seeds:
@@ -169,8 +169,7 @@ def test_a_placement_of_which_a_training_fails_does_not_go_on(tmp_path, quick, s
 
 def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeypatch):
     ap, trained = quick
-    sweep, plan = read(tmp_path)
-    set_ap(ap, plan, dict.fromkeys(PLACEMENTS, 1.0))
+    sweep, plan = read_with(ap, tmp_path, 1.0, 1.0, 1.0, 1.0)
     true = FUNCTIONS["surrogates"]
     first = plan.trials[0]
 
@@ -192,8 +191,7 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeyp
 def test_placements_compete_within_a_detector(tmp_path, quick):
     ap, _ = quick
     grid = SWEEP["grid"] | {"detector": ["pointpillars_tiny", "second_tiny"]}
-    sweep, plan = read(tmp_path, grid=grid)
-    set_ap(ap, plan, dict(zip(PLACEMENTS, (4.0, 3.0, 2.0, 1.0), strict=True)))
+    sweep, plan = read_with(ap, tmp_path, 4.0, 3.0, 2.0, 1.0, grid=grid)
     table = run(sweep, plan, tmp_path)[0].table()
     kept = table[table["kept"]].groupby(["rung", "detector"]).size()
     assert kept.to_dict() == {(n, d): (3, 1)[n] for n in (0, 1) for d in grid["detector"]}

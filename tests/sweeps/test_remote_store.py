@@ -342,16 +342,11 @@ def sweep(folder, **settings):
     return read_sweep(write_sweep(folder, placement="line", **settings))
 
 
-def test_the_store_of_a_sweep_is_beside_the_runs_or_where_it_says(tmp_path):
-    assert store_of(sweep(tmp_path)) == Store(tmp_path / "runs/store")
-    assert store_of(sweep(tmp_path, store=str(tmp_path / "a"))) == Store(tmp_path / "a")
-    found = store_of(sweep(tmp_path, store={"url": "memory://b/", "cache": str(tmp_path / "c")}))
-    assert isinstance(found, RemoteStore)
-    assert found.cache == tmp_path / "c"
-
-
 def test_sweeps_of_one_name_in_two_folders_refer_apart(tmp_path):
     here, there = sweep(tmp_path), sweep(tmp_path, output=str(tmp_path / "other"))
+    assert store_of(here) == Store(tmp_path / "runs/store")
+    remote = sweep(tmp_path, store={"url": "memory://b/", "cache": str(tmp_path / "c")})
+    assert store_of(remote) == RemoteStore("memory://b", tmp_path / "c")
     assert reference(here) != reference(there)
     assert reference(here) == reference(sweep(tmp_path, output=f"{tmp_path}/./runs"))
     assert reference(here).startswith("grid.")
