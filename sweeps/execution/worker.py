@@ -72,12 +72,7 @@ def run_task(task: Task, store: AnyStore, halvings: int = 0, gpu_share: float = 
             with store.working_folder(task) as folder:
                 on_step = _Progress(task, note).on_step
                 value = function(
-                    task.params,
-                    *inputs,
-                    folder=folder,
-                    on_step=on_step,
-                    batch_size=None,  # it finds out
-                    halvings=halvings,
+                    task.params, *inputs, folder=folder, on_step=on_step, halvings=halvings
                 )
         else:
             value = function(task.params, *inputs)

@@ -83,13 +83,11 @@ class How(TypedDict):
 
     Attributes:
         folder: where it goes on after a stop.
-        batch_size: frames of a step where the settings leave it open; None: it is found out.
         halvings: how often the batch size is halved, after the GPU's memory was too small.
         on_step: called with the epochs that are done.
     """
 
     folder: Path
-    batch_size: int | None
     halvings: int
     on_step: Callable[[float], None]
 
@@ -502,7 +500,6 @@ def _train(
     how: How,
 ) -> Trained:
     """Train one detector; `generalist`: weights to start from."""
-    from training.batch_size import Memory
     from training.finetune import StartingWeights
     from training.finetune import finetune as train
 
@@ -514,11 +511,9 @@ def _train(
         params.training,
         seed=params.seed,
         point_range=params.point_range,
-        on_step=how["on_step"],
-        folder=how["folder"],
         start=StartingWeights(digest=params.checkpoint, generalist=generalist),
-        memory=Memory(how["batch_size"], how["halvings"]),
         typical=params.typical,
+        **how,
     )
     return Trained(
         state_dict=result.state_dict,
