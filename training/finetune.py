@@ -62,7 +62,6 @@ def finetune(
     settings: TrainingSettings,
     seed: int,
     point_range: PointRange | None = None,
-    on_epoch: Callable[[dict[str, float]], None] | None = None,
     on_step: Callable[[float], None] = lambda epochs: None,
     folder: Path | None = None,
     start: StartingWeights = StartingWeights(),
@@ -80,7 +79,6 @@ def finetune(
         seed: of the weights, the order of frames, the augmentation and what the network draws.
             The same seed gives the same result on a CPU; the caller's random state is left alone.
         point_range: range for `training.build_detector`, ego frame.
-        on_epoch: called after each epoch with the epoch's number and its values in `curve`.
         on_step: called after each step with the epochs that are done, such as 2.35.
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
@@ -137,8 +135,6 @@ def finetune(
                     epoch, batch_size, reduced, model.state_dict(), optimisation.state_dict(), curve
                 )
             )
-            if on_epoch is not None:
-                on_epoch({"epoch": epoch, **values})
     return FinetuneResult(
         {name: value.detach().cpu().clone() for name, value in model.state_dict().items()},
         pd.DataFrame(curve, columns=["epoch", "metric", "value"]),

@@ -182,9 +182,8 @@ def evaluation(
         mean_curve = np.mean([curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)
         add(name, "AP_R40_3D_mean", EVERY_IOU, float(ap_r40(mean_curve)), len(own))
         add(name, "mean_overlap", EVERY_IOU, _percent(of_class), len(own))
-    for iou in RECALL_IOU:
-        add("all", "recall", iou, _percent(best > iou), len(truths))
-    add("all", "mean_overlap", EVERY_IOU, _percent(of_any), len(truths))
+    for metric, iou, of_truth in _means(best, of_any):
+        add("all", metric, iou, _percent(of_truth), len(truths))
     if routes is not None and len(truths):
         none = np.zeros(0, np.int64)
         units = leave_out.units_of(truths, none, none, routes)

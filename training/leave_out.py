@@ -21,10 +21,8 @@ from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps
 from training.average_precision import FramePairs
 from training.matches import Matches, by_unit
 
-MOST_UNITS = 100
-"""More are thrown together at random: the delete-a-group jackknife (Kott 2001)."""
-SPLITS = 5
-"""Most ways of halving the routes."""
+MOST_UNITS = 100  # more are thrown together at random: the delete-a-group jackknife (Kott 2001)
+SPLITS = 5  # most ways of halving the routes
 COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "value")
 
 

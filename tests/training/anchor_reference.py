@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import torch
-from openpcdet_reference import points, weights, worst_error
+from openpcdet_reference import of_roi_head, points, weights, worst_error
 
 from training import build_detector
 from training.detectors.heads.selection import select_boxes
 
-LOSSES = ("loss", "rpn_loss_cls", "rpn_loss_loc", "rpn_loss_dir")
-"""OpenPCDet's names of our losses."""
+LOSSES = ("loss", "rpn_loss_cls", "rpn_loss_loc", "rpn_loss_dir")  # openPCDet's names of our losses
 
 
 def network_and_first_stage(network, data):
@@ -33,15 +32,12 @@ def assert_first_stage_is_openpcdets(data, first):
 
 def assert_proposals_are_openpcdets(data, found):
     """Scores, labels and boxes of the proposals."""
-    expected = {
-        name: torch.from_numpy(data[f"eval/roi_head/{name}/full"])
-        for name in ("roi_labels", "roi_scores", "rois")
-    }
-    assert torch.equal(found.labels, expected["roi_labels"])
+    boxes, scores = of_roi_head(data, "rois"), of_roi_head(data, "roi_scores")
+    assert torch.equal(found.labels, of_roi_head(data, "roi_labels"))
     assert worst_error(data, "eval/roi_head/rois", found.boxes) < 1e-3
-    torch.testing.assert_close(found.scores, expected["roi_scores"], rtol=5e-5, atol=1e-5)
+    torch.testing.assert_close(found.scores, scores, rtol=5e-5, atol=1e-5)
     # Sizes are exponentials of numbers up to 50, so noise is relative.
-    torch.testing.assert_close(found.boxes, expected["rois"], rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(found.boxes, boxes, rtol=1e-3, atol=1e-3)
 
 
 def assert_head_is_openpcdets(model, data, output):

@@ -63,6 +63,11 @@ def points(data) -> list[torch.Tensor]:
     return [torch.from_numpy(frames[f"frame_{b}"][data[f"order_{b}"]]) for b in range(count)]
 
 
+def of_roi_head(data, name: str) -> torch.Tensor:
+    """What OpenPCDet's second stage has, whole."""
+    return torch.from_numpy(data[f"eval/roi_head/{name}/full"])
+
+
 def worst_error(data, name: str, value: torch.Tensor) -> float:
     """Largest difference of `value` from OpenPCDet's, over the largest absolute value of those."""
     found = value.detach().double().cpu().numpy()

@@ -113,8 +113,7 @@ def test_a_box_overlaps_itself_completely_wherever_it_is(iou, angle, far):
     assert iou(a, b, True)[0, 0] == pytest.approx(1 - lost, abs=1e-11)
 
 
-OCTAGON = 8 * (math.sqrt(2) - 1)
-"""Two equal squares of 2 m, one turned by 45 degrees, share it."""
+OCTAGON = 8 * (math.sqrt(2) - 1)  # two equal squares of 2 m, one turned by 45 degrees, share it
 CLOSED_FORMS = [
     (box(length=2.0), box(length=2.0, yaw=math.pi / 4), False, OCTAGON / (8 - OCTAGON)),
     (box(), box(yaw=math.pi / 2), False, 4 / 12),  # a cross

@@ -35,20 +35,18 @@ def test_same_seed_same_result_and_the_callers_state_is_left_alone():
     clouds, truth = scenes(4, seed=1, classes=("Car", "Pedestrian"))
     settings = TrainingSettings(epochs=2, batch_size=2)
     before = torch.get_rng_state()
-    epochs = []
     data = ["Pedestrian", "Car"], clouds, truth
-    runs = [finetune(TINY, *data, settings, s, on_epoch=epochs.append) for s in (3, 3, 4)]
+    runs = [finetune(TINY, *data, settings, seed) for seed in (3, 3, 4)]
     assert torch.equal(before, torch.get_rng_state())
     weight = "dense_head.conv_box.weight"
     for key, value in runs[0].state_dict.items():
         assert torch.equal(value, runs[1].state_dict[key]), key
     assert not torch.equal(runs[0].state_dict[weight], runs[2].state_dict[weight])
     assert runs[0].state_dict["global_step"] == runs[0].steps == 4
-    assert [item["epoch"] for item in epochs] == [1, 2] * 3
+    assert set(runs[0].curve.epoch) == {1, 2}
     assert set(runs[0].curve.metric) == {
         "loss", "classification", "location", "direction", "lr", "seconds",
     }  # fmt: skip
-    assert epochs[1]["loss"] == runs[0].curve.query("epoch == 2 and metric == 'loss'").value.item()
 
 
 def test_rigs_of_one_seed_are_trained_on_the_same_frames_moved_alike(monkeypatch):

@@ -1,4 +1,4 @@
-"""Operations, networks and training on a GPU against the CPU.
+"""Networks and training on a GPU against the CPU.
 
 Everything runs on the device that stands for a GPU, and where there is one, on that as well.
 """
@@ -244,8 +244,9 @@ def test_the_batch_is_what_the_memory_holds(other):
 def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatch):
     """A training that was stopped goes on elsewhere, to what one on the CPU alone gives."""
 
-    def stop(values):
-        raise InterruptedError
+    def stop(epochs):
+        if epochs > 1:
+            raise InterruptedError
 
     clouds, truth, _ = some_training()
     settings = TrainingSettings(batch_size=3, epochs=2, mixed_precision=False)
@@ -256,7 +257,7 @@ def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatc
         folder = tmp_path / first.type
         run_on(first, monkeypatch)
         with pytest.raises(InterruptedError):
-            finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder, on_epoch=stop)
+            finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder, on_step=stop)
         run_on(then, monkeypatch)
         result = finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder)
         assert all(value.device == CPU for value in result.state_dict.values())

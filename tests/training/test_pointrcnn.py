@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from openpcdet_reference import points, reference, weights, worst_error
+from openpcdet_reference import of_roi_head, points, reference, weights, worst_error
 from synthetic_scenes import batch
 
 from training import build_detector
@@ -20,9 +20,9 @@ NETWORKS = ("pointrcnn", "pointrcnn_iou")
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-def of_roi_head(data):
+def of_second_stage(data):
     names = ("rois", "roi_scores", "roi_labels", "batch_cls_preds", "batch_box_preds")
-    return {name: torch.from_numpy(data[f"eval/roi_head/{name}/full"]) for name in names}
+    return {name: of_roi_head(data, name) for name in names}
 
 
 def distance_to_sides(xyz, boxes):
@@ -46,7 +46,7 @@ def distance_to_sides(xyz, boxes):
 @torch.no_grad()
 def test_stages_are_openpcdets(network):
     data = reference(network)
-    expected = of_roi_head(data)
+    expected = of_second_stage(data)
     model = build_detector(network, CLASSES)
     model.load_state_dict(weights(model.state_dict(), data))
     model.eval()
@@ -97,7 +97,7 @@ def test_stages_are_openpcdets(network):
 @pytest.mark.parametrize("network", NETWORKS)
 def test_detections_are_openpcdets(network):
     data = reference(network)
-    stage = of_roi_head(data)
+    stage = of_second_stage(data)
     final = torch.from_numpy(data["final_0/pred_boxes"])
     # RoIs without points score the same, and upstream's order of equal scores is that of its sort:
     # those that it kept come first here.

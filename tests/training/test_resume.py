@@ -25,14 +25,13 @@ def data():
 def train(data, folder=None, settings=SETTINGS, seed=3, stop=None):
     epochs = []
 
-    def on_epoch(values):
-        epochs.append(values["epoch"])
-        if values["epoch"] == stop:
+    def on_step(done):
+        if stop and done > stop:
             raise Stop
+        epochs.extend([int(done)] * done.is_integer())
 
     network = ("pointpillars_tiny", ["Pedestrian", "Car"])
-    result = finetune(*network, *data, settings, seed, on_epoch=on_epoch, folder=folder)
-    return result, epochs
+    return finetune(*network, *data, settings, seed, on_step=on_step, folder=folder), epochs
 
 
 def losses(result):

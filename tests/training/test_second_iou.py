@@ -10,7 +10,7 @@ from anchor_reference import (
     assert_proposals_are_openpcdets,
     network_and_first_stage,
 )
-from openpcdet_reference import reference, worst_error
+from openpcdet_reference import of_roi_head, reference, worst_error
 from synthetic_scenes import assert_all_parameters_learn, batch
 
 from training import build_detector
@@ -28,10 +28,6 @@ def openpcdet():
     return network_and_first_stage("second_iou", DATA)
 
 
-def expected(name):
-    return torch.from_numpy(DATA[f"eval/roi_head/{name}/full"])
-
-
 def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     model, first = openpcdet
     assert_first_stage_is_openpcdets(DATA, first)
@@ -43,11 +39,11 @@ def test_first_stage_and_proposals_are_openpcdets(openpcdet):
 @torch.no_grad()
 def test_second_stage_is_openpcdets(openpcdet):
     model, first = openpcdet
-    rois = expected("rois")
+    rois = of_roi_head(DATA, "rois")
     output = model.second_stage(rois, first)
     logits = output.logits.view(*rois.shape[:2], 1)
     assert worst_error(DATA, "eval/roi_head/batch_cls_preds", logits) < 2e-5
-    assert torch.equal(model.roi_head.refine(output, rois), expected("batch_box_preds"))
+    assert torch.equal(model.roi_head.refine(output, rois), of_roi_head(DATA, "batch_box_preds"))
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -56,7 +52,7 @@ def test_detections_are_openpcdets(openpcdet):
     """Given its RoIs. Its float32 kernel finds too much overlap of boxes a few millimetres wide."""
     model, first = openpcdet
     proposals = model.roi_head.propose(*model.dense_head.decode(first.head))
-    proposals.boxes.copy_(expected("rois"))
+    proposals.boxes.copy_(of_roi_head(DATA, "rois"))
     output = model.second_stage(proposals.boxes, first)
     for b, found in enumerate(model.roi_head.detections(output, proposals, model.selection)):
         own = {key: torch.from_numpy(DATA[f"final_{b}/pred_{key}"]) for key in ("boxes", "labels")}

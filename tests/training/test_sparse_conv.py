@@ -32,6 +32,12 @@ def dense_weight(module):
     return module.weight.permute(0, 4, 1, 2, 3)
 
 
+def dense(x):
+    """All cells, shape (frames, C, nz, ny, nx)."""
+    grid = x.features.new_zeros(x.frames, *x.shape, x.features.shape[1])
+    return grid.index_put(tuple(x.coordinates.T), x.features).permute(0, 4, 1, 2, 3)
+
+
 def at_sites(image, x):
     return image.permute(0, 2, 3, 4, 1)[tuple(x.coordinates.T)]
 
@@ -44,7 +50,7 @@ def test_submanifold_is_dense_convolution_at_the_sites(grid, kernel):
     module = SubmanifoldConv3d(3, 4, kernel).double()
     y = module(x)
     padding = [size // 2 for size in kernel]
-    expected = functional.conv3d(x.dense(), dense_weight(module), padding=padding)
+    expected = functional.conv3d(dense(x), dense_weight(module), padding=padding)
     torch.testing.assert_close(y.features, at_sites(expected, x))
     assert y.coordinates is x.coordinates
     assert module(y.with_features(y.features[:, :3])).tables is x.tables
@@ -57,11 +63,11 @@ def test_strided_is_dense_convolution(grid, kernel, stride, padding):
     x = sites(*grid)
     module = SparseConv3d(3, 4, kernel, stride, padding).double()
     y = module(x)
-    expected = functional.conv3d(x.dense(), dense_weight(module), stride=stride, padding=padding)
+    expected = functional.conv3d(dense(x), dense_weight(module), stride=stride, padding=padding)
     assert (y.frames, 4, *y.shape) == expected.shape
-    torch.testing.assert_close(y.dense(), expected)
+    torch.testing.assert_close(dense(y), expected)
     # Every cell whose window holds a site, in order.
-    used = (x.dense()[:, :1] != 0).double()
+    used = (dense(x)[:, :1] != 0).double()
     reached = functional.conv3d(
         used, torch.ones(1, 1, *kernel, dtype=torch.float64), stride=stride, padding=padding
     )
@@ -109,4 +115,4 @@ def assert_same(arrays, tensors):
 def test_bev_stacks_the_heights_of_each_channel():
     torch.manual_seed(0)
     x = sites((2, 5, 6), 2, 0.4)
-    assert torch.equal(x.bev(), x.dense().flatten(1, 2))
+    assert torch.equal(x.bev(), dense(x).flatten(1, 2))

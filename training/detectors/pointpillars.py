@@ -44,8 +44,7 @@ OPENPCDET = PointPillarsPreset(
 )
 """OpenPCDet's tools/cfgs/kitti_models/pointpillar.yaml, in KITTI's LiDAR frame."""
 
-PAPER = OPENPCDET
-"""The paper's fork leaves PointPillars as it is; only the range follows the ROI."""
+PAPER = OPENPCDET  # the paper's fork leaves PointPillars as it is; only the range follows the ROI
 
 TINY = PointPillarsPreset(
     point_range=(0.0, -20.0, 0.0, 40.0, 20.0, 4.0),

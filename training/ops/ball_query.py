@@ -9,8 +9,7 @@ from torch import Tensor
 from lidarplace.base.kernel_cache import njit
 from training.ops.grouping import first_hits, padded_with_first
 
-_CHUNK = 1 << 24
-"""Distances that the torch path holds at once."""
+_CHUNK = 1 << 24  # distances that the torch path holds at once
 
 
 def ball_query(

@@ -8,10 +8,8 @@ from torch import Tensor
 
 from training.ops import rotated_iou
 
-_CHUNK = 1 << 24
-"""Pairs whose distance is looked at at once."""
-_CLIPPED = 1 << 19
-"""Pairs that are clipped at once."""
+_CHUNK = 1 << 24  # pairs whose distance is looked at at once
+_CLIPPED = 1 << 19  # pairs that are clipped at once
 
 
 def iou_3d(a: Tensor, b: Tensor) -> Tensor:

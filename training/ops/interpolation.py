@@ -7,8 +7,7 @@ from torch import Tensor
 from lidarplace.base.kernel_cache import njit
 from training.ops.grouping import group
 
-_CHUNK = 1 << 24
-"""Distances that the torch path holds at once."""
+_CHUNK = 1 << 24  # distances that the torch path holds at once
 
 
 def three_nn(

@@ -6,8 +6,7 @@ from torch import Tensor
 from training.ops.box_overlap import checked, near, pair_iou
 from training.ops.rotated_iou import unsuppressed
 
-_CHUNK = 1 << 24
-"""Pairs that the torch path looks at at once."""
+_CHUNK = 1 << 24  # pairs that the torch path looks at at once
 
 
 def nms(

@@ -6,12 +6,9 @@ from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
 
-MARGIN = 1e-5
-"""A point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel."""
-_CHUNK = 1 << 24
-"""Pairs that the torch path holds at once."""
-_CELLS = 64
-"""Cells along each side of the square around all boxes."""
+MARGIN = 1e-5  # a point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel
+_CHUNK = 1 << 24  # pairs that the torch path holds at once
+_CELLS = 64  # cells along each side of the square around all boxes
 
 
 def cos_sin(yaw: Tensor) -> tuple[Tensor, Tensor]:

@@ -8,8 +8,7 @@ from lidarplace.base.kernel_cache import njit
 from training.ops.grouping import first_hits, group
 from training.ops.points_in_boxes import MARGIN, cos_sin, inside_boxes
 
-_CHUNK = 1 << 24
-"""Pairs that the torch path holds at once."""
+_CHUNK = 1 << 24  # pairs that the torch path holds at once
 
 
 def roipoint_pool(

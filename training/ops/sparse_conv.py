@@ -33,12 +33,6 @@ class SparseTensor:
         """Other features (N, C') at the same sites."""
         return replace(self, features=features)
 
-    def dense(self) -> Tensor:
-        """All cells, shape (frames, C, nz, ny, nx)."""
-        grid = self.features.new_zeros(self.frames, *self.shape, self.features.shape[1])
-        grid = grid.index_put(tuple(self.coordinates.unbind(dim=1)), self.features)
-        return grid.permute(0, 4, 1, 2, 3)
-
     def bev(self) -> Tensor:
         """Seen from above, heights stacked as channels c * nz + z: (frames, C * nz, ny, nx)."""
         nz, ny, nx = self.shape

@@ -13,8 +13,7 @@ from torch.nn import functional
 
 from lidarplace.base.kernel_cache import njit
 
-Triple = tuple[int, int, int]
-"""Along z, y, x."""
+Triple = tuple[int, int, int]  # along z, y, x
 
 
 @dataclass(frozen=True)
@@ -24,9 +23,7 @@ class Rules:
     inputs: Tensor  # rows of the pairs, position after position, shape (P,), int64
     outputs: Tensor  # the same
     counts: tuple[int, ...]  # pairs of each position
-    by_input: tuple[
-        Tensor, Tensor
-    ]  # order of the pairs, (P,), and where a row begins, (N + 1,)
+    by_input: tuple[Tensor, Tensor]  # order of the pairs, (P,), and where a row begins, (N + 1,)
     by_output: tuple[Tensor, Tensor]  # the same by output row, (P,) and (M + 1,)
 
 

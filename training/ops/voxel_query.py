@@ -7,8 +7,7 @@ from torch import Tensor
 from lidarplace.base.kernel_cache import njit
 from training.ops.grouping import first_hits, padded_with_first
 
-_CHUNK = 1 << 22
-"""Voxels that the torch path looks up at once."""
+_CHUNK = 1 << 22  # voxels that the torch path looks up at once
 
 
 def voxel_query(

@@ -5,8 +5,7 @@ from torch import Tensor
 
 from training.detectors.detector import PointRange
 
-NEAR = 40.0
-"""Points beyond this distance are few and all kept where possible, metres."""
+NEAR = 40.0  # points beyond this distance are few and all kept where possible, metres
 
 
 def within(points: Tensor, point_range: PointRange) -> Tensor:

@@ -7,8 +7,7 @@ from training.detectors.layers import PaddedBatchNorm
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
 from training.ops.sparse_rules import Triple
 
-STRIDE = 8
-"""Voxels along x or y per cell of the encoded grid."""
+STRIDE = 8  # voxels along x or y per cell of the encoded grid
 
 
 class SparseBlock(nn.Sequential):

@@ -3,8 +3,7 @@
 import torch
 from torch import Tensor
 
-_SMALLEST = 1e-5
-"""Sizes below this, metres, are raised to it: their logarithm must exist."""
+_SMALLEST = 1e-5  # sizes below this, metres, are raised to it: their logarithm must exist
 
 
 def encode(boxes: Tensor, anchors: Tensor) -> Tensor:

@@ -18,8 +18,7 @@ from training.detectors.layers import RowConv1d, RowConv2d, precise, row_layers
 from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
 
-DEPTH_SCALE = 70.0
-"""A point's distance from the sensor enters as a share of this, metres."""
+DEPTH_SCALE = 70.0  # a point's distance from the sensor enters as a share of this, metres
 
 
 @dataclass(frozen=True, kw_only=True)
