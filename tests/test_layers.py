@@ -40,18 +40,17 @@ FLOORS = {
     ),
     "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds layouts"),
     "training": (
-        "average_precision by_sector dataset device ops randomness settings "
-        "typical_objects vector_math",
+        "average_precision by_sector dataset device ops randomness settings typical_objects",
         "detectors ground_truth_sampling kitti_labels matches",
         "__init__ augment leave_out optimisation",
         "checkpoints",
         "batch_size detect kitti_ap resume",
-        "by_distance finetune found_objects",
+        "by_distance finetune",
         "pretrained",
     ),
     "training.detectors": (
         "detector layers",
-        "backbones build point_range",
+        "backbones build",
         "heads",
         "one_stage_detector pointrcnn voxel_detector",
         "second two_stage_voxel_detector",

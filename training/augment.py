@@ -16,17 +16,11 @@ from training.settings import TrainingSettings
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Paste objects, mirror, turn, scale, cut to the range, shuffle the points.
+    """Paste objects, mirror, turn, scale, cut to the range, shuffle the points."""
 
-    Attributes:
-        settings: which of it, and how much.
-        point_range: of the detector, in its frame.
-        database: objects to paste.
-    """
-
-    settings: TrainingSettings
-    point_range: PointRange
-    database: ObjectDatabase
+    settings: TrainingSettings  # which of it, and how much
+    point_range: PointRange  # of the detector, in its frame
+    database: ObjectDatabase  # objects to paste
 
     def __call__(self, sample: Sample, key: tuple[int, int, int]) -> Sample:
         """A frame as it is trained on. The arrays of `sample` may be changed.
@@ -60,7 +54,7 @@ def moved(sample: Sample, settings: TrainingSettings, random: np.random.Generato
 
 
 @njit(cache=True)
-def _move(rows, mirror, cos, sin, scale) -> None:  # pragma: no cover - compiled
+def _move(rows, mirror, cos, sin, scale) -> None:
     """Mirror, turn and scale x, y and z, which come first, in place and in float32."""
     for i in range(len(rows)):
         x, y = rows[i, 0], -rows[i, 1] if mirror else rows[i, 1]
@@ -79,7 +73,7 @@ def within_range(sample: Sample, point_range: PointRange) -> Sample:
 
 
 @njit(cache=True)
-def _within(rows, low, high) -> NDArray[np.int64]:  # pragma: no cover - compiled
+def _within(rows, low, high) -> NDArray[np.int64]:
     """Which rows have x and y, which come first, between two corners."""
     found = np.empty(len(rows), np.int64)
     count = 0

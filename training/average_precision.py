@@ -20,31 +20,22 @@ RECALL_POINTS = 41
 
 
 class Layout(NamedTuple):
-    """Where the boxes and pairs of each frame are, as compiled code takes it.
+    """Where the boxes and pairs of each frame are, as compiled code takes it."""
 
-    Attributes:
-        truths: ground truths of frame f are rows `truths[f]:truths[f + 1]`.
-        found: the same for detections.
-        pairs: the pairs of frame f start here; (ground truth g, detection d), both counted from
-            the frame's first, is pair `pairs[f] + g * (detections of f) + d`.
-    """
-
-    truths: NDArray[np.int64]
-    found: NDArray[np.int64]
+    truths: NDArray[np.int64]  # ground truths of frame f are rows `truths[f]:truths[f + 1]`
+    found: NDArray[np.int64]  # the same for detections
+    # The pairs of frame f start here; (ground truth g, detection d), both counted from the frame's
+    # first, is pair `pairs[f] + g * (detections of f) + d`
     pairs: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class FramePairs:
-    """Every pair of a ground truth and a detection of one frame.
-
-    Attributes:
-        ground_truth, detection: row of either in each pair, shape (P,), int64.
-    """
+    """Every pair of a ground truth and a detection of one frame."""
 
     layout: Layout
-    ground_truth: NDArray[np.int64]
-    detection: NDArray[np.int64]
+    ground_truth: NDArray[np.int64]  # row in each pair, shape (P,), int64
+    detection: NDArray[np.int64]  # the same
 
     @classmethod
     def of(
@@ -65,19 +56,13 @@ class FramePairs:
 
 @dataclass(frozen=True)
 class PrecisionCurve:
-    """Precision over recall, as KITTI samples it.
+    """Precision over recall, as KITTI samples it."""
 
-    Attributes:
-        precision: at the 41 recall points 0, 1/40, …, 1, made monotone from the right; 0 beyond
-            the reached recall, and everywhere if no ground truth counts. Shape (41,).
-        similarity: the same with each hit counted as the similarity of its pair, shape (41,); of
-            the orientation it makes KITTI's average orientation similarity.
-        recall: the share of the ground truths that is hit at any score; 0 if none counts.
-    """
-
+    # At the 41 recall points 0, 1/40, …, 1, made monotone from the right; 0 beyond the reached
+    # recall, and everywhere if no ground truth counts. Shape (41,)
     precision: NDArray[np.float64]
-    similarity: NDArray[np.float64]
-    recall: float
+    similarity: NDArray[np.float64]  # the same with each hit counted as the similarity of its pair
+    recall: float  # the share of the ground truths that is hit at any score; 0 if none counts
 
 
 @njit(cache=True)
@@ -171,30 +156,23 @@ def rising(values: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 class Rising(NamedTuple):
-    """Scores, each of some unit, as compiled code takes them.
+    """Scores, each of some unit, as compiled code takes them."""
 
-    Attributes:
-        values: all, rising.
-        unit: of each.
-        by_unit: the same scores unit by unit, rising within each.
-        offsets: those of unit u are `by_unit[offsets[u]:offsets[u + 1]]`.
-    """
-
-    values: NDArray[np.float64]
-    unit: NDArray[np.int64]
-    by_unit: NDArray[np.float64]
-    offsets: NDArray[np.int64]
+    values: NDArray[np.float64]  # all, rising
+    unit: NDArray[np.int64]  # of each
+    by_unit: NDArray[np.float64]  # the same scores unit by unit, rising within each
+    offsets: NDArray[np.int64]  # those of unit u are `by_unit[offsets[u]:offsets[u + 1]]`
 
     @classmethod
     def of(
         cls,
-        values: NDArray[np.float64],
+        scores: NDArray[np.float64],
         order: NDArray[np.int64],
         unit: NDArray[np.int64],
         units: int,
     ) -> "Rising":
         """Of scores and their `rising` order; -1 is no unit."""
-        values, unit = values[order], unit[order]
+        values, unit = scores[order], unit[order]
         members = np.bincount(unit + 1, minlength=units + 1)
         by_unit = np.argsort(unit, kind="stable")[members[0] :]
         return cls(values, unit, values[by_unit], np.cumsum(members) - members[0])
@@ -253,48 +231,32 @@ def precision_curve(
     overlaps: NDArray[np.float64],
     scores: NDArray[np.float64],
     minimum_overlap: float,
-    ground_truth_role: NDArray[np.int8] | None = None,
-    detection_role: NDArray[np.int8] | None = None,
-    harmless: NDArray[np.bool_] | None = None,
-    similarity: NDArray[np.float64] | None = None,
+    truth_role: NDArray[np.int8],
+    found_role: NDArray[np.int8],
+    harmless: NDArray[np.bool_],
+    similarity: NDArray[np.float64],
 ) -> PrecisionCurve:
     """Precision over recall of one class.
 
     Args:
         overlaps: overlap of every pair, shape (P,); a hit needs more than `minimum_overlap`.
         scores: of the detections, finite, shape (D,).
-        ground_truth_role: COUNTS, IGNORED or OTHER, shape (G,); default: all count.
-        detection_role: the same, shape (D,).
-        harmless: detections that are no false alarm even if unmatched, shape (D,); default: none.
-        similarity: of every pair, shape (P,); default: 1.
+        truth_role, found_role: COUNTS, IGNORED or OTHER, shapes (G,) and (D,).
+        harmless: detections that are no false alarm even if unmatched, shape (D,).
+        similarity: of every pair, shape (P,).
     """
-    layout = pairs.layout
-    truths, found = int(layout.truths[-1]), int(layout.found[-1])
-    if ground_truth_role is None:
-        ground_truth_role = np.full(truths, COUNTS, np.int8)
-    if detection_role is None:
-        detection_role = np.full(found, COUNTS, np.int8)
-    if harmless is None:
-        harmless = np.zeros(found, np.bool_)
-    if similarity is None:
-        similarity = np.ones(len(overlaps))
-    hits = _recall_pass(
-        layout, overlaps, scores, ground_truth_role, detection_role, minimum_overlap
-    )
+    layout, least = pairs.layout, minimum_overlap
+    hits = _recall_pass(layout, overlaps, scores, truth_role, found_role, least)
     hits = hits[~np.isnan(hits)]
     if len(hits) == 0:
         return PrecisionCurve(np.zeros(RECALL_POINTS), np.zeros(RECALL_POINTS), 0.0)
-    counted = np.count_nonzero(ground_truth_role == COUNTS)
+    counted = np.count_nonzero(truth_role == COUNTS)
     lowest = sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
-    roles = (ground_truth_role, detection_role)
-    counts = _precision_pass(
-        layout, overlaps, similarity, scores, roles, harmless, minimum_overlap, lowest
-    )
+    roles = (truth_role, found_role)
+    counts = _precision_pass(layout, overlaps, similarity, scores, roles, harmless, least, lowest)
     # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
-    positives = np.maximum(counts[:, 0] + counts[:, 1], 1)
-    return PrecisionCurve(
-        monotone(counts[:, 0] / positives), monotone(counts[:, 2] / positives), len(hits) / counted
-    )
+    hit, alike = (counts[:, k] / np.maximum(counts[:, 0] + counts[:, 1], 1) for k in (0, 2))
+    return PrecisionCurve(monotone(hit), monotone(alike), len(hits) / counted)
 
 
 def hit_scores(
@@ -303,9 +265,9 @@ def hit_scores(
     scores: NDArray[np.float64],
     minimum_overlap: float,
 ) -> NDArray[np.float64]:
-    """Score with which each ground truth counts for recall where all boxes count, shape (G,).
+    """Score with which each ground truth counts for recall where all boxes count, NaN: missed.
 
-    NaN where it is missed. Arguments as of `precision_curve`.
+    Shape (G,). Arguments as of `precision_curve`.
     """
     truths, found = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
     return _recall_pass(pairs.layout, overlaps, scores, truths, found, minimum_overlap)

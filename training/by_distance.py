@@ -26,17 +26,10 @@ def evaluate_by_distance(
 
     A detection belongs to the ring of the object of its class that it overlaps most, seen from
     above, and to that of its own centre if it overlaps none: an object at 19.9 m that was found at
-    20.1 m is found.
+    20.1 m is found. Arguments and errors as of `training.kitti_ap.evaluation`.
 
-    Args:
-        ground_truth, detections, frames, classes, ious: as of `evaluate_boxes`.
-
-    Returns:
-        Columns class, metric, iou, from_m, to_m (bounds of the ring), value (percent) and
-        ground_truths. Rings without objects of the class have no row.
-
-    Raises:
-        ValueError: as `training.kitti_ap.evaluation`.
+    Returns columns class, metric, iou, from_m, to_m (bounds of the ring), value (percent) and
+    ground_truths. Rings without objects of the class have no row.
     """
     tables = []
     for name in classes:

@@ -14,19 +14,14 @@ COLUMNS = ("class", "metric", "iou", "sector", "from_deg", "to_deg", "value", "g
 def recall_by_sector(
     objects: pd.DataFrame, ious: Mapping[str, Overlaps] = MappingProxyType({})
 ) -> pd.DataFrame:
-    """Recall in every sector around the vehicle, at the strict IoU of the class.
+    """Recall of the `objects` of an `Evaluation` by sector around the vehicle, at the strict IoU.
 
     Objects are matched as for the recall of all directions, which is the mean of these, weighted by
     their ground truths.
 
-    Args:
-        objects: of an `training.kitti_ap.Evaluation`.
-        ious: by class, where they are not KITTI's.
-
-    Returns:
-        Columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector, its
-        bounds from_deg and to_deg (`lidarplace.base.sectors.bounds_of`), value (percent) and
-        ground_truths. Sectors without objects of the class have no row.
+    Returns columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector,
+    its bounds from_deg and to_deg (`lidarplace.base.sectors.bounds_of`), value (percent) and
+    ground_truths. Sectors without objects of the class have no row.
     """
     placed = objects[["class", "overlap", "found"]].assign(sector=sector_of(objects))
     rows = []

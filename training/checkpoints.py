@@ -30,19 +30,12 @@ KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")
 
 @dataclass(frozen=True)
 class LoadReport:
-    """What `load_checkpoint` did with the entries of the model's state_dict, in its order.
+    """What `load_checkpoint` did with the entries of the model's state_dict, in its order."""
 
-    Attributes:
-        loaded: entries taken from the file.
-        reinitialised: entries of heads for other classes, which keep the model's weights.
-        converted: loaded entries that were in a layout of spconv 1.
-        digest: SHA-256 of the file.
-    """
-
-    loaded: tuple[str, ...]
-    reinitialised: tuple[str, ...]
-    converted: tuple[str, ...]
-    digest: str
+    loaded: tuple[str, ...]  # entries taken from the file
+    reinitialised: tuple[str, ...]  # entries of heads for other classes, which stay the model's
+    converted: tuple[str, ...]  # loaded entries that were in a layout of spconv 1
+    digest: str  # SHA-256 of the file
 
 
 def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> LoadReport:
@@ -51,12 +44,9 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     The file holds a state_dict, or a dict with one under "model_state" as OpenPCDet and
     `write_checkpoint` write it; nothing but tensors and plain values is ever unpickled. Sparse
     convolutions may be in either layout of spconv 1. A file that does not name its classes is taken
-    for one of OpenPCDet, whose order is KITTI_ORDER.
-
-    Args:
-        new_heads: entries of the heads that do not fit, because the file is for other classes,
-            keep the model's weights. If it is for as many other classes, all entries of the
-            heads do.
+    for one of OpenPCDet, whose order is KITTI_ORDER. With `new_heads` entries of the heads that do
+    not fit, because the file is for other classes, keep the model's weights; if it is for as many
+    other classes, all entries of the heads do.
 
     Raises:
         OSError: a file that cannot be read.
@@ -66,58 +56,52 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     """
     content, digest = read_checkpoint(path)
     found = content.get("model_state", content)
-    if (
-        not isinstance(found, Mapping)
-        or not found
-        or not all(isinstance(value, Tensor) for value in found.values())
-    ):
+    tensors = isinstance(found, Mapping) and all(isinstance(v, Tensor) for v in found.values())
+    if not tensors or not found:
         raise ValueError(f"{path} is no checkpoint: it holds no state_dict of tensors")
     own = model.state_dict()
     _same_keys(path, own, found)
-    odd = [key for key in own if not _is_plain(found[key], own[key])]
-    if odd:
+    if odd := [key for key in own if not _is_plain(found[key], own[key])]:
+        key, kind = odd[0], "floats" if own[odd[0]].is_floating_point() else "integers"
+        more = f", and so are {len(odd) - 1} more" * (len(odd) > 1)
         raise ValueError(
-            f"checkpoint {path}: {odd[0]} must be a dense tensor of "
-            f"{'floats' if own[odd[0]].is_floating_point() else 'integers'}, found "
-            f"{_kind(found[odd[0]])}" + f", and so are {len(odd) - 1} more" * (len(odd) > 1)
+            f"checkpoint {path}: {key} must be a dense tensor of {kind}, found "
+            f"{_kind(found[key])}{more}"
         )
     found, converted = _in_our_layout(own, found)
-    broken = [key for key, value in found.items() if not torch.isfinite(value).all()]
-    if broken:
+    if broken := [key for key, value in found.items() if not torch.isfinite(value).all()]:
         raise ValueError(f"checkpoint {path} has numbers that are not finite in {_some(broken)}")
-    differing = [key for key in own if own[key].shape != found[key].shape]
-    classes = content.get("classes", list(KITTI_ORDER[: len(model.classes)]))
-    if classes != list(model.classes) and not differing:
-        if not new_heads:
-            raise ValueError(
-                f"checkpoint {path} is for the classes {classes}"
-                + " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
-                + f", the detector for {list(model.classes)}; name the classes in the order of the "
-                "file, or train new ones with new_heads: true"
-            )
-        differing = [key for key in own if _of_head(key)]
-    elif not differing and (other := _other_anchors(path, model, content)) is not None:
-        if not new_heads:
-            raise ValueError(other)
-        differing = [key for key in own if _of_head(key)]
-    elif differing and not (new_heads and all(map(_of_head, differing))):
+    fresh = [key for key in own if own[key].shape != found[key].shape]
+    if not fresh:
+        fault = _other_classes(model, content) or _other_anchors(path, model, content)
+        if fault and not new_heads:
+            raise ValueError(f"checkpoint {path} {fault}")
+        fresh = [key for key in own if fault and _of_head(key)]
+    elif not (new_heads and all(map(_of_head, fresh))):
         shapes = "; ".join(
             f"{key} {list(found[key].shape)}, the detector's {list(own[key].shape)}"
-            for key in differing[:_SOME]
+            for key in fresh[:_SOME]
         )
-        shapes += f" and {len(differing) - _SOME} more" * (len(differing) > _SOME)
+        shapes += f" and {len(fresh) - _SOME} more" * (len(fresh) > _SOME)
         hint = " (heads for other classes; new_heads: true trains them afresh)"
-        raise ValueError(
-            f"checkpoint {path} does not fit the detector: {shapes}"
-            + hint * all(map(_of_head, differing))
-        )
-    fresh = set(differing)
-    model.load_state_dict({key: own[key] if key in fresh else found[key] for key in own})
-    return LoadReport(
-        loaded=tuple(key for key in own if key not in fresh),
-        reinitialised=tuple(differing),
-        converted=converted,
-        digest=digest,
+        hint *= all(map(_of_head, fresh))
+        raise ValueError(f"checkpoint {path} does not fit the detector: {shapes}{hint}")
+    kept = set(fresh)
+    loaded = {key: found[key] for key in own if key not in kept}
+    model.load_state_dict(own | loaded)
+    return LoadReport(tuple(loaded), tuple(fresh), converted, digest)
+
+
+def _other_classes(model: Detector, content: Mapping[str, Any]) -> str | None:
+    """What differs, if the file is for as many other classes than the detector's."""
+    ours = list(model.classes)
+    classes = content.get("classes", list(KITTI_ORDER[: len(ours)]))
+    if classes == ours:
+        return None
+    unnamed = " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
+    return (
+        f"is for the classes {classes}{unnamed}, the detector for {ours}; name the classes in the "
+        "order of the file, or train new ones with new_heads: true"
     )
 
 
@@ -132,8 +116,8 @@ def _other_anchors(path: Path, model: Detector, content: Mapping[str, Any]) -> s
         if ours.get(name) != its.get(name):
             found, wanted = (own.get(name, f"{name} as in the preset") for own in (its, ours))
             return (
-                f"checkpoint {path} has other anchors than the detector: {found} instead of "
-                f"{wanted}; leave the size out, or train new heads with new_heads: true"
+                f"has other anchors than the detector: {found} instead of {wanted}; leave the size "
+                "out, or train new heads with new_heads: true"
             )
     return None
 
@@ -153,11 +137,8 @@ def write_checkpoint(
     which the anchors are that are not the preset's; and "domain", where it is known, what the
     weights were trained on, see `training.pretrained.Domain`.
     """
-    content: dict[str, object] = {
-        "model_state": dict(model_state),
-        "detector": detector,
-        "classes": list(classes),
-    }
+    content: dict[str, object] = {"model_state": dict(model_state)}
+    content |= {"detector": detector, "classes": list(classes)}
     if typical:
         content["typical"] = as_plain(typical)
     if domain is not None:
@@ -166,23 +147,16 @@ def write_checkpoint(
 
 
 def save_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a dict of tensors and plain values for `read_checkpoint`, in one step.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write a dict of tensors and plain values for `read_checkpoint`, in one step, or OSError."""
     with replacing(path) as partial:
         write_tensors(partial, dict(content))
 
 
 def write_tensors(path: Path, content: Any) -> None:
-    """`torch.save` by way of memory.
+    """`torch.save` by way of memory; raises OSError if the file cannot be written.
 
     Where the disk is full, torch itself raises a RuntimeError that says nothing of the disk, or an
     OSError, depending on which of its writes fails.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     written = io.BytesIO()
     torch.save(content, written)
@@ -228,10 +202,7 @@ class DamagedCheckpoint(ValueError):
 
 
 def _check_sums(path: Path, data: bytes) -> None:
-    """Compare the contents of a checkpoint with their CRC-32, which torch writes and ignores.
-
-    What is larger than the file is not unpacked.
-    """
+    """Compare the contents of a checkpoint with their CRC-32, which torch writes and ignores."""
     if not zipfile.is_zipfile(io.BytesIO(data)):  # of a torch before 1.6
         return
     try:
@@ -271,8 +242,8 @@ def _in_our_layout(
 ) -> tuple[Mapping[str, Tensor], tuple[str, ...]]:
     """The entries with sparse convolutions in our layout, and which ones were in another.
 
-    All sparse convolutions of a file have one layout, and only all of them together show which:
-    that of one with as many inputs as outputs does not show in its shape.
+    All of a file have one layout, and only all of them together show which: that of one with as
+    many inputs as outputs does not show in its shape.
     """
     sparse = tuple(key for key, value in own.items() if value.ndim == 5)
     for axes in _LAYOUTS:
@@ -293,22 +264,18 @@ _INTEGERS = (torch.int32, torch.int64)
 def _is_plain(value: Tensor, own: Tensor) -> bool:
     """Whether a tensor holds numbers that may take the place of `own`, rounded at most."""
     allowed = _FLOATS if own.is_floating_point() else _INTEGERS
-    dense = value.layout is torch.strided and not value.is_meta
-    return value.dtype in allowed and dense and not _is_expanded(value)
-
-
-def _is_expanded(value: Tensor) -> bool:
-    """Whether it has more numbers than the file: one number can stand for terabytes."""
-    return value.numel() * value.element_size() > value.untyped_storage().nbytes()
+    return value.dtype in allowed and _kind(value) == str(value.dtype)
 
 
 def _kind(value: Tensor) -> str:
-    layout = "" if value.layout is torch.strided else f", {value.layout}"
-    plain = value.layout is torch.strided and not value.is_meta
-    lacking = " without data" * value.is_meta or " with fewer numbers than its shape says" * (
-        plain and _is_expanded(value)
-    )
-    return f"{value.dtype}{layout}{lacking}"
+    """Its dtype, and what makes it no dense tensor."""
+    if value.layout is not torch.strided:
+        return f"{value.dtype}, {value.layout}"
+    if value.is_meta:
+        return f"{value.dtype} without data"
+    # One number can stand for terabytes.
+    expanded = value.numel() * value.element_size() > value.untyped_storage().nbytes()
+    return f"{value.dtype}{' with fewer numbers than its shape says' * expanded}"
 
 
 _SOME = 6

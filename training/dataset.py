@@ -39,11 +39,11 @@ class TrainingFrames:
 
     Attributes:
         numbers: frame numbers, shape (F,), int64.
-        all_objects: number of objects of the classes in these frames, those with too few points
-            included; the same for every rig.
+        all_objects: number of objects of the classes in these frames, with too few points, too;
+            the same for every rig.
+        objects: which of them the boxes of each frame are, shapes (M,).
 
-    Raises:
-        ValueError: `ground_truth` lacks a column or has a number that is not finite.
+    Raises ValueError if `ground_truth` lacks a column or has a number that is not finite.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class TrainingFrames:
         labels = 1 + pd.Index(list(classes)).get_indexer(pd.Index(own["class"]))
         self.all_objects = len(own)
         points = np.zeros(len(self), np.int64)
-        self._objects: list[NDArray[np.int64]] = []
+        self.objects: list[NDArray[np.int64]] = []
         self._boxes: list[NDArray[np.float32]] = []
         self._labels: list[NDArray[np.int64]] = []
         for index, number in enumerate(self.numbers):
@@ -78,7 +78,7 @@ class TrainingFrames:
             seen = count_points(cloud, boxes[low:high]) >= min_points
             kept = boxes[low:high][seen]
             kept[:, 2] -= sensor_height
-            self._objects.append(low + np.flatnonzero(seen))
+            self.objects.append(low + np.flatnonzero(seen))
             self._boxes.append(kept.astype(np.float32))
             self._labels.append(labels[low:high][seen].astype(np.int64))
         self._by_size = np.argsort(-points, kind="stable")
@@ -91,10 +91,6 @@ class TrainingFrames:
         points = self._clouds[self._rows[index]]
         points[:, 2] -= self._lift
         return Sample(points, self._boxes[index].copy(), self._labels[index].copy())
-
-    def objects(self, index: int) -> NDArray[np.int64]:
-        """Which of `all_objects` the boxes of the `index`-th frame are, shape (M,)."""
-        return self._objects[index]
 
     def largest(self, count: int) -> list[Sample]:
         """The frames with most points, from the first again where there are fewer than `count`."""
@@ -121,8 +117,8 @@ def occurring_classes(
 
 def as_tensors(samples: Sequence[Sample]) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """Points, boxes and labels of a batch, as `Detector.loss` takes them."""
-    return (
-        [torch.from_numpy(item.points) for item in samples],
-        [torch.from_numpy(item.boxes) for item in samples],
-        [torch.from_numpy(item.labels) for item in samples],
+    points, boxes, labels = (
+        [torch.from_numpy(getattr(item, name)) for item in samples]
+        for name in ("points", "boxes", "labels")
     )
+    return points, boxes, labels

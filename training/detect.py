@@ -26,15 +26,11 @@ _BATCH = 4
 
 @dataclass(frozen=True)
 class Detections:
-    """What a detector found; ego frame, metres and radians.
+    """What a detector found; ego frame, metres and radians."""
 
-    Attributes:
-        boxes: frame, class, x, y, z, length, width, height, yaw, score.
-        refined: frame, x, y, z, length, width, height, yaw of every box of the second stage before
-            any is dropped; None for a detector of one stage.
-    """
-
-    boxes: pd.DataFrame
+    boxes: pd.DataFrame  # frame, class, x, y, z, length, width, height, yaw, score
+    # Frame, x, y, z, length, width, height, yaw of every box of the second stage before any is
+    # dropped; None for a detector of one stage
     refined: pd.DataFrame | None
 
 

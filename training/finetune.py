@@ -14,7 +14,7 @@ from torch import Tensor
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.logs.boxes import CLASSES, check_boxes
 from training.augment import Augmentation
-from training.batch_size import Memory, batch_size_for
+from training.batch_size import batch_size_for
 from training.checkpoints import load_checkpoint, read_checkpoint
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.build import build
@@ -30,42 +30,27 @@ from training.typical_objects import TypicalObject, as_plain, from_plain, typica
 
 @dataclass(frozen=True)
 class FinetuneResult:
-    """What a training leaves.
+    """What a training leaves."""
 
-    Attributes:
-        state_dict: weights and buffers after the last epoch, CPU tensors.
-        curve: columns epoch (from 1), metric, value. Metrics: the mean of every part of the loss
-            over the epoch's steps, "lr" of its last step, "seconds" it took.
-        steps: optimisation steps.
-        batch_size: frames of a step.
-        batch_size_reduced: whether these are fewer than there should be, for want of GPU memory.
-        weights: what it started from: "scratch", "generalist", or the checkpoint's name and
-            digest, and the entries of it that were not used.
-        earlier_seconds: of the epochs before a stop, not spent in this call.
-        typical: objects of which the anchors are that are not the preset's.
-    """
-
-    state_dict: dict[str, Tensor]
+    state_dict: dict[str, Tensor]  # weights and buffers after the last epoch, CPU tensors
+    # Columns epoch (from 1), metric, value. Metrics: the mean of every part of the loss over the
+    # epoch's steps, "lr" of its last step, "seconds" it took
     curve: pd.DataFrame
-    steps: int
-    batch_size: int
-    batch_size_reduced: bool
+    steps: int  # optimisation steps
+    batch_size: int  # frames of a step
+    batch_size_reduced: bool  # whether these are fewer than there should be, for want of GPU memory
+    # "scratch", "generalist", or the checkpoint's name and digest, and its entries not used
     weights: str
-    earlier_seconds: float
-    typical: tuple[TypicalObject, ...]
+    earlier_seconds: float  # of the epochs before a stop, not spent in this call
+    typical: tuple[TypicalObject, ...]  # objects of which the anchors are that are not the preset's
 
 
 @dataclass(frozen=True)
 class StartingWeights:
-    """What a training starts from, where the settings name no checkpoint: at random by default.
+    """What a training starts from, where the settings name no checkpoint: at random by default."""
 
-    Attributes:
-        digest: SHA-256 that the checkpoint of the settings must have; None: any.
-        generalist: weights of a detector of the same network and classes, which was trained on the
-            clouds of many rigs.
-    """
-
-    digest: str | None = None
+    digest: str | None = None  # SHA-256 that the checkpoint of the settings must have; None: any
+    # Weights of a detector of the same network and classes, trained on the clouds of many rigs
     generalist: Mapping[str, Tensor] | None = None
 
 
@@ -77,11 +62,10 @@ def finetune(
     settings: TrainingSettings,
     seed: int,
     point_range: PointRange | None = None,
-    on_epoch: Callable[[dict[str, float]], None] | None = None,
     on_step: Callable[[float], None] = lambda epochs: None,
     folder: Path | None = None,
     start: StartingWeights = StartingWeights(),
-    memory: Memory = Memory(),
+    halvings: int = 0,
     typical: Sequence[TypicalObject] = (),
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
@@ -95,13 +79,12 @@ def finetune(
         seed: of the weights, the order of frames, the augmentation and what the network draws.
             The same seed gives the same result on a CPU; the caller's random state is left alone.
         point_range: range for `training.build_detector`, ego frame.
-        on_epoch: called after each epoch with the epoch's number and its values in `curve`.
         on_step: called after each step with the epochs that are done, such as 2.35.
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
         start: weights to start from, if they are not at random.
-        memory: how many frames of a step it holds. A training that was stopped goes on with the
-            frames that it had, unless these are more than are left now.
+        halvings: how often the frames of a step are halved, to at least 1, as memory was too small.
+            A training that was stopped goes on with the frames that it had, unless these are more.
         typical: objects of which anchors are, of classes that the preset does not know, or that
             shall have others. Those of a checkpoint come before those of `ground_truth`.
 
@@ -119,7 +102,10 @@ def finetune(
         model = build(detector, classes, point_range=point_range, typical=typical)
         weights = _load_weights(model, settings, start)
         model.to(device())
-        frames, database = training_data(model, classes, clouds, ground_truth, settings)
+        height, least = model.sensor_height, settings.min_points
+        share = settings.frame_share
+        frames = TrainingFrames(classes, clouds, ground_truth, height, least, share)
+        database = ObjectDatabase.of(frames, classes, settings.sample_groups, least)
         augmentation = Augmentation(settings, model.point_range, database)
         identity = settings.model_dump(mode="json") | {
             "detector": detector,
@@ -131,7 +117,7 @@ def finetune(
         if model.typical:
             identity["typical"] = as_plain(model.typical)
         kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth))
-        state, batch_size, reduced = _start(kept.load(), memory, model, frames, settings)
+        state, batch_size, reduced = _start(kept.load(), halvings, model, frames, settings)
         steps = settings.epochs * -(-len(frames) // batch_size)
         optimisation = Optimisation(model, settings, steps)
         if state is not None:
@@ -149,8 +135,6 @@ def finetune(
                     epoch, batch_size, reduced, model.state_dict(), optimisation.state_dict(), curve
                 )
             )
-            if on_epoch is not None:
-                on_epoch({"epoch": epoch, **values})
     return FinetuneResult(
         {name: value.detach().cpu().clone() for name, value in model.state_dict().items()},
         pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
@@ -181,40 +165,19 @@ def _typical(
 
 def _start(
     state: TrainingState | None,
-    memory: Memory,
+    halvings: int,
     model: Detector,
     frames: TrainingFrames,
     settings: TrainingSettings,
 ) -> tuple[TrainingState | None, int, bool]:
     """Where to go on, the frames of a step, and whether these are fewer than there should be."""
-    if state is not None and not memory.halvings:  # what was found before a stop stays
+    if state is not None and not halvings:  # what was found before a stop stays
         return state, state.batch_size, state.batch_size_reduced
-    known = memory.frames if settings.batch_size == "auto" else settings.batch_size
-    wanted = known or batch_size_for(model, frames, settings)
-    batch_size = max(1, wanted >> memory.halvings)
+    wanted = batch_size_for(model, frames, settings)
+    batch_size = max(1, wanted >> halvings)
     if state is not None and state.batch_size > batch_size:
         state = None  # it ran out of memory
     return state, batch_size, batch_size < wanted
-
-
-def training_data(
-    model: Detector,
-    classes: Sequence[str],
-    clouds: Clouds,
-    ground_truth: pd.DataFrame,
-    settings: TrainingSettings,
-) -> tuple[TrainingFrames, ObjectDatabase]:
-    """The frames that `model` is trained on, and the objects that are put into them."""
-    frames = TrainingFrames(
-        classes,
-        clouds,
-        ground_truth,
-        model.sensor_height,
-        settings.min_points,
-        settings.frame_share,
-    )
-    database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
-    return frames, database
 
 
 def _train_epoch(
@@ -226,11 +189,7 @@ def _train_epoch(
     seed: tuple[int, int],
     on_step: Callable[[float], None],
 ) -> dict[str, float]:
-    """One pass over all frames. Returns its values.
-
-    All its randomness follows from `seed`, of training and epoch; each purpose draws its own,
-    so that rigs of one seed differ in nothing but their points.
-    """
+    """One pass over all frames; its values. All randomness follows from `seed` and epoch."""
     start = time.perf_counter()
     model.train()
     parts: dict[str, list[Tensor]] = defaultdict(list)
@@ -245,9 +204,9 @@ def _train_epoch(
         except ArithmeticError as error:
             if type(error) is not ArithmeticError:  # of the network's own code
                 raise
+            place = f"epoch {seed[1]}, step {1 + first // batch_size}"
             raise ArithmeticError(
-                f"{error} in epoch {seed[1]}, step {1 + first // batch_size}, frames "
-                f"{frames.numbers[rows].tolist()}; a lower lr than "
+                f"{error} in {place}, frames {frames.numbers[rows].tolist()}; a lower lr than "
                 f"{augmentation.settings.lr} may help"
             ) from None
         for name, value in losses.items():
@@ -258,12 +217,11 @@ def _train_epoch(
 
 
 def _load_weights(model: Detector, settings: TrainingSettings, start: StartingWeights) -> str:
-    """Load the weights that training starts from. Returns what these are."""
-    path = settings.checkpoint
+    """Load the weights that training starts from; what these are."""
     if start.generalist is not None:
         model.load_state_dict(start.generalist)
         return "generalist"
-    if path is None:
+    if (path := settings.checkpoint) is None:
         return "scratch"
     report = load_checkpoint(model, path, settings.new_heads)
     if start.digest not in (None, report.digest):

@@ -9,30 +9,20 @@ from numpy.typing import NDArray
 
 from training.dataset import Sample, TrainingFrames
 from training.ops.points_in_boxes import box_of_points
-from training.ops.rotated_iou import bev_overlap
+from training.ops.rotated_iou import iou_bev
 
 
 @dataclass(frozen=True)
 class ObjectDatabase:
-    """The objects of all training frames with their points, packed, in the frame of a detector.
+    """The objects of all training frames with their points, packed, in the frame of a detector."""
 
-    Attributes:
-        points: of object after object, shape (P, 4), float32.
-        offsets: object k has `points[offsets[k]:offsets[k + 1]]`, shape (K + 1,), int64.
-        boxes: shape (K, 7), float32.
-        labels: shape (K,), int64.
-        numbers: of each object among `all_objects`, shape (K,), int64.
-        all_objects: objects of the ground truth, those included that have too few points.
-        wanted: number of objects that a frame is filled up to, by label.
-    """
-
-    points: NDArray[np.float32]
-    offsets: NDArray[np.int64]
-    boxes: NDArray[np.float32]
-    labels: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    all_objects: int
-    wanted: Mapping[int, int]
+    points: NDArray[np.float32]  # of object after object, shape (P, 4), float32
+    offsets: NDArray[np.int64]  # object k has `points[offsets[k]:offsets[k + 1]]`, shape (K + 1,)
+    boxes: NDArray[np.float32]  # shape (K, 7), float32
+    labels: NDArray[np.int64]  # shape (K,), int64
+    numbers: NDArray[np.int64]  # of each object among `all_objects`, shape (K,), int64
+    all_objects: int  # objects of the ground truth, those included that have too few points
+    wanted: Mapping[int, int]  # number of objects that a frame is filled up to, by label
 
     @classmethod
     def of(
@@ -44,46 +34,30 @@ class ObjectDatabase:
     ) -> "ObjectDatabase":
         """Gather the objects of `frames` that have `min_points` points or more.
 
-        Args:
-            classes: names of the labels 1, 2, ….
-            sample_groups: number of objects that a frame is filled up to, by class; the objects of
-                other classes are not gathered.
+        `classes` are the labels 1, 2, …; a frame is filled up to `sample_groups` objects of a
+        class; those of other classes are not gathered.
         """
         wanted = {1 + classes.index(n): k for n, k in sample_groups.items() if n in classes and k}
-        points = [np.zeros((0, 4), np.float32)]
-        counts = [np.zeros(0, np.int64)]
-        boxes = [np.zeros((0, 7), np.float32)]
-        labels = [np.zeros(0, np.int64)]
-        numbers = [np.zeros(0, np.int64)]
+        none, no_box = np.zeros(0, np.int64), np.zeros((0, 7), np.float32)
+        parts = [(np.zeros((0, 4), np.float32), none, no_box, none, none)]
         for index in range(len(frames)) if wanted else ():
             sample = frames[index]
             owner = _owners(sample.points, sample.boxes)
             count = np.bincount(owner + 1, minlength=len(sample.boxes) + 1)[1:]
             kept = np.isin(sample.labels, list(wanted)) & (count >= max(1, min_points))
             rows = np.argsort(owner, kind="stable")[np.count_nonzero(owner < 0) :]
-            points.append(sample.points[rows[kept[owner[rows]]]])
-            counts.append(count[kept])
-            boxes.append(sample.boxes[kept])
-            labels.append(sample.labels[kept])
-            numbers.append(frames.objects(index)[kept])
-        offsets = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.concatenate(counts))])
-        return cls(
-            np.concatenate(points),
-            offsets,
-            np.concatenate(boxes),
-            np.concatenate(labels),
-            np.concatenate(numbers),
-            frames.all_objects,
-            wanted,
-        )
+            points, numbers = sample.points[rows[kept[owner[rows]]]], frames.objects[index][kept]
+            parts.append((points, count[kept], sample.boxes[kept], sample.labels[kept], numbers))
+        points, counts, boxes, labels, numbers = map(np.concatenate, zip(*parts, strict=True))
+        offsets = np.append(0, np.cumsum(counts))
+        return cls(points, offsets, boxes, labels, numbers, frames.all_objects, wanted)
 
     def paste(self, sample: Sample, random: np.random.Generator) -> Sample:
         """Fill a frame up with random objects at their own places.
 
         As OpenPCDet's database sampler with LIMIT_WHOLE_SCENE: for each class in turn as many
         objects are drawn as the frame lacks; those that overlap, seen from above, with an object
-        of the frame or with one another are left out. Their points take the place of those that
-        the frame has inside their boxes.
+        of the frame or with one another are left out. Points of the others replace those inside.
 
         All objects of the ground truth are put in a random order, and the first of those that have
         points are taken: rigs that do not see the same objects still paste the same where they can.
@@ -99,7 +73,7 @@ class ObjectDatabase:
                 known = known[np.argpartition(rank[known], lacking)[:lacking]]
             chosen = known[np.argsort(rank[known])]
             others = np.concatenate([self.boxes[chosen], boxes])
-            overlapping = bev_overlap(self.boxes[chosen], others) > 0
+            overlapping = iou_bev(self.boxes[chosen], others) > 0
             np.fill_diagonal(overlapping, False)
             chosen = chosen[~overlapping.any(axis=1)]
             boxes = np.concatenate([boxes, self.boxes[chosen]])

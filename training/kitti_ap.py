@@ -13,26 +13,14 @@ from numpy.typing import NDArray
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, METRICS, Overlaps, iou_of
 from lidarplace.logs.boxes import GEOMETRY, check_boxes
 from lidarplace.logs.plausible import check_yaw
-from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
-from training.kitti_labels import (
-    DIFFICULTIES,
-    UNKNOWN_ALPHA,
-    boxes_z_up,
-    checked_labels,
-    covered_by_dont_care,
-    detection_role,
-    ground_truth_role,
-    image_iou,
-    orientation_similarity,
-)
-from training.leave_out import COLUMNS as LEFT_OUT_COLUMNS
-from training.leave_out import (
-    ap_without_each,
-    halves_of,
-    mean_without_each,
-    overlapped_most,
-    recall_without_each,
-    units_of,
+from training import kitti_labels, leave_out
+from training.average_precision import (
+    COUNTS,
+    FramePairs,
+    ap_r11,
+    ap_r40,
+    hit_scores,
+    precision_curve,
 )
 from training.matches import Matches
 from training.ops.rotated_iou import paired_iou
@@ -136,7 +124,7 @@ def evaluation(
     found = rows_of(detections, wanted)
     rows: list[tuple[str, str, float, str, float, int]] = []
     drawn: list[pd.DataFrame] = []
-    left_out: list[pd.DataFrame] = []
+    without: list[pd.DataFrame] = []
 
     def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
         rows.append((name, metric, iou, "all", value if count else np.nan, count))
@@ -144,7 +132,11 @@ def evaluation(
     every = pairs_of(truths, found, wanted)
     every_overlap = overlaps_of(truths, found, every, three_d=True)
     of_any = _largest(every_overlap, every, len(truths))
-    best = of_any if refined is None else _best_overlap(truths, rows_of(refined, wanted), wanted)
+    best = of_any
+    if refined is not None:
+        boxes = rows_of(refined, wanted)
+        other = pairs_of(truths, boxes, wanted)
+        best = _largest(overlaps_of(truths, boxes, other, three_d=True), other, len(truths))
     reached = np.zeros(len(truths), np.bool_)
     truth_class, found_class = truths["class"].to_numpy(), found["class"].to_numpy()
     for name in classes:
@@ -167,19 +159,19 @@ def evaluation(
         }
         reached[here] = matches["3D", of_name.strict].found
         if routes is not None and len(own):
-            nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
+            nearest = leave_out.overlapped_most(pairs, overlaps["BEV"], len(own_found))
             frame = own_found["frame"].to_numpy(np.int64)
-            units = (*units_of(own, frame, nearest, routes), *halves_of(own, frame, routes))
-            left_out += ap_without_each(name, of_name, matches, units)
-            left_out += recall_without_each(name, RECALL_IOU, best[here], units)
-            left_out += mean_without_each(name, "mean_overlap", EVERY_IOU, of_class, units)
+            units = leave_out.units_of(own, frame, nearest, routes)
+            without += leave_out.ap_without_each(name, of_name, matches, units)
+            without += leave_out.means_without_each(name, _means(best[here], of_class), units)
         curves = {key: match.precision() for key, match in matches.items()}
         for iou in of_name:
             for view in overlaps:
                 metric, curve = f"AP_R40_{view}", curves[view, iou]
                 add(name, metric, iou, float(ap_r40(curve)), len(own))
                 if len(own):
-                    drawn.append(_curve_table(name, metric, iou, curve))
+                    values = (name, metric, iou, np.linspace(0, 100, len(curve)), 100 * curve)
+                    drawn.append(pd.DataFrame(dict(zip(CURVE_COLUMNS, values, strict=True))))
             add(name, "class_recall_3D", iou, _percent(matches["3D", iou].found), len(own))
             for metric in metrics:
                 if (measure := METRICS[metric].of_matches) is not None:
@@ -190,41 +182,37 @@ def evaluation(
         mean_curve = np.mean([curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)
         add(name, "AP_R40_3D_mean", EVERY_IOU, float(ap_r40(mean_curve)), len(own))
         add(name, "mean_overlap", EVERY_IOU, _percent(of_class), len(own))
-    for iou in RECALL_IOU:
-        add("all", "recall", iou, _percent(best > iou), len(truths))
-    add("all", "mean_overlap", EVERY_IOU, _percent(of_any), len(truths))
+    for metric, iou, of_truth in _means(best, of_any):
+        add("all", metric, iou, _percent(of_truth), len(truths))
     if routes is not None and len(truths):
         none = np.zeros(0, np.int64)
-        units = (*units_of(truths, none, none, routes), *halves_of(truths, none, routes))
-        left_out += recall_without_each("all", RECALL_IOU, best, units)
-        left_out += mean_without_each("all", "mean_overlap", EVERY_IOU, of_any, units)
+        units = leave_out.units_of(truths, none, none, routes)
+        without += leave_out.means_without_each("all", _means(best, of_any), units)
     return Evaluation(
         pd.DataFrame(rows, columns=list(COLUMNS)),
         _stack(drawn, CURVE_COLUMNS),
         truths.assign(overlap=best, found=reached),
-        None if routes is None else _stack(left_out, LEFT_OUT_COLUMNS),
+        None if routes is None else _stack(without, leave_out.COLUMNS),
     )
+
+
+def _means(
+    best: NDArray[np.float64], overlap: NDArray[np.float64]
+) -> list[tuple[str, float, NDArray[np.float64]]]:
+    """Metrics that are means over ground truths: name, IoU and values, from overlaps (G,)."""
+    recall = [("recall", iou, (best > iou).astype(np.float64)) for iou in RECALL_IOU]
+    return [*recall, ("mean_overlap", EVERY_IOU, overlap)]
 
 
 def _stack(tables: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=list(columns))
 
 
-def _curve_table(
-    name: str, metric: str, iou: float, precision: NDArray[np.float64]
-) -> pd.DataFrame:
-    recall = np.linspace(0, 100, len(precision))
-    values = (name, metric, iou, recall, 100 * precision)
-    return pd.DataFrame(dict(zip(CURVE_COLUMNS, values, strict=True)))
-
-
 def _check_detections(detections: pd.DataFrame) -> None:
     check_boxes(detections, "detections")
     if "score" not in detections.columns:
         raise ValueError(f"detections: no column score; found {list(detections.columns)}")
-    scores = detections["score"].to_numpy(np.float64)
-    bad = int((~np.isfinite(scores)).sum())
-    if bad:
+    if bad := int((~np.isfinite(detections["score"].to_numpy(np.float64))).sum()):
         raise ValueError(
             f"detections: every box needs a finite score, found NaN or infinity in {bad} row(s)"
         )
@@ -255,19 +243,27 @@ def overlaps_of(
     )
 
 
-def _best_overlap(
-    truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Largest 3D IoU that each ground truth has with a detection of its frame, shape (G,)."""
-    pairs = pairs_of(truths, found, frames)
-    return _largest(overlaps_of(truths, found, pairs, three_d=True), pairs, len(truths))
-
-
 def _largest(overlaps: NDArray[np.float64], pairs: FramePairs, truths: int) -> NDArray[np.float64]:
     """Largest overlap that each ground truth has in a pair, 0 if it is in none, shape (G,)."""
     largest = np.zeros(truths)
     np.maximum.at(largest, pairs.ground_truth, overlaps)
     return largest
+
+
+def found_objects(objects: pd.DataFrame, detections: pd.DataFrame, iou: float) -> NDArray[np.bool_]:
+    """Whether some detection overlaps each object in 3D by more than `iou`, each used once.
+
+    Boxes of one class with `frame`, detections also with `score`; the mean of what is returned,
+    (objects,), is `class_recall_3D` of `evaluate_boxes`.
+    """
+    frames = np.unique(objects["frame"])
+    truths, found = rows_of(objects, frames), rows_of(detections, frames)
+    pairs = pairs_of(truths, found, frames)
+    overlaps = overlaps_of(truths, found, pairs, three_d=True)
+    scores = hit_scores(pairs, overlaps, found["score"].to_numpy(np.float64), iou)
+    hit = np.empty(len(objects), np.bool_)
+    hit[np.argsort(objects["frame"].to_numpy(), kind="stable")] = ~np.isnan(scores)
+    return hit
 
 
 def _percent(values: NDArray[np.float64] | NDArray[np.bool_]) -> float:
@@ -307,36 +303,35 @@ def evaluate_detections(
         ValueError: a column is missing, a number is not finite, or a rotation_y is over two turns.
     """
     wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
-    truths = rows_of(checked_labels(ground_truth, "ground truth", ()), wanted)
-    found = rows_of(checked_labels(detections, "detections", ("score",)), wanted)
+    truths = rows_of(kitti_labels.checked_labels(ground_truth, "ground truth", ()), wanted)
+    found = rows_of(kitti_labels.checked_labels(detections, "detections", ("score",)), wanted)
     pairs = pairs_of(truths, found, wanted)
     scores = found["score"].to_numpy(np.float64)
-    truth_boxes = boxes_z_up(truths)
-    found_boxes = boxes_z_up(found)
-    truth_sides, found_sides = truth_boxes[pairs.ground_truth], found_boxes[pairs.detection]
+    truth_sides = kitti_labels.boxes_z_up(truths)[pairs.ground_truth]
+    found_sides = kitti_labels.boxes_z_up(found)[pairs.detection]
     overlaps = {
         "3D": paired_iou(truth_sides, found_sides, three_d=True),
         "BEV": paired_iou(truth_sides, found_sides, three_d=False),
-        "image": image_iou(truths, found, pairs),
+        "image": kitti_labels.image_iou(truths, found, pairs),
     }
-    truth_class = truths["class"].str.lower().to_numpy(str)
-    found_class = found["class"].str.lower().to_numpy(str)
+    truth_class, found_class = (own["class"].str.lower().to_numpy(str) for own in (truths, found))
     best = _largest(overlaps["3D"], pairs, len(truths))
-    covered = covered_by_dont_care(truths, found, pairs, truth_class == "dontcare")
-    alike = orientation_similarity(truths, found, pairs)
-    oriented = bool((found["alpha"].to_numpy(np.float64) != UNKNOWN_ALPHA).all())
+    regions = truth_class == "dontcare"
+    covered = kitti_labels.covered_by_dont_care(truths, found, pairs, regions)
+    alike = kitti_labels.orientation_similarity(truths, found, pairs)
+    oriented = (found["alpha"].to_numpy(np.float64) != kitti_labels.UNKNOWN_ALPHA).all()
     rows: list[tuple[str, str, float, str, float, int]] = []
     for name, minimum in iou.items():
-        for level, difficulty in enumerate(DIFFICULTIES):
-            truth_role = ground_truth_role(truths, truth_class, name, level, min_height)
-            found_role = detection_role(found, found_class, name, level, min_height)
+        for level, difficulty in enumerate(kitti_labels.DIFFICULTIES):
+            rule = name, level, min_height
+            truth_role = kitti_labels.ground_truth_role(truths, truth_class, *rule)
+            found_role = kitti_labels.detection_role(found, found_class, *rule)
             count = int((truth_role == COUNTS).sum())
             value: dict[str, float] = {}
             for view, values in overlaps.items():
-                harmless = covered > minimum if view == "image" else None
-                curve = precision_curve(
-                    pairs, values, scores, minimum, truth_role, found_role, harmless, alike
-                )
+                harmless = covered > (minimum if view == "image" else np.inf)
+                roles = truth_role, found_role, harmless
+                curve = precision_curve(pairs, values, scores, minimum, *roles, alike)
                 value[f"AP_R40_{view}"] = float(ap_r40(curve.precision))
                 value[f"AP_R11_{view}"] = ap_r11(curve.precision)
                 value[f"class_recall_{view}"] = 100 * curve.recall

@@ -1,14 +1,12 @@
 """AP and recall without each route, and without each individual, of the test frames in turn.
 
-Objects of one route share its streets, its traffic and its vehicle, and boxes of one individual are
-nearly the same object. The spread of what remains is the jackknife's estimate of how much another
-test set would change the number (`tracking.statistics.jackknife`).
+The spread of what remains is the jackknife's estimate of how much another test set would change the
+number (`tracking.statistics.jackknife`).
 
-AP_R40 itself has no such spread: it moves in steps of 2.5 points of recall, and the jackknife of
-what is not smooth is inconsistent (of the median: Efron 1979; in general: Shao and Wu 1989). So AP
-without a route or an individual is the area under precision over recall at every hit, which AP_R40
-samples. Halves of the test frames are no jackknife, and have AP_R40. The area of all test frames is
-there too: differences between placements are of areas, since the steps of AP_R40 are their own.
+AP_R40 moves in steps of 2.5 points of recall, and the jackknife of what is not smooth is
+inconsistent (of the median: Efron 1979; in general: Shao and Wu 1989). So AP without a route or an
+individual is the area under precision over recall at every hit, which AP_R40 samples; the area of
+all test frames is there too, to compare with. Halves of the test frames have AP_R40.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,28 +21,20 @@ from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps
 from training.average_precision import FramePairs
 from training.matches import Matches, by_unit
 
-MOST_UNITS = 100
-"""More are thrown together at random: the delete-a-group jackknife (Kott 2001)."""
-SPLITS = 5
-"""Most ways of halving the routes."""
+MOST_UNITS = 100  # more are thrown together at random: the delete-a-group jackknife (Kott 2001)
+SPLITS = 5  # most ways of halving the routes
 COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "value")
 
 
 @dataclass(frozen=True)
 class Units:
-    """What is left out.
+    """What is left out."""
 
-    Attributes:
-        kind: "route", "individual" or "half", or "nothing", which leaves nothing out.
-        names: of the units, the same for all detectors.
-        truth: unit of every ground truth, shape (G,).
-        detection: unit of every detection, shape (D,). Of individuals it is the one that the
-            detection overlaps most; false alarms that overlap none are a unit a route.
-    """
-
-    kind: str
-    names: tuple[str, ...]
-    truth: NDArray[np.int64]
+    kind: str  # "route", "individual" or "half", or "nothing", which leaves nothing out
+    names: tuple[str, ...]  # of the units, the same for all detectors
+    truth: NDArray[np.int64]  # unit of every ground truth, shape (G,)
+    # Unit of every detection, shape (D,): the individual that it overlaps most, or the route; false
+    # alarms that overlap none are a unit a route
     detection: NDArray[np.int64]
 
     def table(
@@ -61,10 +51,12 @@ def units_of(
     detection_frame: NDArray[np.int64],
     nearest: NDArray[np.int64],
     routes: pd.DataFrame,
-) -> tuple[Units, Units, Units]:
-    """Routes and individuals of the ground truths and detections of one class, and nothing.
+) -> list[Units]:
+    """Routes and individuals of the ground truths and detections of one class, nothing, and halves.
 
-    The last is what the others are compared with: AP as an area, see above.
+    Nothing is what the first two are compared with: AP as an area, see above. Halves of the routes
+    are of several splits that are drawn at random: "0a" and "0b", "1a", …; none of one route.
+    Without one half a metric is that of the other.
 
     Args:
         truths: scene, object_id, frame.
@@ -74,44 +66,28 @@ def units_of(
     """
     number, names = _numbered(routes, ["scene", "route"])
     of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))
-    truth = of_frame.reindex(truths["frame"]).to_numpy(np.int64)
-    detection = of_frame.reindex(detection_frame).to_numpy(np.int64)
+    truth, detection = (
+        of_frame.reindex(own).to_numpy(np.int64) for own in (truths["frame"], detection_frame)
+    )
     individual, individuals = _numbered(truths, ["scene", "object_id"])
     owner = individual[nearest] if len(individual) else nearest
     owner = np.where(nearest >= 0, owner, detection + len(individuals))
     alarms = tuple(f"false alarms of {name}" for name in names)
-    return (
+    units = [
         _grouped(Units("route", names, truth, detection)),
         _grouped(Units("individual", (*individuals, *alarms), individual, owner)),
         Units("nothing", ("",), np.full(len(truths), -1), np.full(len(detection_frame), -1)),
-    )
-
-
-def halves_of(
-    truths: pd.DataFrame, detection_frame: NDArray[np.int64], routes: pd.DataFrame
-) -> tuple[Units, ...]:
-    """Halves of the routes, of several splits that are drawn at random: "0a" and "0b", "1a", ….
-
-    Without one half a metric is that of the other. Arguments as of `units_of`. None of one route.
-    """
-    number, names = _numbered(routes, ["scene", "route"])
+    ]
     random, every = np.random.default_rng(0), frozenset(range(len(names)))
     splits: list[frozenset[int]] = []
     for _ in range(4 * SPLITS if len(names) > 1 else 0):
         half = frozenset(random.permutation(len(names))[: len(names) // 2].tolist())
         if half not in splits and every - half not in splits and len(splits) < SPLITS:
             splits.append(half)
-    of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))
-    route, found_on = (of_frame.reindex(f).to_numpy() for f in (truths["frame"], detection_frame))
-    return tuple(
-        Units(
-            "half",
-            (f"{i}a", f"{i}b"),
-            np.isin(route, [*half]).astype(np.int64),
-            np.isin(found_on, [*half]).astype(np.int64),
-        )
-        for i, half in enumerate(splits)
-    )
+    for i, half in enumerate(splits):
+        sides = (np.isin(route, [*half]).astype(np.int64) for route in (truth, detection))
+        units.append(Units("half", (f"{i}a", f"{i}b"), *sides))
+    return units
 
 
 def overlapped_most(
@@ -131,55 +107,34 @@ def ap_without_each(
     matches: Mapping[tuple[str, float], Matches],
     either: Sequence[Units],
 ) -> list[pd.DataFrame]:
-    """AP and recall of a class without each unit: but for halves AP is an area.
+    """AP and recall of a class at `ious` without each of `units_of`: but for halves AP is an area.
 
-    Args:
-        ious: of the class.
-        matches: by view, "3D" or "BEV", and IoU: of `ious`, and in 3D of `MEAN_AP_IOU`.
-        either: `units_of` and `halves_of` the boxes.
+    `matches`: by view, "3D" or "BEV", and IoU: of `ious`, and in 3D of `MEAN_AP_IOU`.
     """
     tables = []
     for units in either:
         of_each = (units.truth, units.detection, len(units.names))
-        if units.kind == "half":
-            ap = {key: match.ap_without_each(*of_each) for key, match in matches.items()}
-        else:
-            ap = {key: match.area_without_each(*of_each) for key, match in matches.items()}
+        without = Matches.ap_without_each if units.kind == "half" else Matches.area_without_each
+        ap = {key: without(match, *of_each) for key, match in matches.items()}
         for view, iou in product(("3D", "BEV"), ious):
             tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap[view, iou]))
         mean = np.mean([ap["3D", iou] for iou in MEAN_AP_IOU], axis=0)
         tables.append(units.table(object_class, "AP_R40_3D_mean", EVERY_IOU, mean))
-    for iou in ious:
-        found = matches["3D", iou].found
-        tables += mean_without_each(object_class, "class_recall_3D", iou, found, either)
-    return tables
+    found = [("class_recall_3D", iou, matches["3D", iou].found) for iou in ious]
+    return tables + means_without_each(object_class, found, either)
 
 
-def recall_without_each(
-    object_class: str, ious: Sequence[float], best: NDArray[np.float64], either: Sequence[Units]
-) -> list[pd.DataFrame]:
-    """Recall by boxes of any class without each unit, from each ground truth's best overlap."""
-    return [
-        table
-        for iou in ious
-        for table in mean_without_each(object_class, "recall", iou, best > iou, either)
-    ]
-
-
-def mean_without_each(
+def means_without_each(
     object_class: str,
-    metric: str,
-    iou: float,
-    of_truth: NDArray[np.float64] | NDArray[np.bool_],
+    metrics: Sequence[tuple[str, float, NDArray[np.float64] | NDArray[np.bool_]]],
     either: Sequence[Units],
 ) -> list[pd.DataFrame]:
-    """A metric that is a mean over ground truths, in percent, without each unit; NaN: none is left.
+    """Metrics that are means over ground truths, in percent, without each unit; NaN: none is left.
 
-    Args:
-        of_truth: what it is a mean of, shape (G,).
+    Each has a name, an IoU and what it is a mean of, shape (G,).
     """
     tables = []
-    for units in either:
+    for (metric, iou, of_truth), units in product(metrics, either):
         size = len(units.names)
         left = len(of_truth) - by_unit(units.truth, size)
         total = of_truth.sum() - by_unit(units.truth, size, of_truth.astype(np.float64))

@@ -29,18 +29,11 @@ from training.average_precision import (
 
 @dataclass(frozen=True)
 class Matches:
-    """Ground truths and detections of one class at one overlap.
+    """Ground truths and detections of one class at one overlap."""
 
-    Attributes:
-        hit: score with which each ground truth counts for recall, NaN where it is missed,
-            shape (G,).
-        matched: highest score from which on it is a true positive, NaN if never, shape (G,).
-        scores: of the detections, shape (D,).
-    """
-
-    hit: NDArray[np.float64]
-    matched: NDArray[np.float64]
-    scores: NDArray[np.float64]
+    hit: NDArray[np.float64]  # score with which each ground truth counts for recall, NaN: missed
+    matched: NDArray[np.float64]  # highest score from which on it is a true positive, NaN: never
+    scores: NDArray[np.float64]  # of the detections
 
     @classmethod
     def of(
@@ -51,11 +44,8 @@ class Matches:
         minimum_overlap: float,
     ) -> "Matches":
         """Of boxes that all count. Arguments as of `average_precision.precision_curve`."""
-        return cls(
-            hit_scores(pairs, overlaps, scores, minimum_overlap),
-            _matched_from(pairs.layout, overlaps, scores, minimum_overlap),
-            scores,
-        )
+        matched = _matched_from(pairs.layout, overlaps, scores, minimum_overlap)
+        return cls(hit_scores(pairs, overlaps, scores, minimum_overlap), matched, scores)
 
     @cached_property
     def _orders(self) -> tuple[tuple[NDArray[np.float64], NDArray[np.int64]], ...]:
@@ -80,11 +70,7 @@ class Matches:
         """AP_R40 in percent without each unit, shape (units,); NaN where no ground truth is left.
 
         Exact where a unit has whole frames; else as if the detections that stay were matched as
-        they were.
-
-        Args:
-            truth_unit, detection_unit: unit of every ground truth and detection, shapes (G,), (D,);
-                -1: of none.
+        they were. Units of ground truths (G,) and detections (D,) are numbers, -1: of none.
         """
         left = len(truth_unit) - by_unit(truth_unit, units)
         scores = self._by_unit(truth_unit, detection_unit, units)
@@ -107,26 +93,19 @@ class Matches:
     ) -> tuple[Rising, Rising, Rising]:
         """Hits, matches and detections with their units."""
         hit, matched, found = self._orders
-        return (
-            Rising.of(*hit, truth_unit, units),
-            Rising.of(*matched, truth_unit, units),
-            Rising.of(*found, detection_unit, units),
-        )
+        hits, matches = (Rising.of(*own, truth_unit, units) for own in (hit, matched))
+        return hits, matches, Rising.of(*found, detection_unit, units)
 
 
 def by_unit(
     unit: NDArray[np.int64], units: int, weights: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """How many members every unit has, or the sum of their weights, shape (units,).
-
-    Args:
-        unit: of every member; -1: of none.
-    """
+    """How many members every unit has, or the sum of their weights, shape (units,); -1: none."""
     return np.bincount(unit + 1, weights, units + 1)[1:].astype(np.float64)
 
 
 @njit(cache=True)
-def _matched_from(layout, overlaps, scores, minimum):  # pragma: no cover - compiled
+def _matched_from(layout, overlaps, scores, minimum):
     """Highest score at which each ground truth is matched by KITTI's second pass; NaN: never."""
     truths, found, pairs = layout
     matched = np.full(truths[-1], np.nan)

@@ -45,14 +45,9 @@ def _cosine(start: float, end: float, part: float) -> float:
 
 
 class Optimisation:
-    """An optimiser with its schedule and 16-bit floats, see `half_type`.
+    """An optimiser with its schedule of `steps`, and 16-bit floats, see `half_type`.
 
     The small gradients of float16 need a scaled loss.
-
-    Args:
-        model: what is trained; stays where it is.
-        settings: how.
-        steps: number of steps of the whole training.
     """
 
     def __init__(self, model: Detector, settings: TrainingSettings, steps: int) -> None:
@@ -68,9 +63,7 @@ class Optimisation:
     def step(self, batch: Batch) -> dict[str, Tensor]:
         """Train on one batch. Returns the losses.
 
-        Raises:
-            ArithmeticError: the loss or its gradient is not a finite number; the weights are as
-                they were before.
+        Raises ArithmeticError if the loss or its gradient is not a finite number; the weights stay.
         """
         self.lr, momentum = self._schedule(self.steps)
         for group in self._optimizer.param_groups:
@@ -84,9 +77,8 @@ class Optimisation:
         self._optimizer.zero_grad()
         self._scaler.scale(losses["loss"]).backward()
         self._scaler.unscale_(self._optimizer)
-        norm = torch.nn.utils.clip_grad_norm_(
-            self._model.parameters(), self._settings.grad_norm_clip
-        ).item()
+        most = self._settings.grad_norm_clip
+        norm = torch.nn.utils.clip_grad_norm_(self._model.parameters(), most).item()
         # A scaler finds its scale by gradients that overflow, and leaves out their steps.
         if not self._scaler.is_enabled() and not math.isfinite(norm):
             raise ArithmeticError(f"the norm of the gradient is {norm}")
@@ -112,18 +104,10 @@ class Optimisation:
 
 
 def _optimizer(model: Detector, settings: TrainingSettings) -> torch.optim.Optimizer:
+    weights, lr, decay = model.parameters(), settings.lr, settings.weight_decay
     if settings.optimizer == "sgd":
-        return torch.optim.SGD(
-            model.parameters(),
-            lr=settings.lr,
-            momentum=settings.momentum,
-            weight_decay=settings.weight_decay,
-        )
+        return torch.optim.SGD(weights, lr, settings.momentum, weight_decay=decay)
     # AdamW's decay is fastai's "true weight decay"; 0.99 is OpenPCDet's second coefficient.
     return torch.optim.AdamW(
-        model.parameters(),
-        lr=settings.lr,
-        betas=(settings.moms[0], 0.99),
-        weight_decay=settings.weight_decay,
-        foreach=True,
+        weights, lr, betas=(settings.moms[0], 0.99), weight_decay=decay, foreach=True
     )

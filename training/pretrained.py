@@ -58,15 +58,14 @@ class Domain:
     classes: tuple[str, ...]
 
     def outside(self, placement: Placement, crop: Crop, classes: Sequence[str]) -> str | None:
-        """How a rig, its ROI or a class differs from those of the training; None: it does not.
+        """The first difference of a rig, its ROI or a class, such as "9 LiDARs; expected 1 to 8".
+
+        None if there is none.
 
         Args:
             placement: LiDARs with as many azimuth steps as their clouds are simulated with.
             crop: x, y, z of the lowest and of the highest corner of the ROI, ego frame, metres.
             classes: that count.
-
-        Returns:
-            The first difference, such as "9 LiDARs; expected 1 to 8".
         """
         own = domain_of([placement], crop, classes)
         for name in own.classes:
@@ -125,49 +124,31 @@ def _interval(values: Iterable[float]) -> Interval:
 
 @dataclass(frozen=True, eq=False)
 class Generalist:
-    """A detector of a file.
+    """A detector of a file."""
 
-    Attributes:
-        detector: its name for `build_detector`.
-        classes: the labels 1, 2, ….
-        typical: objects of which the anchors are that are not the preset's.
-        domain: what it was trained on.
-        state_dict: weights, CPU tensors.
-        digest: SHA-256 of the file.
-    """
-
-    detector: str
-    classes: tuple[str, ...]
-    typical: tuple[TypicalObject, ...]
-    domain: Domain
-    state_dict: dict[str, Tensor]
-    digest: str
+    detector: str  # its name for `build_detector`
+    classes: tuple[str, ...]  # the labels 1, 2, …
+    typical: tuple[TypicalObject, ...]  # objects of which the anchors are that are not the preset's
+    domain: Domain  # what it was trained on
+    state_dict: dict[str, Tensor]  # weights, CPU tensors
+    digest: str  # SHA-256 of the file
 
 
 def read_generalist(path: Path = PRETRAINED) -> Generalist:
     """Read what `lidarplace pretrain` wrote; by default the generalist of the package.
 
-    Raises:
-        OSError: the file cannot be read.
-        InputError, ValueError: it is no checkpoint, or does not say what it was trained on.
+    Raises OSError if the file cannot be read, InputError or ValueError if it is no checkpoint, or
+    does not say what it was trained on.
     """
     content, digest = read_checkpoint(path)
     try:
         domain = _DOMAIN.validate_python(content["domain"])
-        return Generalist(
-            str(content["detector"]),
-            tuple(content["classes"]),
-            from_plain(content),
-            domain,
-            dict(content["model_state"]),
-            digest,
-        )
+        name, classes = str(content["detector"]), tuple(content["classes"])
+        weights = dict(content["model_state"])
+        return Generalist(name, classes, from_plain(content), domain, weights, digest)
     except (KeyError, TypeError, ValidationError) as error:
-        raise InputError(
-            "the checkpoint does not say what it was trained on",
-            place=str(path),
-            fix="write it with lidarplace pretrain",
-        ) from error
+        fault, fix = "the checkpoint does not say what it was trained on", "lidarplace pretrain"
+        raise InputError(fault, place=str(path), fix=f"write it with {fix}") from error
 
 
 def judge(
@@ -219,14 +200,7 @@ def judge(
     clouds = SimulatedClouds(
         log, numbers, placement, crop=crop, seed=seed, errors=errors, vehicle=vehicle
     )
-    boxes = detect(
-        found.detector,
-        found.classes,
-        found.state_dict,
-        clouds,
-        TrainingSettings(),
-        point_range=crop,
-        typical=found.typical,
-    ).boxes
+    network = (found.detector, found.classes, found.state_dict)
+    detections = detect(*network, clouds, TrainingSettings(), crop, found.typical)
     objects = ground_truth(log, roi.x, roi.y, roi.z, seed=seed)
-    return evaluation(objects, boxes, numbers.tolist(), classes).metrics
+    return evaluation(objects, detections.boxes, numbers.tolist(), classes).metrics

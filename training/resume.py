@@ -24,45 +24,31 @@ LAST = "last.pt"
 
 @dataclass(frozen=True)
 class TrainingState:
-    """A training at the end of an epoch.
+    """A training at the end of an epoch."""
 
-    Attributes:
-        epoch: how many are done.
-        batch_size: frames per step.
-        batch_size_reduced: whether these are fewer than there should be.
-        model: state_dict.
-        optimisation: state_dict of `Optimisation`.
-        curve: epoch, metric, value of all epochs that are done.
-    """
-
-    epoch: int
-    batch_size: int
-    batch_size_reduced: bool
-    model: Mapping[str, Tensor]
-    optimisation: Mapping[str, Any]
-    curve: list[tuple[int, str, float]]
+    epoch: int  # how many are done
+    batch_size: int  # frames per step
+    batch_size_reduced: bool  # whether these are fewer than there should be
+    model: Mapping[str, Tensor]  # state_dict
+    optimisation: Mapping[str, Any]  # state_dict of `Optimisation`
+    curve: list[tuple[int, str, float]]  # epoch, metric, value of all epochs that are done
 
 
 @dataclass(frozen=True)
 class TrainingFolder:
     """Keeps `last.pt` of one training, all that is needed to go on.
 
-    The detector that is evaluated is the last one: there is no validation set to choose an epoch
-    by, the test frames must not be one, and the training loss does not show overfitting.
-
-    Attributes:
-        folder: is made when there is something to keep; None keeps nothing.
-        fingerprint: of the training, see `fingerprint`.
+    No best epoch is kept: there is no validation set to choose it by, and the training loss does
+    not show overfitting.
     """
 
-    folder: Path | None
-    fingerprint: str
+    folder: Path | None  # is made when there is something to keep; None keeps nothing
+    fingerprint: str  # of the training, see `fingerprint`
 
     def load(self) -> TrainingState | None:
         """Where the training was, None if it has not begun, or if what was kept is damaged.
 
-        Raises:
-            ValueError: what is there belongs to another training.
+        Raises ValueError if it is of another training.
         """
         if self.folder is None or not (path := self.folder / LAST).exists():
             return None
@@ -93,15 +79,10 @@ class TrainingFolder:
 
 
 def fingerprint(settings: Mapping[str, Any], clouds: Clouds, ground_truth: pd.DataFrame) -> str:
-    """Hash of what a training depends on.
+    """Hash of what a training depends on: the `repr` of the settings, clouds and objects.
 
     Clouds count by their frame numbers, their numbers of points and the sizes of their packed
     frames, not by every point.
-
-    Args:
-        settings: names and values whose `repr` distinguishes them.
-        clouds: what is trained on.
-        ground_truth: the objects in them.
     """
     digest = hashlib.sha256(repr(sorted(settings.items())).encode())
     for part in clouds.parts if isinstance(clouds, JoinedClouds) else [clouds]:

@@ -22,8 +22,7 @@ Moment = Annotated[Probability, Field(lt=1)]
 PRETRAINED = Path("pretrained")
 """What stands for the generalist of the package, wherever a checkpoint is named."""
 
-LARGEST_BATCH = 16
-"""Frames of a step that `batch_size: auto` comes to at most."""
+LARGEST_BATCH = 16  # frames of a step that `batch_size: auto` comes to at most
 
 
 class TrainingSettings(Settings):

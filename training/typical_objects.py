@@ -36,14 +36,11 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
     """The typical object of each of `classes`, to the millimetre.
 
     Sizes are means, as of SECOND's anchors (Yan et al. 2018), over individuals, of which each
-    counts once; the height above the ground is the median over boxes.
+    counts once; the height above the ground is the median over boxes. These have class, z, length,
+    width, height, ego frame; those with the same `object_id` and `scene`, as far as there are such
+    columns, are of one individual.
 
-    Args:
-        boxes: class, z, length, width, height, ego frame; where `object_id` is there, boxes with
-            the same (and the same `scene`, where that is there) are of one individual.
-
-    Raises:
-        ValueError: there is no box of a class, or its boxes have no size.
+    Raises ValueError if there is no box of a class, or its boxes have no size.
     """
     found = []
     keys = [name for name in ("scene", "object_id") if name in boxes.columns]
@@ -72,19 +69,13 @@ def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, object]]:
 
 
 def from_plain(content: Mapping[str, Any]) -> tuple[TypicalObject, ...]:
-    """Those that a checkpoint holds; none if it was written without.
-
-    Raises:
-        ValueError: they are not what `as_plain` makes.
-    """
+    """Those that a checkpoint holds, if any; ValueError if they are not what `as_plain` makes."""
     try:
-        return tuple(
-            TypicalObject(
-                str(item["name"]),
-                (float(item["size"][0]), float(item["size"][1]), float(item["size"][2])),
-                float(item["bottom"]),
-            )
-            for item in content.get("typical", [])
-        )
+        found = []
+        for item in content.get("typical", []):
+            length, width, height = (float(item["size"][axis]) for axis in range(3))
+            size = (length, width, height)
+            found.append(TypicalObject(str(item["name"]), size, float(item["bottom"])))
+        return tuple(found)
     except (TypeError, KeyError, IndexError, ValueError) as error:
         raise ValueError("typical objects of classes are not what they should be") from error

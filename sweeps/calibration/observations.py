@@ -17,7 +17,7 @@ from sweeps.configuration.file import ConfigError
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
-from training.found_objects import found_objects
+from training.kitti_ap import found_objects
 
 COLUMNS = ("rig", "class", "iou", "scene", "route", "object_id", "points", "cells", "found")
 

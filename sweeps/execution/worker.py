@@ -67,7 +67,7 @@ def run_task(task: Task, store: AnyStore, halvings: int = 0, gpu_share: float = 
         if task.resumable:
             how = {"on_step": _Progress(task, note).on_step, "halvings": halvings}
             with store.working_folder(task) as folder:
-                value = call(folder=folder, batch_size=None, **how)  # it finds the size out
+                value = call(folder=folder, **how)
         else:
             value = call()
         seconds = time.perf_counter() - start

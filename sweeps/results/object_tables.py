@@ -13,7 +13,7 @@ from sweeps.results.trial_results import axis_values, with_columns
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.run_folders.sweep_tables import OBJECTS
-from training.found_objects import found_objects
+from training.kitti_ap import found_objects
 
 ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility", "occluded")
 

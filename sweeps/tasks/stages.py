@@ -83,12 +83,11 @@ class How(TypedDict):
 
     Attributes:
         folder: where it goes on after a stop.
-        batch_size, halvings: see `training.batch_size.Memory`.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
         on_step: called with the epochs that are done.
     """
 
     folder: Path
-    batch_size: int | None
     halvings: int
     on_step: Callable[[float], None]
 
@@ -417,7 +416,6 @@ def _train(
     generalist: Mapping[str, Tensor] | None,
     how: How,
 ) -> Trained:
-    from training.batch_size import Memory
     from training.finetune import StartingWeights
     from training.finetune import finetune as train
 
@@ -429,11 +427,9 @@ def _train(
         params.training,
         seed=params.seed,
         point_range=params.point_range,
-        on_step=how["on_step"],
-        folder=how["folder"],
         start=StartingWeights(digest=params.checkpoint, generalist=generalist),
-        memory=Memory(how["batch_size"], how["halvings"]),
         typical=params.typical,
+        **how,
     )
     return Trained(
         state_dict=result.state_dict,

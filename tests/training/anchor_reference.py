@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 import torch
-from openpcdet_reference import points, weights, worst_error
+from openpcdet_reference import of_roi_head, points, weights, worst_error
 
 from training import build_detector
 from training.detectors.heads.selection import select_boxes
 
-LOSSES = {
-    "loss": "loss",
-    "classification": "rpn_loss_cls",
-    "location": "rpn_loss_loc",
-    "direction": "rpn_loss_dir",
-}
-"""Our names of the losses and OpenPCDet's."""
+LOSSES = ("loss", "rpn_loss_cls", "rpn_loss_loc", "rpn_loss_dir")  # openPCDet's names of our losses
 
 
 def network_and_first_stage(network, data):
@@ -38,28 +32,25 @@ def assert_first_stage_is_openpcdets(data, first):
 
 def assert_proposals_are_openpcdets(data, found):
     """Scores, labels and boxes of the proposals."""
-    expected = {
-        name: torch.from_numpy(data[f"eval/roi_head/{name}/full"])
-        for name in ("roi_labels", "roi_scores", "rois")
-    }
-    assert torch.equal(found.labels, expected["roi_labels"])
+    boxes, scores = of_roi_head(data, "rois"), of_roi_head(data, "roi_scores")
+    assert torch.equal(found.labels, of_roi_head(data, "roi_labels"))
     assert worst_error(data, "eval/roi_head/rois", found.boxes) < 1e-3
-    torch.testing.assert_close(found.scores, expected["roi_scores"], rtol=5e-5, atol=1e-5)
+    torch.testing.assert_close(found.scores, scores, rtol=5e-5, atol=1e-5)
     # Sizes are exponentials of numbers up to 50, so noise is relative.
-    torch.testing.assert_close(found.boxes, expected["rois"], rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(found.boxes, boxes, rtol=1e-3, atol=1e-3)
 
 
 def assert_head_is_openpcdets(model, data, output):
     """Raw outputs, decoded boxes, detections."""
     logits, boxes = model.dense_head.decode(output)
-    for name, value in (
-        ("raw/dense_head/cls_preds", output.logits),
-        ("raw/dense_head/box_preds", output.residuals),
-        ("raw/dense_head/dir_cls_preds", output.directions),
-        ("eval/dense_head/batch_cls_preds", logits),
-        ("eval/dense_head/batch_box_preds", boxes),
-    ):
-        assert worst_error(data, name, value) < 1e-4, name
+    found = {
+        "raw/dense_head/cls_preds": output.logits,
+        "raw/dense_head/box_preds": output.residuals,
+        "raw/dense_head/dir_cls_preds": output.directions,
+        "eval/dense_head/batch_cls_preds": logits,
+        "eval/dense_head/batch_box_preds": boxes,
+    }
+    assert all(worst_error(data, *item) < 1e-4 for item in found.items())
     for frame in range(len(logits)):
         scores = logits[frame].sigmoid()
         theirs = _rows(*(data[f"final_{frame}/pred_{name}"] for name in _COLUMNS))
@@ -89,14 +80,12 @@ def assert_training_is_openpcdets(model, data, output, tolerance):
     boxes = torch.from_numpy(data["gt_boxes"])
     targets = model.dense_head.targets(boxes[..., :7], boxes[..., 7].long())
     labels = torch.stack([item.labels for item in targets]).flatten()
-    assert labels.sum() == data["train/box_cls_labels/sum"]
-    assert labels.abs().sum() == data["train/box_cls_labels/abs_sum"]
-    sampled = labels[torch.from_numpy(data["train/box_cls_labels/index"])]
-    assert sampled.tolist() == data["train/box_cls_labels/value"].tolist()
-
+    total, rows, values = (data[f"train/box_cls_labels/{n}"] for n in ("sum", "index", "value"))
+    assert labels.sum() == total
+    assert labels[torch.from_numpy(rows)].tolist() == values.tolist()
     losses = model.dense_head.loss(output, targets)
-    for ours, theirs in LOSSES.items():
-        assert losses[ours].item() == pytest.approx(float(data[f"train/{theirs}"]), rel=1e-5)
+    for value, name in zip(losses.values(), LOSSES, strict=True):
+        assert value.item() == pytest.approx(float(data[f"train/{name}"]), rel=1e-5)
     model.zero_grad()
     losses["loss"].backward()
     norms = {key: value.grad.norm().item() for key, value in model.named_parameters()}

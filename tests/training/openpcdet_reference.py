@@ -63,6 +63,11 @@ def points(data) -> list[torch.Tensor]:
     return [torch.from_numpy(frames[f"frame_{b}"][data[f"order_{b}"]]) for b in range(count)]
 
 
+def of_roi_head(data, name: str) -> torch.Tensor:
+    """What OpenPCDet's second stage has, whole."""
+    return torch.from_numpy(data[f"eval/roi_head/{name}/full"])
+
+
 def worst_error(data, name: str, value: torch.Tensor) -> float:
     """Largest difference of `value` from OpenPCDet's, over the largest absolute value of those."""
     found = value.detach().double().cpu().numpy()
@@ -73,6 +78,4 @@ def worst_error(data, name: str, value: torch.Tensor) -> float:
         assert found.size == data[f"{name}/shape"].prod() or -1 in data[f"{name}/shape"]
         expected = data[f"{name}/value"].astype(np.float64)
         found = found.reshape(-1)[data[f"{name}/index"]]
-    error = float(np.abs(found - expected).max() / np.abs(expected).max())
-    print(f"{name}: worst error {error:.1e}")
-    return error
+    return float(np.abs(found - expected).max() / np.abs(expected).max())

@@ -28,15 +28,10 @@ _MOVES = (_aten._to_copy.default, _aten.copy_.default)
 
 
 class Memory(_DummyBackendModule):
-    """What torch.cuda is to a GPU; counts the bytes of the tensors that are alive.
+    """What torch.cuda is to a GPU; counts the bytes of the tensors that are alive."""
 
-    Attributes:
-        total: bytes that there are.
-        bfloat16: whether there is hardware for it.
-    """
-
-    total = 1 << 40
-    bfloat16 = True
+    total = 1 << 40  # bytes that there are
+    bfloat16 = True  # whether there is hardware for it
 
     def __init__(self) -> None:
         self.taken = self.peak = 0
@@ -96,14 +91,9 @@ class OtherTensor(Tensor):
 
     @staticmethod
     def __new__(cls, held: Tensor) -> "OtherTensor":
-        self = Tensor._make_wrapper_subclass(
-            cls,
-            held.shape,
-            strides=held.stride(),
-            storage_offset=held.storage_offset(),
-            dtype=held.dtype,
-            device=torch.device(NAME, 0),
-        )
+        layout = {"strides": held.stride(), "storage_offset": held.storage_offset()}
+        kind = {"dtype": held.dtype, "device": torch.device(NAME, 0)}
+        self = Tensor._make_wrapper_subclass(cls, held.shape, **layout, **kind)
         self.held = held
         MEMORY.take(self, held)
         return self

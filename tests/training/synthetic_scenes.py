@@ -6,23 +6,21 @@ import torch
 
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.logs.boxes import GEOMETRY
+from training.dataset import Sample
+from training.settings import TrainingSettings
 
+PLAIN = TrainingSettings(flip_y=False, rotation=0.0, scaling=(1.0, 1.0), sample_groups={})
+"""No augmentation."""
+EMPTY = Sample(np.zeros((0, 4), np.float32), np.zeros((0, 7), np.float32), np.zeros(0, np.int64))
 SIZES = {"Car": (4.5, 1.9, 1.6), "Cyclist": (1.8, 0.7, 1.7), "Pedestrian": (0.6, 0.6, 1.75)}
+CROP = (0, -20, -1, 40, 20, 5)
+BOX_COLUMNS = ["frame", "class", *GEOMETRY]
 
 
-def scenes(
-    frames: int,
-    seed: int,
-    classes: tuple[str, ...] = ("Car",),
-    objects: int = 5,
-    fewest: int = 1,
-    density: float = 8000.0,
-) -> tuple[PointClouds, pd.DataFrame]:
-    """`frames` frames of objects in front of the vehicle and points on their near sides.
+def scenes(frames, seed, classes=("Car",), objects=5, fewest=1):
+    """Clouds and objects of frames in front of the vehicle, with points on their near sides.
 
     Each frame tries `fewest` to `objects` places; those too near to another object stay empty.
-
-    A surface of 1 m² at distance r gets about `density` / r² points.
     """
     random = np.random.default_rng(seed)
     clouds, rows = [], []
@@ -42,15 +40,17 @@ def scenes(
             size = np.array(SIZES[name]) * random.uniform(0.9, 1.1, 3)
             yaw = random.uniform(-np.pi, np.pi)
             rows.append((frame, name, *centre, size[2] / 2, *size, yaw))
-            parts.append(_near_sides(random, centre, size, yaw, density))
+            parts.append(_near_sides(random, centre, size, yaw))
         points = np.concatenate(parts)
         points = points[(points[:, 0] > 0) & (points[:, 0] < 40) & (np.abs(points[:, 1]) < 20)]
         clouds.append(np.column_stack([points, np.full(len(points), 0.5)]).astype(np.float32))
-    table = pd.DataFrame(rows, columns=["frame", "class", *GEOMETRY])
-    packed = PointClouds.from_frames(
-        np.arange(frames), ((cloud, [len(cloud)]) for cloud in clouds), (0, -20, -1, 40, 20, 5)
-    )
-    return packed, table
+    return packed(np.arange(frames), clouds), pd.DataFrame(rows, columns=BOX_COLUMNS)
+
+
+def packed(numbers, clouds):
+    """Point clouds of one LiDAR."""
+    frames = ((np.float32(cloud), [len(cloud)]) for cloud in clouds)
+    return PointClouds.from_frames(numbers, frames, CROP)
 
 
 def batch(seed: int = 0, fewest: int = 6):
@@ -73,8 +73,8 @@ def assert_all_parameters_learn(model, loss):
         assert parameter.grad.abs().sum() > 0, name
 
 
-def _near_sides(random, centre, size, yaw, density):
-    """Points on the vertical sides that face the vehicle, shape (n, 3)."""
+def _near_sides(random, centre, size, yaw):
+    """Points on the vertical sides that face the vehicle, (n, 3): 8000 / r² a square metre."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, -sin], [sin, cos]])
     distance = np.hypot(*centre)
@@ -86,7 +86,7 @@ def _near_sides(random, centre, size, yaw, density):
         if facing <= 0:
             continue
         width = size[1 - axis]
-        count = random.poisson(density * facing * width * size[2] / distance**2)
+        count = random.poisson(8000.0 * facing * width * size[2] / distance**2)
         along = random.uniform(-width / 2, width / 2, count)
         sides = middle + along[:, None] * turn[:, 1 - axis]
         parts.append(np.column_stack([sides, random.uniform(0, size[2], count)]))

@@ -1,4 +1,4 @@
-"""What holds for every network: OpenPCDet's state_dict, odd clouds, bad input, precision, seeds."""
+"""What holds for every network: OpenPCDet's state_dict, odd clouds, precision, seeds, ranges."""
 
 import copy
 from functools import cache
@@ -6,28 +6,23 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from openpcdet_reference import keys_and_shapes, reference
 from torch.nn.modules.batchnorm import _BatchNorm
 
 from training import NETWORKS, build_detector
-from training.detectors.detector import Selection
+from training.detectors.detector import Selection, fitted_range
 from training.detectors.folding import fold_batch_norm
+from training.device import settle_vector_math
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 MODELS = {"pointpillars": "pointpillar", "voxel_rcnn": "voxel_rcnn_car"}
 """OpenPCDet's names of networks that are called otherwise there."""
-PARAMETERS = {
-    "pointpillars": 4_834_888,
-    "second": 5_325_576,
-    "second_iou": 11_947_017,
-    "voxel_rcnn": 7_586_620,
-    "pointrcnn": 4_038_819,
-    "pointrcnn_iou": 4_038_819,
-    "pv_rcnn": 13_115_697,
-}
-"""Of OpenPCDet's networks."""
+OTHERS = tuple(name for name in NETWORKS if name != "pointrcnn_iou")
+"""Those that are not PointRCNN with other targets of its scores."""
 ANY = Selection(score=0.0, post=50)
 """The best boxes whatever their scores: those of an untrained network are low."""
 
@@ -76,11 +71,9 @@ def assert_same_boxes(found, expected):
 def test_state_dict_is_openpcdets(network):
     data = reference(MODELS.get(network, network))
     model = build_detector(network, [str(name) for name in data["classes"]], preset="openpcdet")
-    found = {
-        key: (tuple(value.shape), str(value.dtype)) for key, value in model.state_dict().items()
-    }
+    state = model.state_dict()
+    found = {key: (tuple(value.shape), str(value.dtype)) for key, value in state.items()}
     assert found == keys_and_shapes(data)
-    assert sum(p.numel() for p in model.parameters()) == PARAMETERS[network]
 
 
 ODD_CLOUDS = {
@@ -98,28 +91,32 @@ ODD_CLOUDS = {
 }
 
 
-@pytest.mark.parametrize("kind", ODD_CLOUDS)
-@pytest.mark.parametrize("network", NETWORKS)
-def test_odd_clouds_train_and_predict(network, kind):
+def assert_trains(model, points, targets):
+    loss = model.train().loss(points, *zip(*targets, strict=True))["loss"]
+    assert torch.isfinite(loss)
+    assert loss.dtype == torch.float32
+    loss.backward()
+    assert all(torch.isfinite(p.grad).all() for p in model.parameters() if p.grad is not None)
+
+
+@pytest.mark.parametrize("network", OTHERS)
+def test_odd_clouds_train_and_predict(network):
     """Alone with objects, and without beside an ordinary frame, which keeps its boxes."""
     model, expected = tiny(network), awake(network)[1]
-    odd, ordinary = ODD_CLOUDS[kind].clone(), cloud(3000)
-    beside, kept = model.predict([odd, ordinary], ANY)
+    odd = [item.clone() for item in ODD_CLOUDS.values()]
+    *beside, kept = model.predict([*odd, cloud(3000)], ANY)
     assert_same_boxes(kept, expected)
-    for frame in (beside, *model.predict([odd], ANY)):
+    for frame in (*beside, *(model.predict([item], ANY)[0] for item in odd)):
         assert frame["boxes"].shape == (len(frame["scores"]), 7)
         assert all(torch.isfinite(value).all() for value in frame.values())
     none = torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64)
-    for points, targets in (([odd], [objects()]), ([ordinary, odd], [objects(), none])):
-        boxes, labels = zip(*targets, strict=True)
-        loss = model.train().loss(points, boxes, labels)["loss"]
-        assert torch.isfinite(loss)
-        loss.backward()
-        assert all(torch.isfinite(p.grad).all() for p in model.parameters() if p.grad is not None)
-    assert torch.equal(ODD_CLOUDS[kind].nan_to_num(), odd.nan_to_num()), "the caller's points"
+    assert_trains(model, [cloud(3000), *odd], [objects(), *[none] * len(odd)])
+    for item, original in zip(odd, ODD_CLOUDS.values(), strict=True):
+        assert_trains(model, [item], [objects()])
+        assert torch.equal(original.nan_to_num(), item.nan_to_num()), "the caller's points"
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_points_that_are_not_finite_change_nothing(network):
     points = cloud(3000)
     bad = cloud(1200, seed=3)
@@ -132,7 +129,7 @@ def test_points_that_are_not_finite_change_nothing(network):
     assert not torch.allclose(other["scores"][:2], found["scores"][:2], rtol=1e-3)
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_a_million_points(network):
     near = cloud(1_000_000) * torch.tensor([0.25, 0.25, 1, 1])
     found = tiny(network).predict([near], ANY)[0]
@@ -151,7 +148,7 @@ def size_biases(model):
         yield branch[-1].bias[3:6]
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_boxes_that_are_not_finite_are_no_detections(network):
     stages = len(list(size_biases(tiny(network))))
     for stage in range(stages):
@@ -165,14 +162,14 @@ def test_boxes_that_are_not_finite_are_no_detections(network):
 
 
 @pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("label", [0, 2, 3, -1])
-def test_labels_must_be_the_classes(network, label):
+def test_labels_must_be_the_classes(network):
     model = build_detector(network, ["Car"], preset="tiny").train()
-    with pytest.raises(ValueError, match=rf"labels must be 1 .*{label}"):
-        model.loss([cloud(100)], [objects()[0]], [torch.tensor([1, label])])
+    for label in (0, 2, -1):
+        with pytest.raises(ValueError, match=rf"labels must be 1 .*{label}"):
+            model.loss([cloud(100)], [objects()[0]], [torch.tensor([1, label])])
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_double_precision_predicts(network):
     single = awake(network)[1]
     found = tiny(network).double().predict([cloud(3000)], ANY)[0]
@@ -180,7 +177,7 @@ def test_double_precision_predicts(network):
     assert_same_boxes({name: value.to(single[name].dtype) for name, value in found.items()}, single)
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_folded_batch_norm_predicts_the_same(network):
     model = tiny(network)
     fold_batch_norm(model)
@@ -188,18 +185,13 @@ def test_folded_batch_norm_predicts_the_same(network):
     assert_same_boxes(model.predict([cloud(3000)], ANY)[0], awake(network)[1])
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_mixed_precision_trains(network):
-    model = tiny(network).train()
-    boxes, labels = objects()
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        losses = model.loss([cloud(3000)], [boxes], [labels])
-    assert losses["loss"].dtype == torch.float32
-    losses["loss"].backward()
-    assert all(torch.isfinite(p.grad).all() for p in model.parameters() if p.grad is not None)
+        assert_trains(tiny(network), [cloud(3000)], [objects()])
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_the_seed_fixes_a_step_and_prediction_needs_none(network):
     losses, found = [], []
     for _ in range(2):
@@ -214,7 +206,7 @@ def test_the_seed_fixes_a_step_and_prediction_needs_none(network):
         assert torch.equal(value, found[1][key])
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("network", OTHERS)
 def test_only_the_classes_asked_for_have_anchors_and_heads(network):
     both, one = tiny(network), build_detector(network, ["Car"], preset="tiny")
     assert sum(p.numel() for p in one.parameters()) < sum(p.numel() for p in both.parameters())
@@ -223,3 +215,51 @@ def test_only_the_classes_asked_for_have_anchors_and_heads(network):
     found = one.predict([cloud(3000)], ANY)[0]
     assert len(found["labels"]) > 0
     assert (found["labels"] == 1).all()
+
+
+def test_vector_math_is_settled_before_a_network_can_run():
+    """MKL has chosen its kernels; the race itself is too rare to test."""
+    settle_vector_math.cache_clear()
+    build_detector("pointpillars_tiny", ["Car"])
+    assert settle_vector_math.cache_info().currsize == 1
+
+
+OWN = (0.0, -40.0, -3.0, 70.4, 40.0, 1.0)
+ROI = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
+
+
+def test_heights_follow_the_roi_in_the_ego_frame_only():
+    assert fitted_range(OWN, 1.73, None) == OWN
+    assert fitted_range(OWN, 1.73, ROI) == (0, -20, -3, 40, 20, 1)
+    assert fitted_range(OWN, 0.0, ROI) == ROI
+
+
+lengths = st.floats(0.5, 200)
+
+
+@given(lengths, lengths, lengths, st.floats(0.05, 3.2), st.floats(0.05, 0.5))
+def test_ranges_grow_by_less_than_a_cell_to_whole_cells(x, y, z, edge, height):
+    wanted = (1.0, -7.0, -1.0, 1.0 + x, -7.0 + y, -1.0 + z)
+    found = fitted_range(OWN, 0.0, wanted, (edge, edge, height))
+    assert found[:3] == wanted[:3]
+    for axis, cell in enumerate((edge, edge, height)):
+        cells = (found[3 + axis] - found[axis]) / cell
+        assert cells == pytest.approx(round(cells), abs=1e-6)
+        assert -1e-5 * cell < found[3 + axis] - wanted[3 + axis] < cell
+
+
+def test_rounding_adds_no_cell():
+    assert fitted_range(OWN, 0.0, (0.0, 0.0, 0.0, 0.3, 0.7, 1.0), (0.1, 0.1))[3:] == pytest.approx(
+        (0.3, 0.7, 1.0)
+    )
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("preset", ["openpcdet", "paper"])
+def test_weights_fit_whatever_the_roi(network, preset):
+    own = build_detector(network, ["Car"], preset=preset)
+    other = build_detector(network, ["Car"], preset=preset, point_range=(5, -9, -2, 33, 9, 7.3))
+    assert other.point_range[:2] == (5, -9)
+    assert (other.point_range[2], other.point_range[5]) == (-3, 1)
+    shapes = {key: value.shape for key, value in own.state_dict().items()}
+    assert {key: value.shape for key, value in other.state_dict().items()} == shapes

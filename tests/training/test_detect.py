@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from synthetic_scenes import CROP, packed
 
-from lidarplace.clouds.clouds import PointClouds
 from lidarplace.logs.boxes import GEOMETRY
 from training import detect as module
 from training.detect import detect
 from training.detectors.detector import Detector, Selection
 from training.settings import TrainingSettings
 
-CROP = (0.0, -20.0, -1.0, 40.0, 20.0, 5.0)
 CLASSES = ("Car", "Cyclist")
 
 
@@ -43,14 +42,8 @@ class OneBoxAPoint(Detector):
 @pytest.fixture
 def clouds():
     """Two, no and one point in frames 3, 5 and 8."""
-    frames = [
-        np.array([[1, 2, 0.5, 1.0], [3, 4, 1.5, 0.0]]),
-        np.zeros((0, 4)),
-        np.array([[5, 6, 2, 1.0]]),
-    ]
-    return PointClouds.from_frames(
-        [3, 5, 8], ((cloud.astype(np.float32), [len(cloud)]) for cloud in frames), CROP
-    )
+    two, one = np.array([[1, 2, 0.5, 1.0], [3, 4, 1.5, 0.0]]), np.array([[5, 6, 2, 1.0]])
+    return packed([3, 5, 8], [two, np.zeros((0, 4)), one])
 
 
 def run(monkeypatch, clouds, two_stages, **settings):
@@ -81,6 +74,6 @@ def test_the_boxes_of_a_second_stage_are_all_there(monkeypatch, clouds):
 
 
 def test_no_frames(monkeypatch):
-    _, found = run(monkeypatch, PointClouds.from_frames([], [], CROP), two_stages=True)
+    _, found = run(monkeypatch, packed([], []), two_stages=True)
     assert list(found.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
     assert len(found.boxes) == 0

@@ -21,15 +21,9 @@ def upstream_anchors(point_range, shape, classes, centred):
     cells = np.array(shape) if centred else np.array(shape) - 1
     stride = (anchor_range[3:5] - anchor_range[:2]).astype(np.float64) / cells
     offset = stride / 2 if centred else 0 * stride
-    x, y = (
-        torch.arange(
-            float(anchor_range[axis]) + offset[axis],
-            float(anchor_range[axis + 3]) + 1e-5,
-            step=stride[axis],
-            dtype=torch.float32,
-        ).numpy()
-        for axis in range(2)
-    )
+    starts, stops = anchor_range[:2].astype(float) + offset, anchor_range[3:5].astype(float) + 1e-5
+    steps = zip(starts, stops, stride, strict=True)
+    x, y = (torch.arange(*own, dtype=torch.float32).numpy() for own in steps)
     assert (len(x), len(y)) == shape
     anchors = np.empty((len(y), len(x), 2 * len(classes), 7), np.float32)
     anchors[..., 0], anchors[..., 1] = x[:, None], y[:, None, None]

@@ -3,17 +3,19 @@
 import numpy as np
 import pandas as pd
 import pytest
-from synthetic_scenes import scenes
+from synthetic_scenes import BOX_COLUMNS, EMPTY, packed, scenes
 
-from lidarplace.clouds.clouds import PointClouds
 from lidarplace.clouds.points_in_boxes import count_points
-from lidarplace.logs.boxes import GEOMETRY
-from training.dataset import Sample, TrainingFrames
+from training.dataset import TrainingFrames
 from training.ground_truth_sampling import ObjectDatabase
 from training.ops.rotated_iou import iou_bev
 
 CLASSES = ("Pedestrian", "Car")
 GROUPS = {"Car": 6, "Pedestrian": 4, "Cyclist": 9}
+
+
+def rows_of(array):
+    return set(map(tuple, array.tolist()))
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +43,7 @@ def test_the_database_holds_every_object_with_its_points(frames, database):
             grown = box + np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 0])
             assert count_points(own, grown[None]) == len(own)
             assert abs(len(own) - count) <= 1  # float32 at a face
-            rows = {tuple(point) for point in sample.points.tolist()}
-            assert {tuple(point) for point in own.tolist()} <= rows
+            assert rows_of(own) <= rows_of(sample.points)
             position += 1
     assert position == len(database.boxes) == len(database.offsets) - 1
     assert {1, 2} == set(database.labels.tolist())
@@ -76,18 +77,15 @@ def test_pasted_objects_touch_nothing_and_bring_their_points(frames, database):
         assert (between == 0).all()
         rows = {tuple(box): k for k, box in enumerate(database.boxes.tolist())}
         objects = [rows[tuple(box)] for box in added.tolist()]
-        points = np.concatenate(
-            [np.zeros((0, 4), np.float32)]
-            + [database.points[database.offsets[k] : database.offsets[k + 1]] for k in objects]
-        )
+        own = (database.points[database.offsets[k] : database.offsets[k + 1]] for k in objects)
+        points = np.concatenate([EMPTY.points, *own])
         assert np.array_equal(new.points[: len(points)], points)
         # Of the frame all points outside the new boxes, in their order.
         inside = np.zeros(len(old.points), bool)
         for box in added:
             inside |= [count_points(point[None], box[None])[0] > 0 for point in old.points]
         np.testing.assert_allclose(len(new.points) - len(points), (~inside).sum(), atol=2)
-        ours = {tuple(point) for point in old.points[~inside].tolist()}
-        assert len(ours - {tuple(p) for p in new.points[len(points) :].tolist()}) <= 2
+        assert len(rows_of(old.points[~inside]) - rows_of(new.points[len(points) :])) <= 2
     assert pasted > 20
 
 
@@ -97,11 +95,8 @@ def test_an_object_is_not_pasted_onto_itself():
     random = np.random.default_rng(0)
     points = np.column_stack([random.uniform(-0.5, 0.5, (30, 3)) + box[:3], np.ones(30)])
     ground = np.column_stack([random.uniform((0, -20), (40, 20), (500, 2)), np.zeros((500, 2))])
-    inside = np.concatenate([points, ground]).astype(np.float32)
-    clouds = PointClouds.from_frames(
-        [3, 4], [(inside, [530]), (ground.astype(np.float32), [500])], (0, -20, -1, 40, 20, 5)
-    )
-    truth = pd.DataFrame([(3, "Car", *box)], columns=["frame", "class", *GEOMETRY])
+    clouds = packed([3, 4], [np.concatenate([points, ground]), ground])
+    truth = pd.DataFrame([(3, "Car", *box)], columns=BOX_COLUMNS)
     frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=5)
     database = ObjectDatabase.of(frames, ["Car"], {"Car": 20}, min_points=5)
     assert len(database.boxes) == 1
@@ -112,42 +107,22 @@ def test_an_object_is_not_pasted_onto_itself():
     under = count_points(ground, [box])[0]
     assert len(other.points) == len(database.points) + 500 - under
     # Two that overlap each other are both left out.
-    twice = ObjectDatabase(
-        np.concatenate([database.points] * 2),
-        np.array([0, len(database.points), 2 * len(database.points)]),
-        np.concatenate([database.boxes, database.boxes + np.float32(0.1)]),
-        np.array([1, 1]),
-        np.array([0, 1]),
-        2,
-        {1: 20},
-    )
+    boxes = np.concatenate([database.boxes, database.boxes + np.float32(0.1)])
+    points, ends = np.tile(database.points, (2, 1)), np.arange(3) * len(database.points)
+    twice = ObjectDatabase(points, ends, boxes, np.array([1, 1]), np.array([0, 1]), 2, {1: 20})
     assert len(twice.paste(frames[1], random).boxes) == 0
 
 
 def test_rigs_that_see_other_objects_paste_the_same_where_they_can():
     clouds, truth = scenes(20, seed=2, objects=8)
-    thinned = PointClouds.from_frames(
-        clouds.frames,
-        ((clouds[k][::12], [len(clouds[k][::12])]) for k in range(len(clouds))),
-        (0, -20, -1, 40, 20, 5),
-    )
-    empty = Sample(
-        np.zeros((0, 4), np.float32), np.zeros((0, 7), np.float32), np.zeros(0, np.int64)
-    )
-    dense, sparse = (
-        ObjectDatabase.of(
-            TrainingFrames(["Car"], rig, truth, 0.0, min_points=5), ["Car"], {"Car": 10}, 5
-        )
-        for rig in (clouds, thinned)
-    )
+    thinned = packed(clouds.frames, (clouds[k][::12] for k in range(len(clouds))))
+    frames = (TrainingFrames(["Car"], rig, truth, 0.0, 5) for rig in (clouds, thinned))
+    dense, sparse = (ObjectDatabase.of(own, ["Car"], {"Car": 10}, 5) for own in frames)
     assert 20 < len(sparse.boxes) < 0.8 * len(dense.boxes)
-    known = {tuple(box) for box in sparse.boxes.tolist()}
+    known = rows_of(sparse.boxes)
     for seed in range(20):
         many, few = (
-            {
-                tuple(box)
-                for box in database.paste(empty, np.random.default_rng(seed)).boxes.tolist()
-            }
+            rows_of(database.paste(EMPTY, np.random.default_rng(seed)).boxes)
             for database in (dense, sparse)
         )
         # Objects that both have are pasted by both, but for those that touch one of another's.
@@ -156,14 +131,11 @@ def test_rigs_that_see_other_objects_paste_the_same_where_they_can():
 
 
 def test_objects_are_drawn_evenly_and_by_the_seed(frames, database):
-    empty = Sample(
-        np.zeros((0, 4), np.float32), np.zeros((0, 7), np.float32), np.zeros(0, np.int64)
-    )
     first, again, other = (
-        database.paste(empty, np.random.default_rng(seed)).boxes for seed in (1, 1, 2)
+        database.paste(EMPTY, np.random.default_rng(seed)).boxes for seed in (1, 1, 2)
     )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
     random = np.random.default_rng(0)
-    seen = {tuple(box) for _ in range(200) for box in database.paste(empty, random).boxes.tolist()}
-    assert seen == {tuple(box) for box in database.boxes.tolist()}
+    seen = set().union(*(rows_of(database.paste(EMPTY, random).boxes) for _ in range(200)))
+    assert seen == rows_of(database.boxes)

@@ -8,6 +8,7 @@ the same overlap for all classes, 0.7 and 0.5. Metric aos: average orientation s
 """
 
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from plain_curve import plain_curve
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs, ap_r40, precision_curve
-from training.kitti_ap import evaluate_boxes, evaluate_detections
+from training.kitti_ap import COLUMNS, evaluate_boxes, evaluate_detections, found_objects
 from training.kitti_labels import DIFFICULTIES
 
 DATA = Path(__file__).parents[1] / "data" / "training_kitti_eval.npz"
@@ -29,65 +30,62 @@ OFFICIAL = {"AP_{}_3D": "3d", "AP_{}_BEV": "bev", "AP_{}_image": "bbox", "AOS_{}
 
 
 def labels(data, side):
-    table = {
-        name: data[f"{side}_{key}"]
-        for name, key in (("frame", "frame"), ("class", "name"), ("truncated", "truncated"),
-                          ("occluded", "occluded"), ("alpha", "alpha"))
-    }  # fmt: skip
-    for i, name in enumerate(("left", "top", "right", "bottom")):
-        table[name] = data[f"{side}_bbox"][:, i]
-    for i, name in enumerate(("length", "height", "width")):
-        table[name] = data[f"{side}_dimensions"][:, i]
-    for i, name in enumerate("xyz"):
-        table[name] = data[f"{side}_location"][:, i]
-    table["rotation_y"] = data[f"{side}_rotation_y"]
-    if side == "dt":
-        table["score"] = data["dt_score"]
+    columns = {
+        **dict.fromkeys(("frame", "truncated", "occluded", "alpha", "rotation_y")),
+        "class": "name",
+        **{name: ("bbox", i) for i, name in enumerate(("left", "top", "right", "bottom"))},
+        **{name: ("dimensions", i) for i, name in enumerate(("length", "height", "width"))},
+        **{name: ("location", i) for i, name in enumerate("xyz")},
+        **({"score": "score"} if side == "dt" else {}),
+    }
+    table = {}
+    for name, key in columns.items():
+        key, *column = (key,) if isinstance(key, str) else key or (name,)
+        table[name] = data[f"{side}_{key}"][(..., *column)]
     return pd.DataFrame(table)
 
 
+@pytest.fixture(scope="module")
+def truth():
+    return labels(np.load(DATA), "gt")
+
+
+@pytest.fixture(scope="module")
+def found():
+    return labels(np.load(DATA), "dt")
+
+
 @pytest.mark.parametrize(
-    ("run", "row", "iou", "min_height"),
+    ("run", "row", "iou", "min_height", "compared"),
     [
-        ("upstream", 0, STRICT, True),
-        ("upstream", 1, LOOSE, True),
-        ("paper_fork_no_min_height", 0, STRICT, False),
-        ("paper_fork_no_min_height", 1, LOOSE, False),
-        ("uniform_0.7_0.5", 0, dict.fromkeys(CLASSES, 0.7), True),
-        ("uniform_0.7_0.5", 1, dict.fromkeys(CLASSES, 0.5), True),
-        ("uniform_0.7_0.5_paper_fork", 0, dict.fromkeys(CLASSES, 0.7), False),
-        ("uniform_0.7_0.5_paper_fork", 1, dict.fromkeys(CLASSES, 0.5), False),
+        ("upstream", 0, STRICT, True, 72),
+        ("upstream", 1, LOOSE, True, 36),
+        ("paper_fork_no_min_height", 0, STRICT, False, 72),
+        ("paper_fork_no_min_height", 1, LOOSE, False, 36),
+        ("uniform_0.7_0.5", 0, dict.fromkeys(CLASSES, 0.7), True, 54),
+        ("uniform_0.7_0.5", 1, dict.fromkeys(CLASSES, 0.5), True, 54),
+        ("uniform_0.7_0.5_paper_fork", 0, dict.fromkeys(CLASSES, 0.7), False, 27),
+        ("uniform_0.7_0.5_paper_fork", 1, dict.fromkeys(CLASSES, 0.5), False, 27),
     ],
 )
-def test_agrees_with_the_official_evaluation(run, row, iou, min_height):
+def test_agrees_with_the_official_evaluation(truth, found, run, row, iou, min_height, compared):
     """R40 of the strict rows of `upstream` are OpenPCDet's 36 keys."""
     data = np.load(DATA)
-    table = evaluate_detections(labels(data, "gt"), labels(data, "dt"), 50, iou, min_height)
+    table = evaluate_detections(truth, found, 50, iou, min_height)
     value = table.set_index(["class", "metric", "difficulty"])["value"]
-    compared = 0
-    for ours, theirs in OFFICIAL.items():
-        for points in ("R40", "R11"):
-            key = f"{run}/{theirs}/AP_{points}"
-            if key not in data or (iou == LOOSE and theirs in ("bbox", "aos")):
-                continue
-            for c, name in enumerate(CLASSES):
-                for d, difficulty in enumerate(DIFFICULTIES):
-                    found, official = (
-                        value[name, ours.format(points), difficulty],
-                        data[key][c, d, row],
-                    )
-                    print(f"{name} {ours.format(points)} {difficulty}: {found:.6f}, {official:.6f}")
-                    assert found == pytest.approx(official, abs=1e-9)
-                    compared += 1
-    assert compared == {"uniform_0.7_0.5": 54, "uniform_0.7_0.5_paper_fork": 27}.get(
-        run, 72 if row == 0 else 36
-    )
+    ours, official = [], []
+    for (metric, theirs), points in product(OFFICIAL.items(), ("R40", "R11")):
+        key = f"{run}/{theirs}/AP_{points}"
+        if key in data and not (iou == LOOSE and theirs in ("bbox", "aos")):
+            official += data[key][:, :, row].ravel().tolist()
+            places = product(CLASSES, [metric.format(points)], DIFFICULTIES)
+            ours += [value[place] for place in places]
+    assert ours == pytest.approx(official, abs=1e-9)
+    assert len(ours) == compared
     assert 0 < value["Car", "AP_R40_3D", "moderate"] < 90
 
 
-def test_official_table_says_what_counts_and_refuses_bad_labels():
-    data = np.load(DATA)
-    truth, found = labels(data, "gt"), labels(data, "dt")
+def test_official_table_says_what_counts_and_refuses_bad_labels(truth, found):
     table = evaluate_detections(truth, found, 50, {"Car": 0.7})
     recall = table[table.metric == "recall"].iloc[0]
     assert (recall.difficulty, recall.ground_truths) == ("all", (truth["class"] == "Car").sum())
@@ -111,9 +109,7 @@ def official_values(truth, found, frames=50, **settings):
     return table.set_index(["class", "metric", "difficulty"])["value"]
 
 
-def test_nothing_to_find_and_nothing_found():
-    data = np.load(DATA)
-    truth, found = labels(data, "gt"), labels(data, "dt")
+def test_nothing_to_find_and_nothing_found(truth, found):
     for nothing in (truth[:0], pd.DataFrame(columns=truth.columns)):
         assert (official_values(nothing, found) == 0).all()
     for nothing in (found[:0], pd.DataFrame(columns=found.columns)):
@@ -124,28 +120,22 @@ def test_nothing_to_find_and_nothing_found():
     pd.testing.assert_series_equal(official_values(*spread, 170), official_values(truth, found))
 
 
-def test_order_within_a_frame_decides_only_ties_of_score():
-    data = np.load(DATA)
-    truth, found = labels(data, "gt"), labels(data, "dt")
+def test_order_within_a_frame_decides_only_ties_of_score(truth, found):
     # Scores and overlaps have many ties in these frames; without ties of score, no order matters.
     random = np.random.default_rng(0)
-    found["score"] = random.permutation(len(found)) / len(found)
+    found = found.assign(score=random.permutation(len(found)) / len(found))
     shuffled = found.sample(frac=1, random_state=0)
     pd.testing.assert_series_equal(official_values(truth, shuffled), official_values(truth, found))
 
 
-def test_an_unknown_alpha_leaves_orientation_out():
-    data = np.load(DATA)
-    truth, found = labels(data, "gt"), labels(data, "dt")
+def test_an_unknown_alpha_leaves_orientation_out(truth, found):
     without = official_values(truth, found.assign(alpha=-10.0))
     names = without.index.get_level_values("metric")
     assert not names.str.startswith("AOS").any()
     pd.testing.assert_series_equal(without, official_values(truth, found)[without.index])
 
 
-def test_dont_care_excuses_image_boxes_only():
-    data = np.load(DATA)
-    truth, found = labels(data, "gt"), labels(data, "dt")
+def test_dont_care_excuses_image_boxes_only(truth, found):
     truth = truth[truth["class"] != "DontCare"]
     alarms = found.assign(frame=found["frame"] + 50)  # in frames with nothing in them
     region = truth[:1].assign(**{"class": "DontCare"}, left=-1e4, top=-1e4, right=1e4, bottom=1e4)
@@ -169,28 +159,18 @@ def test_curve_agrees_with_the_definition(seed):
     frames = []
     for _ in range(30):
         truths, found = random.integers(0, 6), random.integers(0, 8)
-        frames.append(
-            (
-                # Coarse values, so that ties of overlap and score happen.
-                np.round(random.random((truths, found)), 1),
-                np.round(random.random(found), 1),
-                random.choice([COUNTS, COUNTS, IGNORED, OTHER], truths).astype(np.int8),
-                random.choice([COUNTS, COUNTS, IGNORED, OTHER], found).astype(np.int8),
-            )
-        )
-    pairs = FramePairs.of(
-        np.repeat(np.arange(30), [len(f[2]) for f in frames]),
-        np.repeat(np.arange(30), [len(f[1]) for f in frames]),
-        30,
-    )
-    curve = precision_curve(
-        pairs,
-        np.concatenate([f[0].ravel() for f in frames]),
-        np.concatenate([f[1] for f in frames]),
-        0.5,
-        np.concatenate([f[2] for f in frames]),
-        np.concatenate([f[3] for f in frames]),
-    )
+        # Coarse values, so that ties of overlap and score happen.
+        overlaps = np.round(random.random((truths, found)), 1)
+        scores = np.round(random.random(found), 1)
+        kinds = [COUNTS, COUNTS, IGNORED, OTHER]
+        roles = (random.choice(kinds, count).astype(np.int8) for count in (truths, found))
+        frames.append((overlaps, scores, *roles))
+    counts = ([len(frame[k]) for frame in frames] for k in (2, 1))
+    pairs = FramePairs.of(*(np.repeat(np.arange(30), count) for count in counts), 30)
+    parts = zip(*frames, strict=True)
+    overlaps, scores, *roles = (np.concatenate([own.ravel() for own in part]) for part in parts)
+    harmless, alike = np.zeros(len(scores), bool), np.ones(len(overlaps))
+    curve = precision_curve(pairs, overlaps, scores, 0.5, *roles, harmless, alike)
     expected, recall = plain_curve(frames, 0.5)
     assert curve.precision == pytest.approx(expected, abs=1e-15)
     assert curve.similarity == pytest.approx(expected, abs=1e-15)  # all pairs are alike
@@ -208,43 +188,38 @@ def car(frame, x, name="Car", score=None):
     return row if score is None else (*row, score)
 
 
-def values(result):
-    return result.set_index(["class", "metric", "iou"])["value"]
+def values(*tables):
+    return evaluate_boxes(*tables).set_index(["class", "metric", "iou"])["value"]
 
 
 def test_perfect_and_absent_detections():
     truth = table([car(f, x) for f in range(50) for x in (5.0, 15.0)])
-    perfect = table([car(f, x, score=0.5) for f in range(50) for x in (5.0, 15.0)], score=True)
+    perfect = truth.assign(score=0.5)
     result = evaluate_boxes(truth, perfect, range(50), ["Car"])
     assert (result.value == 100).all()
-    assert list(result.columns) == [
-        "class", "metric", "iou", "difficulty", "value", "ground_truths",
-    ]  # fmt: skip
+    assert tuple(result.columns) == COLUMNS
     assert (result.ground_truths == 100).all()
     assert set(result.difficulty) == {"all"}
-    few = evaluate_boxes(truth, perfect, range(8), ["Car"])
-    assert values(few)["Car", "AP_R40_BEV", 0.5] == pytest.approx(100 * 15 / 40)
-    nothing = evaluate_boxes(truth, perfect[:0], range(50), ["Car"])
-    assert (nothing.value == 0).all()
-    assert evaluate_boxes(truth, perfect, [], ["Car"]).value.isna().all()
-    assert evaluate_boxes(truth[:0], perfect, range(50), ["Car"]).value.isna().all()
-    assert evaluate_boxes(truth[:0], perfect[:0], range(50), ["Car"]).value.isna().all()
+    few = values(truth, perfect, range(8), ["Car"])
+    assert few["Car", "AP_R40_BEV", 0.5] == pytest.approx(100 * 15 / 40)
+    assert (values(truth, perfect[:0], range(50), ["Car"]) == 0).all()
+    assert values(truth, perfect, [], ["Car"]).isna().all()
+    for found in (perfect, perfect[:0]):
+        assert values(truth[:0], found, range(50), ["Car"]).isna().all()
 
 
 def test_ap_by_hand():
     # 40 cars, the 20 found have higher scores than 20 false alarms; precision 1 up to recall 1/2.
     truth = table([car(f, 5.0) for f in range(40)])
-    found = [car(f, 5.0, score=0.9) for f in range(20)] + [
-        car(f, 30.0, score=0.1) for f in range(20)
-    ]
-    result = values(evaluate_boxes(truth, table(found, score=True), range(40), ["Car"]))
+    places = [(f, x, score) for x, score in ((5.0, 0.9), (30.0, 0.1)) for f in range(20)]
+    found = table([car(f, x, score=score) for f, x, score in places], score=True)
+    result = values(truth, found, range(40), ["Car"])
     # KITTI's sampling reaches index 19 of 0 … 40 with 20 hits of 40, and index 0 is not averaged.
     assert result["Car", "AP_R40_3D", 0.7] == pytest.approx(100 * 19 / 40)
     assert result["Car", "recall", 0.7] == 50
     assert result["Car", "class_recall_3D", 0.7] == 50
     # With one score for all there is one working point: 20 hits and 20 false alarms.
-    found = [(*row[:-1], 0.5) for row in found]
-    result = values(evaluate_boxes(truth, table(found, score=True), range(40), ["Car"]))
+    result = values(truth, found.assign(score=0.5), range(40), ["Car"])
     assert result["Car", "AP_R40_3D", 0.7] == pytest.approx(50 * 19 / 40)
 
 
@@ -253,20 +228,19 @@ def test_overlap_must_exceed_the_threshold():
     truth = table([car(0, 4.0)])
     for shift, hits in ((4 / 3 + 1e-9, 0), (4 / 3 - 1e-9, 100)):
         found = table([car(0, 4.0 + shift, score=0.5)], score=True)
-        assert values(evaluate_boxes(truth, found, [0], ["Car"]))["Car", "recall", 0.5] == hits
+        assert values(truth, found, [0], ["Car"])["Car", "recall", 0.5] == hits
     # Exactly a quarter: 1 m shared of 2.5 + 2.5 - 1.
     truth.loc[0, "length"] = 2.5
     found = table([car(0, 5.5, "Cyclist", 0.5)], score=True)
     found.loc[0, "length"] = 2.5
     truth["class"] = "Cyclist"
-    result = values(evaluate_boxes(truth, found, [0], ["Cyclist"]))
-    assert result["Cyclist", "AP_R40_BEV", 0.25] == 0
+    assert values(truth, found, [0], ["Cyclist"])["Cyclist", "AP_R40_BEV", 0.25] == 0
 
 
 def test_recall_takes_any_class_and_ap_only_its_own():
     truth = table([car(0, 5.0), car(0, 15.0, "Cyclist")])
     found = table([car(0, 5.0, "Cyclist", 0.9)], score=True)
-    result = values(evaluate_boxes(truth, found, [0], ["Car", "Cyclist", "Pedestrian"]))
+    result = values(truth, found, [0], ["Car", "Cyclist", "Pedestrian"])
     assert result["Car", "recall", 0.7] == 100
     assert result["Car", "class_recall_3D", 0.7] == result["Car", "AP_R40_3D", 0.7] == 0
     assert result["Cyclist", "recall", 0.5] == 0
@@ -279,14 +253,13 @@ def test_recall_is_that_of_the_refined_boxes():
     truth = table([car(0, 5.0), car(1, 5.0), car(1, 15.0, "Cyclist"), car(2, 5.0)])
     found = table([car(0, 5.0, score=0.9), car(2, 5.0, score=0.9)], score=True)
     refined = table([car(0, 30.0), car(1, 5.0), car(1, 15.3), car(3, 5.0)]).drop(columns="class")
-    result = values(evaluate_boxes(truth, found, range(4), ["Car", "Cyclist"], refined))
+    result = values(truth, found, range(4), ["Car", "Cyclist"], refined)
     # 0.3 m of 4 m aside: IoU 3.7 / 4.3 in 3D.
     assert result["Cyclist", "recall", 0.7] == 100
     assert result["Car", "recall", 0.5] == pytest.approx(100 / 3)
     assert result["all", "recall", 0.7] == 50
     assert result["Car", "class_recall_3D", 0.7] == pytest.approx(200 / 3)
-    nothing = values(evaluate_boxes(truth, found, range(4), ["Car"], refined[:0]))
-    assert nothing["all", "recall", 0.5] == 0
+    assert values(truth, found, range(4), ["Car"], refined[:0])["all", "recall", 0.5] == 0
     with pytest.raises(ValueError, match="refined boxes: yaw: missing column"):
         evaluate_boxes(truth, found, [0], ["Car"], refined.drop(columns="yaw"))
 
@@ -321,3 +294,34 @@ def test_bad_tables():
         evaluate_boxes(truth, found.drop(columns="score"), [0], ["Car"])
     with refused(("detections", "yaw", "")):
         evaluate_boxes(truth, found.drop(columns="yaw"), [0], ["Car"])
+
+
+def boxes(rng, number, frames):
+    table = pd.DataFrame(rng.uniform(0, 30, (number, 3)), columns=["x", "y", "z"])
+    table[["length", "width", "height"]] = rng.uniform(1, 4, (number, 3))
+    table["yaw"] = rng.uniform(-3, 3, number)
+    return table.assign(frame=rng.integers(0, frames, number), **{"class": "Car"})
+
+
+@pytest.mark.parametrize("iou", [0.5, 0.7])
+def test_their_share_is_the_recall_of_the_class(iou):
+    rng = np.random.default_rng(1)
+    truth = boxes(rng, 60, 9)
+    found = truth.sample(40, random_state=2)
+    found[["x", "length"]] *= rng.uniform(0.97, 1.03, (40, 2))
+    found = pd.concat([found, boxes(rng, 20, 12)]).assign(score=rng.random(60))
+    hit = found_objects(truth, found, iou)
+    metrics = evaluate_boxes(truth, found, range(9), ["Car"])
+    recall = metrics.set_index(["metric", "iou"])["value"]["class_recall_3D", iou]
+    assert 100 * hit.mean() == pytest.approx(recall.item())
+    assert 0 < hit.sum() < len(truth)
+    one_by_one = [found_objects(truth.iloc[[n]], found, iou)[0] for n in range(len(truth))]
+    assert hit.tolist() == one_by_one  # no two of these take one detection
+
+
+def test_a_detection_is_used_once_and_nothing_is_found_in_nothing():
+    twins = table([car(1, 10.0), car(1, 10.0), car(2, 10.0)])
+    found = table([car(1, 10.0, score=0.5)], score=True)
+    assert sorted(found_objects(twins, found, 0.5)) == [False, False, True]
+    assert not found_objects(twins, found[:0], 0.5).any()
+    assert len(found_objects(twins[:0], found, 0.5)) == 0

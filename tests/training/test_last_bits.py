@@ -17,7 +17,6 @@ from training.detectors.heads.anchor_head import HeadOutput
 from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
-from training.detectors.heads.roi_targets import RoiSampling
 from training.ops import interpolation, points_in_boxes, roipoint_pool
 
 ALL = Selection(score=0.1, nms=1.0, pre=10_000, post=10_000)
@@ -47,14 +46,18 @@ def one_stage_detections():
     return model.predict([], ALL)[0]["boxes"][:, :2]
 
 
-def two_stage_detections():
+def second_stage():
     logits = border_logits()
     boxes = torch.ones(1, len(logits), 7)
     boxes[0, :, 0] = torch.arange(len(logits))
     proposals = Proposals(boxes, logits[None], torch.ones(1, len(logits), dtype=torch.int64))
     limits = Suppression(nms=1.0, pre=100, post=100)
-    head = RoiHead(RoiSettings(limits, limits, RoiSampling()))
-    return head.detections(RoiOutput(logits[:, None], None), proposals, ALL)[0]["boxes"][:, 0]
+    head = RoiHead(RoiSettings(limits, limits))
+    return head.detections(RoiOutput(logits[:, None], None), proposals, ALL)[0]
+
+
+def two_stage_detections():
+    return second_stage()["boxes"][:, 0]
 
 
 def far_points():
@@ -79,20 +82,20 @@ def boxes_and_points_on_their_sides():
     return torch.from_numpy(points), torch.from_numpy(boxes)
 
 
-def box_of_points_numba():
-    return points_in_boxes._first_box_numba(*boxes_and_points_on_their_sides())
+def box_of_points(search=points_in_boxes._first_box_numba):
+    return search(*boxes_and_points_on_their_sides())
 
 
 def box_of_points_torch():
-    return points_in_boxes._first_box_torch(*boxes_and_points_on_their_sides())
+    return box_of_points(points_in_boxes._first_box_torch)
 
 
-def pooled_points_numba():
-    return roipoint_pool._points_numba(*boxes_and_points_on_their_sides(), 64)[0]
+def pooled_points(search=roipoint_pool._points_numba):
+    return search(*boxes_and_points_on_their_sides(), 64)[0]
 
 
 def pooled_points_torch():
-    return roipoint_pool._points_torch(*boxes_and_points_on_their_sides(), 64)[0]
+    return pooled_points(roipoint_pool._points_torch)
 
 
 def places_in_rois():
@@ -106,18 +109,9 @@ def nearest_torch():
 
 @pytest.mark.parametrize(
     "decide",
-    [
-        one_stage_detections,
-        two_stage_detections,
-        far_points,
-        box_of_points_numba,
-        box_of_points_torch,
-        pooled_points_numba,
-        pooled_points_torch,
-        places_in_rois,
-        nearest_torch,
-    ],
-)
+    [one_stage_detections, two_stage_detections, far_points, box_of_points, box_of_points_torch,
+     pooled_points, pooled_points_torch, places_in_rois, nearest_torch],
+)  # fmt: skip
 def test_decisions_do_not_depend_on_last_bits(decide):
     expected = decide()
     assert len(expected.unique(dim=0)) > 20
@@ -127,21 +121,13 @@ def test_decisions_do_not_depend_on_last_bits(decide):
 
 
 def test_both_paths_decide_alike_on_the_border():
-    assert torch.equal(box_of_points_numba(), box_of_points_torch())
-    assert torch.equal(pooled_points_numba(), pooled_points_torch())
+    assert torch.equal(box_of_points(), box_of_points_torch())
+    assert torch.equal(pooled_points(), pooled_points_torch())
 
 
 def test_scores_fall_with_their_logits():
     with LastBits(0):
-        logits = border_logits()
-        boxes = torch.zeros(len(logits), 7)
-        boxes[:, 3:6], boxes[:, 0] = 1.0, torch.arange(len(logits))
-        limits = Suppression(nms=1.0, pre=100, post=100)
-        head = RoiHead(RoiSettings(limits, limits, RoiSampling()))
-        labels = torch.ones(1, len(logits), dtype=torch.int64)
-        found = head.detections(
-            RoiOutput(logits[:, None], None), Proposals(boxes[None], logits[None], labels), ALL
-        )[0]
+        logits, found = border_logits(), second_stage()
     assert (found["scores"].diff() <= 0).all()
     assert (logits[found["boxes"][:, 0].long()].diff() <= 0).all()
 

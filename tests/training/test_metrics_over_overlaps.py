@@ -1,4 +1,4 @@
-"""Metrics of no single IoU, and recall by direction: against plain Python."""
+"""Metrics of no single IoU, recall by direction, AP by distance, and the curve of AP."""
 
 import math
 
@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_curve import plain_curve
 
+from lidarplace.base import rings
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import COUNTS, FramePairs, precision_curve
+from training.by_distance import evaluate_by_distance
 from training.by_sector import recall_by_sector
 from training.kitti_ap import evaluate_boxes, evaluation
 from training.matches import Matches
@@ -53,7 +55,7 @@ def overlaps_of(truth, detections):
         yield own, other, table.reshape(len(own), len(other))
 
 
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(truths_of, found_of)
 def test_they_are_what_plain_python_gives(truths, found):
     truth, detections = tables(truths, found)
@@ -71,9 +73,8 @@ def test_they_are_what_plain_python_gives(truths, found):
         roles = [
             (t, o["score"].to_numpy(), [COUNTS] * len(g), [COUNTS] * len(o)) for g, o, t in frames
         ]
-        expected = [
-            100 * plain_curve(roles, iou)[0][1:].mean() for iou in np.arange(30, 81, 5) / 100
-        ]
+        ious = np.arange(30, 81, 5) / 100
+        expected = [100 * plain_curve(roles, iou)[0][1:].mean() for iou in ious]
         assert values[name, "AP_R40_3D_mean", EVERY_IOU] == pytest.approx(np.mean(expected))
 
 
@@ -87,7 +88,9 @@ def test_scores_of_ground_truths_give_kittis_curve(seed, iou):
     overlaps = np.round(random.random(len(pairs.detection)), random.integers(1, 4))
     scores = np.round(random.random(len(found)), random.integers(1, 4))
     matches = Matches.of(pairs, overlaps, scores, iou)
-    curve = precision_curve(pairs, overlaps, scores, iou)
+    roles = (np.full(len(own), COUNTS, np.int8) for own in (truths, found))
+    harmless, alike = np.zeros(len(found), bool), np.ones(len(overlaps))
+    curve = precision_curve(pairs, overlaps, scores, iou, *roles, harmless, alike)
     assert matches.precision().tolist() == curve.precision.tolist()
     assert matches.found.mean() == curve.recall
 
@@ -95,14 +98,13 @@ def test_scores_of_ground_truths_give_kittis_curve(seed, iou):
 def test_the_overlap_of_all_is_with_detections_and_not_with_refined_boxes():
     truth, found = tables([(0, "Car", (0, 0, 0.75))], [(0, "Car", (2, 0, 0.75), 5)])
     exact = truth.drop(columns="class")
-    values = evaluate_boxes(truth, found, [0], ["Car"], exact).set_index(["class", "metric"])[
-        "value"
-    ]
+    table = evaluate_boxes(truth, found, [0], ["Car"], exact)
+    values = table.set_index(["class", "metric"])["value"]
     assert (values["all", "recall"] == 100).all()
     assert values["all", "mean_overlap"] == values["Car", "mean_overlap"] == pytest.approx(60)
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(truths_of, found_of)
 def test_recall_by_sector_is_that_of_its_objects(truths, found):
     truth, detections = tables(truths, found)
@@ -119,9 +121,8 @@ def test_recall_by_sector_is_that_of_its_objects(truths, found):
                 near = [s for m, s in middles if -22.5 <= (angle - m + 180) % 360 - 180 < 22.5]
                 hits.setdefault((name, near[0]), []).append(max(row, default=0.0) > strict)
     recall = by_sector[by_sector["metric"] == "recall"].set_index(["class", "sector"])
-    assert recall["value"].to_dict() == pytest.approx(
-        {k: 100 * np.mean(v) for k, v in hits.items()}
-    )
+    expected = {key: 100 * np.mean(own) for key, own in hits.items()}
+    assert recall["value"].to_dict() == pytest.approx(expected)
     assert recall["ground_truths"].to_dict() == {k: len(v) for k, v in hits.items()}
     total = whole.metrics.set_index(["class", "metric", "iou"])["value"]
     for (name, metric, iou), own in by_sector.groupby(["class", "metric", "iou"]):
@@ -149,3 +150,74 @@ def test_nothing_to_find_has_no_sector():
     values = evaluate_boxes(truth, found, [0], CLASSES).set_index(["class", "metric"])["value"]
     assert values["Car", "mean_overlap"].item() == values["Car", "AP_R40_3D_mean"].item() == 0
     assert math.isnan(values["Pedestrian", "mean_overlap"].item())
+
+
+CAR = {"z": 0.8, "length": 4.0, "width": 1.8, "height": 1.6, "yaw": 0.3}
+
+
+def boxes(xs, frames, name="Car", **more):
+    return pd.DataFrame({"frame": frames, "class": name, "x": xs, "y": 0.0, **CAR, **more})
+
+
+def test_rings_hold_their_lower_bound():
+    at = pd.DataFrame({"x": [0.0, 9.999, 10.0, -30.0, 0.0, 1e6], "y": [0.0, 0, 0, 0, -49.9, 0]})
+    assert rings.ring_of(at).tolist() == [0, 0, 1, 3, 4, 5]
+    assert [rings.bounds_of(i) for i in range(2)] == [(0, 10), (10, 20)]
+    assert rings.bounds_of(len(rings.EDGES_M) - 2)[1] == np.inf
+
+
+def test_a_detection_is_judged_with_the_object_that_it_overlaps():
+    frames = list(range(50))
+    found = boxes(10.1, frames, score=0.9)  # its own centre is in the next ring
+    table = evaluate_by_distance(boxes(9.9, frames), found, frames, ["Car"])
+    assert set(table["from_m"]) == {0.0}
+    assert (table["value"] == 100).all()
+
+
+def test_a_false_alarm_counts_in_the_ring_where_it_stands():
+    frames = list(range(50))
+    truths = pd.concat([boxes(5.0, frames), boxes(25.0, frames)])
+    alarms = boxes(28.5, frames, score=0.99)  # overlaps nothing
+    found = pd.concat([truths.assign(score=0.5), alarms])
+    table = evaluate_by_distance(truths, found, frames, ["Car"])
+    value = table[(table["metric"] == "AP_R40_3D") & (table["iou"] == 0.7)].set_index("from_m")
+    assert value.loc[0.0, "value"] == 100
+    assert value.loc[20.0, "value"] == pytest.approx(50)
+    assert value["ground_truths"].tolist() == [50, 50]
+
+
+def test_one_ring_alone_is_the_whole():
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 40, 120)
+    truths = boxes(rng.uniform(11, 19, 120), frames).assign(y=rng.uniform(-3, 3, 120))
+    moved = truths.assign(x=truths["x"] + rng.normal(0, 0.3, 120), score=rng.random(120))
+    found = moved.sample(90, random_state=1)
+    whole = evaluate_boxes(truths, found, range(40), ["Car"]).set_index(["metric", "iou"])["value"]
+    assert rings.ring_of(truths).tolist() == [1] * 120
+    for row in evaluate_by_distance(truths, found, range(40), ["Car"]).itertuples():
+        assert row.value == whole[row.metric, row.iou]
+
+
+def test_no_objects_no_rows():
+    truths = boxes([5.0], [0])
+    nothing = truths.iloc[:0]
+    assert evaluate_by_distance(nothing, nothing.assign(score=1.0), [0], ["Car"]).empty
+    only = evaluate_by_distance(truths, nothing.assign(score=1.0), [0], ["Car", "Cyclist"])
+    assert set(only["class"]) == {"Car"}
+    assert (only["value"] == 0).all()
+
+
+def test_ap_is_the_mean_of_its_curve():
+    rng = np.random.default_rng(3)
+    frames = rng.integers(0, 60, 200)
+    truths = boxes(rng.uniform(2, 40, 200), frames)
+    found = truths.assign(x=truths["x"] + rng.normal(0, 0.4, 200), score=rng.random(200))
+    result = evaluation(truths, found, range(60), ["Car", "Cyclist"])
+    aps = result.metrics.query("metric in ('AP_R40_3D', 'AP_R40_BEV') and ground_truths > 0")
+    assert len(aps) == 4
+    for row in aps.itertuples():
+        match = (result.curves["metric"] == row.metric) & (result.curves["iou"] == row.iou)
+        curve = result.curves[match]
+        assert curve["recall"].tolist() == np.linspace(0, 100, 41).tolist()
+        assert curve["precision"].iloc[1:].mean() == pytest.approx(row.value, rel=1e-12)
+    assert set(result.curves["class"]) == {"Car"}, "a class without ground truth has no curve"

@@ -4,7 +4,6 @@ tests/data/training_ops.npz: inputs and outputs of OpenPCDet's CUDA kernels, rec
 8cacccec (Apache-2.0). Each search has a path for CPUs and one for GPUs; both are tested here.
 """
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from hypothesis.extra.numpy import arrays
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from training.ops import ball_query, interpolation, sampling, voxel_query
-from training.ops.first_hits import first_hits
 from training.ops.grouping import group
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
@@ -81,6 +79,16 @@ def distances(a, b):
     return dx * dx + dy * dy + dz * dz
 
 
+def assert_first_hits(found, mask, samples):
+    """Rows, and whether there is none, of the first true entries of each row of the mask."""
+    idx, empty = found
+    assert idx.shape == (len(mask), samples)
+    for own, near, none in zip(idx.tolist(), mask, empty.tolist(), strict=True):
+        hits = near.nonzero().flatten().tolist()[:samples]
+        assert own == (hits + hits[:1] * (samples - len(hits)) if hits else [0] * samples)
+        assert none == (not hits)
+
+
 # Furthest point sampling
 
 
@@ -123,30 +131,19 @@ def test_sampling_breaks_ties_as_upstream(xyz, samples):
         assert search(xyz, [len(xyz)], samples).tolist() == expected
 
 
-@settings(max_examples=20)
-@given(st.integers(1, 3000), st.integers(0, 2**32 - 1))
-def test_sampling_takes_the_furthest_of_many(count, seed):
-    xyz = torch.from_numpy(np.random.default_rng(seed).gamma(1, 9, (count, 3)).astype(np.float32))
-    rows = sampling._furthest_numba(xyz, [count], min(count, 60))
-    assert torch.equal(rows, sampling._furthest_torch(xyz, [count], min(count, 60)))
-    nearest = torch.full((count,), torch.inf)
-    for now, following in pairwise(rows):
-        nearest = torch.minimum(nearest, distances(xyz[now, None], xyz)[0])
-        assert nearest[following] == nearest.max()
-
-
 @pytest.mark.parametrize("search", SAMPLING)
 def test_sampling_of_small_and_empty_frames(search):
     line = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0]])
     assert search(line, [0, 3, 0], 7).tolist() == [0, 2, 1, 0, 2, 1, 0]
     assert search(line, [1, 2], 3).tolist() == [0, 0, 0, 1, 2, 1]
-    assert search(line[:0], [0, 0], 4).tolist() == []
-    assert search(line[:0], [], 4).tolist() == []
+    assert search(line[:0], [0, 0], 4).tolist() == search(line[:0], [], 4).tolist() == []
     # Nothing is further than anything else.
     assert search(torch.zeros(5, 3), [5], 4).tolist() == [0, 0, 0, 0]
+    counts = torch.tensor([0, 2, 0, 1])
+    assert sampling.furthest_point_sample(line, counts, 5)[1].tolist() == [0, 5, 0, 5]
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(sizes, st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_sampling_of_many_frames_is_the_same_on_both_paths(counts, samples, seed):
     xyz = lattice_points(sum(counts), seed)
@@ -154,14 +151,23 @@ def test_sampling_of_many_frames_is_the_same_on_both_paths(counts, samples, seed
     assert torch.equal(rows, sampling._furthest_numba(xyz, counts, samples))
 
 
-def test_sampling_on_a_gpu_takes_as_many_operations_for_many_frames():
+def few_samples(xyz, counts):
+    return sampling._furthest_torch(xyz, counts.tolist(), 8)
+
+
+def few_in_balls(xyz, counts):
+    return ball_query._query_torch(0.3, 4, xyz, counts, xyz, counts)
+
+
+@pytest.mark.parametrize("search", [few_samples, few_in_balls])
+def test_a_gpu_makes_as_many_operations_for_many_frames(search):
     seen = []
     for frames in (2, 500):
-        xyz = torch.rand(20 * frames, 3)
         with Operations() as operations:
-            sampling._furthest_torch(xyz, [20] * frames, 8)
+            search(torch.rand(20 * frames, 3), torch.full((frames,), 20))
         seen.append(operations.names)
     assert seen[0] == seen[1]
+    assert search is few_samples or "nonzero" not in seen[0]  # waits for the GPU
 
 
 def test_sampling_on_a_gpu_does_not_pad_small_frames_to_the_largest():
@@ -171,27 +177,7 @@ def test_sampling_on_a_gpu_does_not_pad_small_frames_to_the_largest():
     assert operations.largest <= 2 * 3 * sum(counts)
 
 
-def test_sampling_counts():
-    counts = torch.tensor([0, 3, 0, 1])
-    rows, chosen = sampling.furthest_point_sample(torch.rand(4, 3), counts, 5)
-    assert chosen.tolist() == [0, 5, 0, 5]
-    assert len(rows) == 10
-    assert set(rows[:5].tolist()) == {0, 1, 2}
-    assert rows[5:].tolist() == [3] * 5
-
-
 # Ball query
-
-
-@pytest.mark.usefixtures("_chunks")
-@pytest.mark.parametrize("search", BALLS)
-@pytest.mark.parametrize(("radius", "samples"), [(0.5, 16), (2.0, 32)])
-def test_ball_query_agrees_with_openpcdet_batch(search, radius, samples):
-    new = POINTS[(of("fps_batch") + torch.tensor([[0], [1500]])).flatten()]
-    idx, empty = search(radius, samples, POINTS, BATCH, new, torch.tensor([128, 128]))
-    expected = of(f"ball_batch_{radius}_{samples}") + torch.tensor([0, 1500])[:, None, None]
-    assert torch.equal(idx, expected.flatten(0, 1))
-    assert not empty.any()
 
 
 @pytest.mark.usefixtures("_chunks")
@@ -218,12 +204,7 @@ def test_ball_query_takes_the_first_within_the_radius(first, second, new, radius
     inside[: len(new) // 2, len(first) :] = False
     inside[len(new) // 2 :, : len(first)] = False
     for search in BALLS:
-        idx, empty = search(radius, samples, xyz, counts, new, new_counts)
-        assert idx.shape == (len(new), samples)
-        for own, near, none in zip(idx.tolist(), inside, empty.tolist(), strict=True):
-            hits = near.nonzero().flatten().tolist()[:samples]
-            assert own == (hits + [hits[0]] * (samples - len(hits)) if hits else [0] * samples)
-            assert none == (not hits)
+        assert_first_hits(search(radius, samples, xyz, counts, new, new_counts), inside, samples)
 
 
 @settings(max_examples=40)
@@ -239,19 +220,7 @@ def test_ball_query_of_many_frames_is_the_same_on_both_paths(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ball_query, "_CHUNK", chunk)
         result = ball_query._query_torch(radius, samples, xyz, counts, new, new_counts)
-    for numba, other in zip(expected, result, strict=True):
-        assert torch.equal(numba, other)
-
-
-def test_ball_query_on_a_gpu_takes_as_many_operations_for_many_frames():
-    seen = []
-    for frames in (2, 500):
-        xyz, counts = torch.rand(20 * frames, 3), torch.full((frames,), 20)
-        with Operations() as operations:
-            ball_query._query_torch(0.3, 4, xyz, counts, xyz, counts)
-        assert "nonzero" not in operations.names  # waits for the GPU
-        seen.append(operations.names)
-    assert seen[0] == seen[1]
+    assert all(map(torch.equal, expected, result))
 
 
 @pytest.mark.parametrize("chunk", [30_000, ball_query._CHUNK])
@@ -276,16 +245,6 @@ def test_ball_query_of_far_points():
         assert empty.tolist() == [False] * 4 + [True]
 
 
-@settings(max_examples=50)
-@given(arrays(np.bool_, st.tuples(st.integers(0, 6), st.integers(0, 12))), st.integers(1, 5))
-def test_first_hits(mask, samples):
-    idx, counts = first_hits(torch.from_numpy(mask), samples)
-    for row, own, count in zip(mask, idx.tolist(), counts.tolist(), strict=True):
-        hits = np.flatnonzero(row).tolist()[:samples]
-        assert count == len(hits)
-        assert own == hits + [0] * (samples - count)
-
-
 # Three nearest neighbours
 
 
@@ -301,15 +260,13 @@ def test_three_nn_agrees_with_openpcdet():
     result = interpolation.interpolate(features, idx, weights)
     expected = DATA["nn_interpolated"].transpose(0, 2, 1).reshape(-1, 2)
     assert result.numpy() == pytest.approx(expected, abs=1e-6)
-
     new, counts = torch.from_numpy(DATA["new_points"]), of("new_counts")
     found, idx = interpolation.three_nn(new, counts, POINTS, STACK)
     assert torch.equal(idx, of("nn_stack_idx"))
     assert found.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
 
 
-@pytest.mark.usefixtures("last_bits")
-@pytest.mark.usefixtures("_chunks")
+@pytest.mark.usefixtures("last_bits", "_chunks")
 @pytest.mark.parametrize("search", NEAREST)
 def test_nearest_of_openpcdet_on_both_paths(search):
     new = POINTS[of("fps_batch")[0]]
@@ -391,12 +348,8 @@ def test_voxel_query_by_brute_force(occupied, new, reach, radius, samples):
     allowed = (steps <= torch.tensor([0, *reach])).all(dim=2)
     allowed &= distances(new_xyz, xyz) <= radius**2
     for search in VOXELS:
-        idx, empty = search(reach, radius, samples, xyz, coordinates, (4, 5, 6), new_xyz, new)
-        assert idx.shape == (len(new), samples)
-        for own, near, none in zip(idx.tolist(), allowed, empty.tolist(), strict=True):
-            hits = near.nonzero().flatten().tolist()[:samples]
-            assert own == (hits + [hits[0]] * (samples - len(hits)) if hits else [0] * samples)
-            assert none == (not hits)
+        found = search(reach, radius, samples, xyz, coordinates, (4, 5, 6), new_xyz, new)
+        assert_first_hits(found, allowed, samples)
 
 
 # Features
@@ -410,32 +363,3 @@ def test_gradients_reach_the_features():
     assert torch.autograd.gradcheck(
         lambda rows, by: interpolation.interpolate(rows, idx, by), (features, weights)
     )
-
-
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.bfloat16, torch.float16])
-def test_features_keep_their_dtype(dtype):
-    features = torch.arange(6, dtype=dtype).view(3, 2)
-    idx = torch.tensor([[2, 0]])
-    assert torch.equal(group(features, idx), torch.tensor([[[4, 5], [0, 1]]], dtype=dtype))
-    assert torch.equal(group(features[:0], idx), torch.zeros(1, 2, 2, dtype=dtype))
-    assert group(features, idx[:0]).shape == (0, 2, 2)
-
-
-@pytest.mark.usefixtures("last_bits")
-def test_geometry_in_float64():
-    xyz, counts = POINTS[:200].double(), torch.tensor([80, 120])
-    rows, chosen = sampling.furthest_point_sample(xyz, counts, 10)
-    assert torch.equal(rows, sampling._furthest_torch(xyz, [80, 120], 10))
-    new = xyz[rows]
-    for numba, other in zip(
-        ball_query.ball_query(3.0, 4, xyz, counts, new, chosen),
-        ball_query._query_torch(3.0, 4, xyz, counts, new, chosen),
-        strict=True,
-    ):
-        assert torch.equal(numba, other)
-    found, idx = interpolation.three_nn(xyz, counts, new, chosen)
-    assert found.dtype == torch.float64
-    assert found.numpy() == pytest.approx((xyz[:, None] - new[idx]).norm(dim=2).numpy(), rel=1e-14)
-    nearest = interpolation._nearest_torch(xyz[:80], new[:10], 3)
-    assert found[:80].numpy() == pytest.approx(nearest[0].numpy(), rel=1e-14)
-    assert torch.equal(idx[:80], nearest[1])

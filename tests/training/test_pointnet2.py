@@ -2,22 +2,25 @@
 
 import pytest
 import torch
-from torch import nn
+from plain_layers import as_images
 from torch.nn import functional
 
 from training.detectors.backbones.point_sampling import sample_points, within
 from training.detectors.backbones.pointnet2 import (
     AbstractionSettings,
     FeaturePropagation,
-    PointNet2,
     PointNet2Settings,
 )
-from training.detectors.backbones.set_abstraction import GlobalAbstraction, SetAbstraction
+from training.detectors.backbones.set_abstraction import (
+    BallSettings,
+    GlobalAbstraction,
+    SetAbstraction,
+)
 
 SMALL = PointNet2Settings(
     levels=(
-        AbstractionSettings(32, (0.3, 0.6), (4, 8), ((6, 8), (5, 7))),
-        AbstractionSettings(8, (1.0,), (8,), ((9, 10),)),
+        AbstractionSettings((0.3, 0.6), (4, 8), ((6, 8), (5, 7)), 32),
+        AbstractionSettings((1.0,), (8,), ((9, 10),), 8),
     ),
     propagation=((12, 11), (13,)),
 )
@@ -31,28 +34,6 @@ def frames(counts, seed=0, features=2):
     return xyz.float().double(), torch.tensor(counts), rows.requires_grad_()
 
 
-def as_images(mlp: nn.Sequential, image):
-    """A PointMlp on an image (1, C, H, W), with torch's layers for images."""
-    for layer in mlp:
-        if isinstance(layer, nn.Conv2d):
-            image = functional.conv2d(image, layer.weight)
-        elif isinstance(layer, nn.ReLU):
-            image = functional.relu(image)
-        else:
-            norm = layer
-            image = functional.batch_norm(
-                image,
-                norm.running_mean.clone(),
-                norm.running_var.clone(),
-                norm.weight,
-                norm.bias,
-                norm.training,
-                norm.momentum,
-                norm.eps,
-            )
-    return image
-
-
 def in_ball(xyz, place, radius, samples):
     """Rows of the first points nearer than `radius`, the first repeated; None if there is none."""
     near = [i for i in range(len(xyz)) if (xyz[i] - place).square().sum() < radius**2][:samples]
@@ -64,12 +45,12 @@ def in_ball(xyz, place, radius, samples):
 def test_set_abstraction_is_convolution_of_every_ball(training):
     torch.manual_seed(0)
     xyz, counts, features = frames([30, 0, 50])
-    module = SetAbstraction(2, (0.4, 0.8), (3, 6), ((5, 6), (7,))).double().train(training)
+    balls = BallSettings((0.4, 0.8), (3, 6), ((5, 6), (7,)))
+    module = SetAbstraction(2, balls).double().train(training)
     places = torch.cat([xyz[:4], xyz[40:45], torch.full((1, 3), 50.0, dtype=torch.float64)])
     found = module(xyz, counts, features, places, torch.tensor([4, 0, 6]))
     found.square().sum().backward()
     gradient, features.grad = features.grad, None
-
     parts = []
     for radius, samples, mlp in zip(module.radii, module.samples, module.mlps, strict=True):
         balls = []
@@ -90,24 +71,6 @@ def test_set_abstraction_is_convolution_of_every_ball(training):
     torch.testing.assert_close(gradient, features.grad)
 
 
-def test_set_abstraction_without_points_sees_empty_balls():
-    module = SetAbstraction(2, (0.4,), (3,), ((5, 6),)).eval()
-    places = torch.rand(4, 3)
-    none = module(
-        torch.zeros(0, 3), torch.tensor([0]), torch.zeros(0, 2), places, torch.tensor([4])
-    )
-    far = module(
-        torch.full((1, 3), 9.0), torch.tensor([1]), torch.ones(1, 2), places, torch.tensor([4])
-    )
-    assert none.shape == (4, 6)
-    torch.testing.assert_close(none, far)
-    nowhere = module.train()(
-        torch.rand(3, 3), torch.tensor([3]), torch.rand(3, 2), places[:0], torch.tensor([0])
-    )
-    assert nowhere.shape == (0, 6)
-    assert module.mlps[0][1].running_mean.isfinite().all()
-
-
 def test_global_abstraction_is_convolution_of_the_set():
     torch.manual_seed(0)
     module = GlobalAbstraction(2, (5, 6)).double()
@@ -124,7 +87,6 @@ def test_propagation_is_convolution_of_the_interpolated(training):
     places[:2] = xyz[:2]  # a place on a point: its weight is 1
     module = FeaturePropagation(4, 3, (8, 9)).double().train(training)
     found = module(xyz, counts, own, places, place_counts, known)
-
     weights = torch.zeros(30, 11, dtype=torch.float64)
     for i in range(30):
         rows = range(6) if i < 20 else range(6, 11)
@@ -136,34 +98,6 @@ def test_propagation_is_convolution_of_the_interpolated(training):
     expected = as_images(module.mlp, image)[0, :, :, 0].T
     # Distances come in float32.
     torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
-
-
-def test_frames_do_not_see_each_other():
-    torch.manual_seed(0)
-    module = PointNet2(2, SMALL).double().eval()
-    xyz, counts, features = frames([40, 0, 50])
-    with torch.no_grad():
-        together = module(xyz, counts, features)
-        first = module(xyz[:40], counts[:1], features[:40])
-        last = module(xyz[40:], counts[2:], features[40:])
-    assert together.shape == (90, module.outputs)
-    torch.testing.assert_close(together, torch.cat([first, last]))
-
-
-@pytest.mark.parametrize("counts", [[0, 0], [1, 0], [1], [3, 40]])
-@pytest.mark.parametrize("half", [False, True])
-def test_few_points_train(counts, half):
-    torch.manual_seed(0)
-    module = PointNet2(2, SMALL)
-    xyz, counts, features = frames(counts)
-    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
-        found = module(xyz.float(), counts, features.float())
-    assert found.shape == (len(xyz), 11)
-    found.float().square().sum().backward()
-    for name, parameter in module.named_parameters():
-        assert parameter.grad is None or parameter.grad.isfinite().all(), name
-    for name, value in module.state_dict().items():
-        assert value.isfinite().all(), name
 
 
 def test_points_in_the_range():

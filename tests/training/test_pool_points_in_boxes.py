@@ -42,18 +42,12 @@ def inside(points, boxes):
     turned = (points[:, 0] + 1j * points[:, 1] - (boxes[:, :1] + 1j * boxes[:, 1:2])) * np.exp(
         -1j * boxes[:, 6:]
     )
-    outside = np.stack(
-        [
-            abs(turned.real) - boxes[:, 3:4] / 2,
-            abs(turned.imag) - boxes[:, 4:5] / 2,
-            abs(points[:, 2] - boxes[:, 2:3]) - boxes[:, 5:6] / 2,
-        ]
-    ).max(axis=0)
+    local = np.stack([turned.real, turned.imag, points[:, 2] - boxes[:, 2:3]], axis=2)
+    outside = (abs(local) - boxes[:, None, 3:6] / 2).max(axis=2)
     return outside < 0, abs(outside) > 1e-4
 
 
-@pytest.mark.usefixtures("last_bits")
-@pytest.mark.usefixtures("_chunks")
+@pytest.mark.usefixtures("last_bits", "_chunks")
 @pytest.mark.parametrize("search", FIRST_BOX)
 def test_box_of_points_agrees_with_openpcdet(search):
     found = search(POINTS, torch.from_numpy(DATA["pib_boxes"]))
@@ -61,8 +55,7 @@ def test_box_of_points_agrees_with_openpcdet(search):
     assert len(found.unique()) > 5
 
 
-@pytest.mark.usefixtures("last_bits")
-@pytest.mark.usefixtures("_chunks")
+@pytest.mark.usefixtures("last_bits", "_chunks")
 def test_pooling_agrees_with_openpcdet(pool):
     boxes = torch.from_numpy(DATA["roi_boxes"])
     pooled, empty = pool(POINTS, torch.from_numpy(DATA["roi_features"]), boxes, 64, 0.0)

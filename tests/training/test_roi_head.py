@@ -12,7 +12,6 @@ from training.detectors.heads.proposals import Proposals, Suppression, propose
 from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, roi_grid, turned
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings, corner_loss
 from training.detectors.heads.roi_targets import RoiSampling, sample_rois, score_targets
-from training.detectors.layers import row_layers
 from training.ops.box_overlap import iou_3d
 
 SETTINGS = RoiSettings(
@@ -28,15 +27,25 @@ def boxes_near(count, seed, spread=10.0):
     return torch.from_numpy(random.uniform(low, high, (count, 7)).astype(np.float32))
 
 
+def cubes(xs):
+    boxes = torch.zeros(len(xs), 7)
+    boxes[:, 0], boxes[:, 3:6] = torch.tensor(xs), 2
+    return boxes
+
+
 def proposals_of(boxes, labels=None):
     labels = torch.ones(len(boxes), dtype=torch.int64) if labels is None else labels
     return Proposals(boxes[None], torch.zeros(1, len(boxes)), labels[None])
 
 
+def targets_of(rois, objects, seed=0):
+    torch.manual_seed(seed)
+    labels = torch.ones(len(objects), dtype=torch.int64)
+    return sample_rois(proposals_of(rois), [objects], [labels], SETTINGS.sampling)
+
+
 def test_proposals_by_hand():
-    boxes = torch.zeros(5, 7)
-    boxes[:, 3:6] = 2
-    boxes[:, 0] = torch.tensor([0.0, 0.1, 10.0, 20.0, 30.0])
+    boxes = cubes([0.0, 0.1, 10.0, 20.0, 30.0])
     boxes[4, 6] = torch.inf
     logits = torch.tensor([[1.0, -9], [-9, 2], [-5, -6], [3, -9], [9, 9]])
     found = propose([logits, logits[2:3]], [boxes, boxes[2:3]], Suppression(0.5, pre=3, post=4))
@@ -47,12 +56,8 @@ def test_proposals_by_hand():
     assert found.labels.tolist() == [[1, 2, 1, 1], [1, 1, 1, 1]]
     assert (found.boxes[0, 2:] == 0).all()
     assert found.labels.dtype == torch.int64
-
-
-def test_proposals_of_nothing_are_zeros():
     found = propose([torch.zeros(0, 3)], [torch.zeros(0, 7)], Suppression(0.5, 10, 4))
-    assert (found.boxes == 0).all()
-    assert found.boxes.shape == (1, 4, 7)
+    assert torch.equal(found.boxes, torch.zeros(1, 4, 7))
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -66,10 +71,7 @@ def test_encoding_in_a_roi_and_decoding_are_inverse():
     torch.testing.assert_close(turn, turn.round(), atol=1e-9, rtol=0)
     assert (turn.round() % 2).sum() > 20  # some are turned round
 
-
-@pytest.mark.usefixtures("last_bits")
-def test_encoding_in_a_roi_by_hand():
-    # 3 m ahead of the RoI, which faces along y: 3 m along y in the frame of both.
+    # By hand: 3 m ahead of the RoI, which faces along y: 3 m along y in the frame of both.
     roi = torch.tensor([[1.0, 2.0, 0.0, 4.0, 3.0, 2.0, math.pi / 2]])
     box = torch.tensor([[1.0, 5.0, 1.0, 8.0, 3.0, 2.0, -math.pi / 2 + 0.1]])
     expected = torch.tensor([[0.6, 0.0, 0.5, math.log(2), 0.0, 0.0, 0.1]])
@@ -77,7 +79,7 @@ def test_encoding_in_a_roi_by_hand():
 
 
 @pytest.mark.usefixtures("last_bits")
-def test_grid_of_a_roi_by_hand():
+def test_grid_of_a_roi_by_hand_is_turned_counterclockwise():
     roi = torch.tensor([[10.0, 0.0, 0.0, 4.0, 2.0, 2.0, math.pi / 2]])
     grid = roi_grid(roi, 2)
     # The cell at the back, on the right, below: 1 m back along -y, 0.5 m to the right along x.
@@ -85,6 +87,8 @@ def test_grid_of_a_roi_by_hand():
     torch.testing.assert_close(grid[0, 1], torch.tensor([10.5, -1.0, 0.5]))
     torch.testing.assert_close(grid[0, 4], torch.tensor([10.5, 1.0, -0.5]))
     torch.testing.assert_close(grid.mean(dim=1), roi[:, :3])
+    found = turned(torch.tensor([[[1.0, 0.0, 5.0]]]), torch.tensor([math.pi / 2]))
+    torch.testing.assert_close(found, torch.tensor([[[0.0, 1.0, 5.0]]]))
 
 
 def test_sample_has_the_objects_and_shares_of_the_settings():
@@ -124,27 +128,20 @@ def test_sample_has_the_objects_and_shares_of_the_settings():
     ],
 )
 def test_sample_of_every_mixture(kinds, expected):
-    torch.manual_seed(0)
     target = torch.tensor([[0.0, 0.0, 0.0, 4.0, 2.0, 2.0, 0.0]])
     shift = {"f": 0.1, "h": 2.0, "e": 30.0}
     rois = target.repeat(3 * len(kinds), 1)
     rois[:, 0] = torch.tensor([shift[kind] for kind in kinds for _ in range(3)])
-    label = torch.ones(1, dtype=torch.int64)
-    found = sample_rois(proposals_of(rois), [target], [label], SETTINGS.sampling)
-    shifts = [found.rois.boxes[0, :, 0].eq(value).sum().item() for value in shift.values()]
-    assert shifts == list(expected)
+    xs = targets_of(rois, target).rois.boxes[0, :, 0]
+    assert [xs.eq(value).sum().item() for value in shift.values()] == list(expected)
 
 
 def test_frames_without_objects_and_zero_proposals_are_background():
-    empty = torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64)
     rois = torch.cat([boxes_near(5, 0), torch.zeros(5, 7)])
-    found = sample_rois(proposals_of(rois), [empty[0]], [empty[1]], SETTINGS.sampling)
+    found = targets_of(rois, torch.zeros(0, 7))
     assert not found.regress.any()
     assert (found.scores == 0).all()
-    target = boxes_near(1, 1)
-    zeros = proposals_of(torch.zeros(4, 7))
-    found = sample_rois(zeros, [target], [torch.ones(1).long()], SETTINGS.sampling)
-    assert (found.iou == 0).all()
+    assert (targets_of(torch.zeros(4, 7), boxes_near(1, 1)).iou == 0).all()
 
 
 def test_score_targets():
@@ -158,14 +155,9 @@ def test_score_targets():
 def test_the_generator_of_the_cpu_fixes_the_sample():
     rois, objects = boxes_near(50, 0), boxes_near(5, 1)
     rois[:20] = objects.repeat(4, 1)
-    label = torch.ones(5, dtype=torch.int64)
-    samples = []
-    for seed in (3, 3, 4):
-        torch.manual_seed(seed)
-        found = sample_rois(proposals_of(rois), [objects], [label], SETTINGS.sampling)
-        samples.append(found.rois.boxes)
-    assert torch.equal(samples[0], samples[1])
-    assert not torch.equal(samples[0], samples[2])
+    one, same, other = (targets_of(rois, objects, seed).rois.boxes for seed in (3, 3, 4))
+    assert torch.equal(one, same)
+    assert not torch.equal(one, other)
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -179,20 +171,19 @@ def test_corner_loss_by_hand():
     torch.testing.assert_close(corner_loss(wide, box), torch.tensor([0.045]))  # 0.3² / 2
 
 
-def targets_of(rois, objects, labels):
-    torch.manual_seed(0)
-    return sample_rois(proposals_of(rois), [objects], [labels], SETTINGS.sampling)
+def targets_and_output():
+    """Of 16 RoIs, some of which learn a box, float64."""
+    objects = boxes_near(4, 5).double()
+    targets = targets_of(torch.cat([objects + 0.05, boxes_near(20, 6).double()]), objects)
+    assert 0 < targets.regress.sum() < 16
+    torch.manual_seed(1)
+    return targets, RoiOutput(torch.randn(16, 1).double(), 0.1 * torch.randn(16, 7).double())
 
 
 @pytest.mark.usefixtures("last_bits")
 def test_losses_against_their_formulas():
-    objects = boxes_near(4, 5).double()
-    rois = torch.cat([objects + 0.05, boxes_near(20, 6).double()])
-    targets = targets_of(rois, objects, torch.ones(4, dtype=torch.int64))
+    targets, output = targets_and_output()
     count = int(targets.regress.sum())
-    assert 0 < count < 16
-    torch.manual_seed(1)
-    output = RoiOutput(torch.randn(16, 1).double(), 0.1 * torch.randn(16, 7).double())
     losses = RoiHead(SETTINGS).loss(output, targets)
     chance = output.logits[:, 0].sigmoid()
     wanted = targets.scores[0]
@@ -213,7 +204,7 @@ def test_losses_against_their_formulas():
 
 def test_scores_that_learn_nothing_do_not_count():
     rois = boxes_near(16, 0)
-    targets = targets_of(rois, rois[:0], torch.zeros(0, dtype=torch.int64))
+    targets = targets_of(rois, rois[:0])
     targets.scores[0, 4:] = -1
     logits = torch.randn(16, 1, requires_grad=True)
     losses = RoiHead(SETTINGS).loss(RoiOutput(logits, torch.zeros(16, 7)), targets)
@@ -225,25 +216,18 @@ def test_scores_that_learn_nothing_do_not_count():
 
 
 def test_gradients_of_the_losses():
-    objects = boxes_near(4, 5).double()
-    rois = torch.cat([objects + 0.05, boxes_near(20, 6).double()])
-    targets = targets_of(rois, objects, torch.ones(4, dtype=torch.int64))
-    torch.manual_seed(1)
-    logits = torch.randn(16, 1, dtype=torch.float64, requires_grad=True)
-    residuals = (0.1 * torch.randn(16, 7, dtype=torch.float64)).requires_grad_()
-    head = RoiHead(SETTINGS)
+    targets, output = targets_and_output()
 
-    def loss(a, b):
-        return torch.stack(list(head.loss(RoiOutput(a, b), targets).values()))
+    def loss(*raw):
+        return torch.stack(list(RoiHead(SETTINGS).loss(RoiOutput(*raw), targets).values()))
 
-    assert torch.autograd.gradcheck(loss, (logits, residuals))
+    raw = (output.logits.requires_grad_(), output.residuals.requires_grad_())
+    assert torch.autograd.gradcheck(loss, raw)
 
 
 @pytest.mark.usefixtures("last_bits")
 def test_detections_leave_out_what_fills_up():
-    rois = torch.zeros(1, 4, 7)
-    rois[0, :3, 3:6] = 2
-    rois[0, :3, 0] = torch.tensor([0.0, 0.2, 10.0])
+    rois = torch.cat([cubes([0.0, 0.2, 10.0]), torch.zeros(1, 7)])[None]
     proposals = Proposals(rois, torch.zeros(1, 4), torch.tensor([[1, 2, 3, 1]]))
     output = RoiOutput(torch.tensor([[0.0], [1.0], [-9.0], [5.0]]), torch.zeros(4, 7))
     head = RoiHead(SETTINGS)
@@ -254,20 +238,3 @@ def test_detections_leave_out_what_fills_up():
     torch.testing.assert_close(found["refined"], rois[0, :3])
     (found,) = head.detections(RoiOutput(output.logits, None), proposals, Selection(nms=1.0))
     assert found["labels"].tolist() == [2, 1]
-
-
-def test_layers_have_openpcdets_numbers_and_are_linear():
-    layers = row_layers(8, (6, 4), dropout=0.3)
-    assert [key for key in layers.state_dict() if key.endswith("weight")] == [
-        "0.weight", "1.weight", "4.weight", "5.weight"
-    ]  # fmt: skip
-    rows = torch.randn(5, 8)
-    assert layers[0].weight.shape == (6, 8, 1)
-    expected = functional.conv1d(rows[..., None], layers[0].weight)[..., 0]
-    torch.testing.assert_close(layers[0](rows), expected)
-
-
-@pytest.mark.usefixtures("last_bits")
-def test_turning_is_counterclockwise():
-    found = turned(torch.tensor([[[1.0, 0.0, 5.0]]]), torch.tensor([math.pi / 2]))
-    torch.testing.assert_close(found, torch.tensor([[[0.0, 1.0, 5.0]]]))

@@ -6,9 +6,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_scenes import packed
 
 from lidarplace.base.metrics import Overlaps
-from lidarplace.clouds.clouds import PointClouds
 from lidarplace.logs.boxes import GEOMETRY
 from training import NETWORKS, build_detector
 from training.checkpoints import load_checkpoint, read_checkpoint, write_checkpoint
@@ -27,26 +27,17 @@ def boxes(*rows):
 
 
 def test_individuals_count_once():
-    found = typical_objects(
-        boxes(
-            (0, "a", "Truck", 9, 0, 2.0, 8, 2, 3, 0),
-            (1, "a", "Truck", 9, 0, 2.0, 8, 2, 3, 0),
-            (2, "a", "Truck", 9, 0, 2.0, 8, 2, 3, 0),
-            (0, "b", "Truck", 9, 5, 1.5, 6, 3, 2, 0),
-            (0, "c", "Car", 9, 9, 0.8, 4, 2, 1.6, 0),
-        ),
-        ["Truck"],
+    some = boxes(
+        *((frame, "a", "Truck", 9, 0, 2.0, 8, 2, 3, 0) for frame in range(3)),
+        (0, "b", "Truck", 9, 5, 1.5, 6, 3, 2, 0),
+        (0, "c", "Car", 9, 9, 0.8, 4, 2, 1.6, 0),
     )
-    assert found == (TypicalObject("Truck", (7.0, 2.5, 2.5), 0.5),)
-    with pytest.raises(
-        ValueError, match=r"'truck' \(did you mean Truck\?\).*Truck \(1\), Car \(1\)"
-    ):
-        typical_objects(
-            boxes((0, "a", "Truck", 9, 0, 2, 8, 2, 3, 0), (0, "b", "Car", 9, 0, 2, 8, 2, 3, 0)),
-            ["truck"],
-        )
+    assert typical_objects(some, ["Truck"]) == (TypicalObject("Truck", (7.0, 2.5, 2.5), 0.5),)
+    message = r"'truck' \(did you mean Truck\?\).*Truck \(4\), Car \(1\)"
+    with pytest.raises(ValueError, match=message):
+        typical_objects(some, ["truck"])
     with pytest.raises(ValueError, match="'Truck' have no size"):
-        typical_objects(boxes((0, "a", "Truck", 9, 0, 2, 8, 0, 3, 0)), ["Truck"])
+        typical_objects(some.assign(width=0), ["Truck"])
 
 
 Metres = st.floats(0.01, 50)
@@ -103,9 +94,7 @@ def test_a_training_measures_classes_that_nothing_knows():
         *((frame, "b", "Car", 12, 8, 0.8, 4.4, 1.8, 1.6, 0) for frame in range(2)),
     )
     points = np.random.default_rng(0).uniform([8, -2, 0, 0], [16, 9, 3, 1], (400, 4))
-    points = points.astype(np.float32)
-    frames = ((points, [len(points)]) for _ in range(2))
-    clouds = PointClouds.from_frames(np.arange(2), frames, (0, -20, -1, 40, 20, 5))
+    clouds = packed(np.arange(2), [points] * 2)
     settings = TrainingSettings(epochs=1, batch_size=2, sample_groups={})
     result = finetune("pointpillars_tiny", ["Car", "Truck"], clouds, truths, settings, seed=0)
     assert result.typical == (TypicalObject("Truck", (7.5, 2.5, 3.2), 0.0),)

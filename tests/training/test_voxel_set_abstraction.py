@@ -5,10 +5,11 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from plain_layers import ball_features, waken
 
+from training.detectors.backbones.set_abstraction import BallSettings
 from training.detectors.backbones.voxel_set_abstraction import (
     SCALES,
-    BallSettings,
     KeypointSettings,
     VoxelSetAbstraction,
     mixed,
@@ -35,13 +36,7 @@ GRID = VoxelGrid((0.0, -2.0, 0.0, 4.0, 2.0, 1.6), (0.2, 0.2, 0.2))
 def small(seed=0):
     """A module whose batch norms are no identity, in evaluation mode, float64."""
     torch.manual_seed(seed)
-    module = VoxelSetAbstraction(SMALL, GRID, CHANNELS, bev=3, stride=8).double()
-    for name, value in module.state_dict().items():
-        if name.endswith("running_mean"):
-            value.uniform_(-0.5, 0.5)
-        elif name.endswith(("running_var", ".bias")):
-            value.uniform_(0.1, 1.5)
-    return module.eval()
+    return waken(VoxelSetAbstraction(SMALL, GRID, CHANNELS, bev=3).double())
 
 
 def scene(counts, seed=0):
@@ -61,31 +56,6 @@ def scene(counts, seed=0):
         scales[name] = SparseTensor(features, sites, shape, len(counts))
     bev = torch.from_numpy(random.standard_normal((len(counts), 3, 3, 3)))
     return clouds, scales, bev
-
-
-def mlp(layers, row):
-    """A PointMlp in evaluation mode on one row."""
-    for layer in layers:
-        if isinstance(layer, torch.nn.Conv2d):
-            row = layer.weight[:, :, 0, 0] @ row
-        elif isinstance(layer, torch.nn.ReLU):
-            row = row.clamp_min(0)
-        else:
-            row = (row - layer.running_mean) / (layer.running_var + layer.eps).sqrt()
-            row = row * layer.weight + layer.bias
-    return row
-
-
-def ball_features(module, xyz, features, place):
-    """What a set abstraction makes of one place, by loops."""
-    result = []
-    for radius, samples, layers in zip(module.radii, module.samples, module.mlps, strict=True):
-        near = ((xyz - place).norm(dim=1) < radius).nonzero().flatten()[:samples].tolist()
-        rows = [torch.cat([xyz[i] - place, features[i]]) for i in near]
-        if not rows:
-            rows = [torch.zeros(3 + features.shape[1]).double()]
-        result.append(torch.stack([mlp(layers, row) for row in rows]).amax(dim=0))
-    return torch.cat(result)
 
 
 def test_features_are_those_of_loops():
@@ -134,24 +104,6 @@ def test_the_image_between_and_beyond_its_cells():
     assert sample_image(two, torch.tensor([1]), place[:1]).item() == pytest.approx(-1.5)
 
 
-def test_gradients_are_finite_differences():
-    module = small()
-    clouds, scales, bev = scene([12, 9])
-    names = list(SCALES)
-
-    def sources(image, *features):
-        voxels = {
-            name: scales[name].with_features(value)
-            for name, value in zip(names, features, strict=True)
-        }
-        return module(clouds, voxels, image).features
-
-    inputs = [bev, *(scales[name].features for name in names)]
-    assert torch.autograd.gradcheck(
-        sources, [item.requires_grad_() for item in inputs], fast_mode=True
-    )
-
-
 def test_mixed_voxels_are_the_same_in_an_order_of_their_places():
     _, scales, _ = scene((30, 0, 40))
     voxels = scales["x_conv1"]
@@ -165,13 +117,3 @@ def test_mixed_voxels_are_the_same_in_an_order_of_their_places():
     first = found.coordinates[found.coordinates[:, 0] == 0]
     half = len(first) // 2
     assert abs(first[:half, 1].double().mean() - first[half:, 1].double().mean()) < 1
-
-
-def test_no_point_at_all_and_fewer_points_than_keypoints():
-    module = small()
-    found = module(*scene([0, 0]))
-    assert found.xyz.shape == (0, 3)
-    assert found.features.shape == (0, 7)
-    assert found.counts.tolist() == [0, 0]
-    few = module(*scene([4]))
-    assert torch.equal(few.features[:2], few.features[4:])

@@ -22,7 +22,7 @@ PLUG_INS: Registry[Any] = Registry("lidarplace.detectors", {})
 """The functions `build` of other packages."""
 
 PRESETS = ("openpcdet", "paper", "tiny")
-"""KITTI's network as OpenPCDet configures it, the paper's changes to it, and one for CPUs."""
+"""As OpenPCDet configures it for KITTI, the paper's changes to it, and one for a CPU core."""
 
 
 def build(
@@ -52,7 +52,7 @@ def build(
         raise ValueError(f"point_range needs finite low < high on every axis, found {point_range}")
     # torch takes seconds to import, and who only evaluates does not need it.
     from training.detectors.detector import Detector
-    from training.vector_math import settle_vector_math
+    from training.device import settle_vector_math
 
     settle_vector_math()
     make = plug_in or importlib.import_module(f"training.detectors.{network}").build

@@ -8,41 +8,27 @@ from torch import Tensor
 
 from training.detectors.backbones.point_sampling import sample_points, within
 from training.detectors.backbones.pointnet2 import AbstractionSettings, PointNet2, PointNet2Settings
-from training.detectors.detector import Detector, PointRange, Selection, builder
+from training.detectors.detector import Detector, PointRange, Rows, Selection, builder, fitted_range
 from training.detectors.heads.point_head import PointHeadBox, PointOutput, point_targets
 from training.detectors.heads.pointrcnn_head import PointRCNNHead, PointRoiSettings, ScoredPoints
 from training.detectors.heads.proposals import Proposals, Suppression
-from training.detectors.heads.roi_head import RoiSettings
-from training.detectors.heads.roi_targets import RoiSampling
-from training.detectors.point_range import fitted_range
-from training.typical_objects import TypicalObject
+from training.detectors.heads.roi_targets import RoiSampling, sample_rois
+from training.typical_objects import Size, TypicalObject
 
 
 @dataclass(frozen=True)
 class PointRCNNPreset:
-    """Everything that fixes a PointRCNN network but its classes.
+    """Everything that fixes a PointRCNN network but its classes."""
 
-    Attributes:
-        point_range: default range in the model's frame, metres.
-        sensor_height: height of the model's origin above the ground, metres.
-        points: of each frame, chosen or repeated.
-        backbone: features of the points.
-        hidden: outputs of the point head's hidden layers, for the class and for the box.
-        sizes: length, width, height of a typical object of each class, metres.
-        either_way: as in PointHeadBox.
-        second_stage: what is done with the proposals.
-        selection: how boxes become detections.
-    """
-
-    point_range: PointRange
-    sensor_height: float
-    points: int
-    backbone: PointNet2Settings
-    hidden: tuple[int, ...]
-    sizes: Mapping[str, tuple[float, float, float]]
-    either_way: bool
-    second_stage: PointRoiSettings
-    selection: Selection
+    point_range: PointRange  # default range in the model's frame, metres
+    sensor_height: float  # height of the model's origin above the ground, metres
+    points: int  # of each frame, chosen or repeated
+    backbone: PointNet2Settings  # features of the points
+    hidden: tuple[int, ...]  # outputs of the point head's hidden layers, for class and box
+    sizes: Mapping[str, Size]  # of a typical object of each class
+    either_way: bool  # as in PointHeadBox
+    second_stage: PointRoiSettings  # what is done with the proposals
+    selection: Selection  # how boxes become detections
 
     def with_typical(self, typical: Sequence[TypicalObject]) -> "PointRCNNPreset":
         """The preset with the sizes of these objects for their classes."""
@@ -55,10 +41,10 @@ OPENPCDET = PointRCNNPreset(
     points=16384,
     backbone=PointNet2Settings(
         levels=(
-            AbstractionSettings(4096, (0.1, 0.5), (16, 32), ((16, 16, 32), (32, 32, 64))),
-            AbstractionSettings(1024, (0.5, 1.0), (16, 32), ((64, 64, 128), (64, 96, 128))),
-            AbstractionSettings(256, (1.0, 2.0), (16, 32), ((128, 196, 256), (128, 196, 256))),
-            AbstractionSettings(64, (2.0, 4.0), (16, 32), ((256, 256, 512), (256, 384, 512))),
+            AbstractionSettings((0.1, 0.5), (16, 32), ((16, 16, 32), (32, 32, 64)), 4096),
+            AbstractionSettings((0.5, 1.0), (16, 32), ((64, 64, 128), (64, 96, 128)), 1024),
+            AbstractionSettings((1.0, 2.0), (16, 32), ((128, 196, 256), (128, 196, 256)), 256),
+            AbstractionSettings((2.0, 4.0), (16, 32), ((256, 256, 512), (256, 384, 512)), 64),
         ),
         propagation=((128, 128), (256, 256), (512, 512), (512, 512)),
     ),
@@ -66,17 +52,15 @@ OPENPCDET = PointRCNNPreset(
     sizes={"Car": (3.9, 1.6, 1.56), "Pedestrian": (0.8, 0.6, 1.73), "Cyclist": (1.76, 0.6, 1.73)},
     either_way=False,
     second_stage=PointRoiSettings(
-        rois=RoiSettings(
-            train=Suppression(nms=0.8, pre=9000, post=512),
-            test=Suppression(nms=0.85, pre=9000, post=100),
-            sampling=RoiSampling(score="cls", cls_foreground=0.6, cls_background=0.45),
-        ),
+        train=Suppression(nms=0.8, pre=9000, post=512),
+        test=Suppression(nms=0.85, pre=9000, post=100),
+        sampling=RoiSampling("cls", cls_foreground=0.6, cls_background=0.45),
         points=512,
         margin=0.0,
         local=(128, 128),
         levels=(
-            AbstractionSettings(128, (0.2,), (16,), ((128, 128, 128),)),
-            AbstractionSettings(32, (0.4,), (16,), ((128, 128, 256),)),
+            AbstractionSettings((0.2,), (16,), ((128, 128, 128),), 128),
+            AbstractionSettings((0.4,), (16,), ((128, 128, 256),), 32),
         ),
         mlp=(256, 256, 512),
         hidden=(256, 256),
@@ -94,8 +78,8 @@ TINY = PointRCNNPreset(
     points=2048,
     backbone=PointNet2Settings(
         levels=(
-            AbstractionSettings(512, (0.6, 2.0), (8, 16), ((16, 16), (16, 32))),
-            AbstractionSettings(128, (2.5, 5.0), (8, 16), ((32, 64), (32, 64))),
+            AbstractionSettings((0.6, 2.0), (8, 16), ((16, 16), (16, 32)), 512),
+            AbstractionSettings((2.5, 5.0), (8, 16), ((32, 64), (32, 64)), 128),
         ),
         propagation=((64, 64), (64,)),
     ),
@@ -103,35 +87,24 @@ TINY = PointRCNNPreset(
     sizes=OPENPCDET.sizes,
     either_way=True,
     second_stage=PointRoiSettings(
-        rois=RoiSettings(
-            train=Suppression(nms=0.8, pre=1024, post=128),
-            test=Suppression(nms=0.7, pre=1024, post=64),
-            sampling=RoiSampling(
-                score="cls", cls_foreground=0.55, cls_background=0.3, rois=48, regression=0.35
-            ),
-        ),
+        train=Suppression(nms=0.8, pre=1024, post=128),
+        test=Suppression(nms=0.7, pre=1024, post=64),
+        sampling=RoiSampling("cls", 0.55, cls_background=0.3, rois=48, regression=0.35),
         points=64,
         margin=1.0,
         local=(32,),
-        levels=(AbstractionSettings(16, (0.8,), (8,), ((32, 64),)),),
+        levels=(AbstractionSettings((0.8,), (8,), ((32, 64),), 16),),
         mlp=(64, 128),
         hidden=(64, 64),
     ),
     selection=Selection(score=0.1, nms=0.1),
 )
-"""Small enough to train on one CPU core; works in the ego frame."""
 
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
 class PointRCNN(Detector):
-    """Every point proposes a box; a second stage looks at the points in the best of them.
-
-    Args:
-        classes: names of the classes, keys of the preset's sizes.
-        preset: the network.
-        point_range: see `fitted_range`.
-    """
+    """Every point proposes a box; a second stage looks at the points in the best of them."""
 
     def __init__(
         self, classes: Sequence[str], preset: PointRCNNPreset, point_range: PointRange | None = None
@@ -142,17 +115,13 @@ class PointRCNN(Detector):
         sizes = [preset.sizes[name] for name in self.classes]
         self.backbone_3d = PointNet2(1, preset.backbone)
         features = self.backbone_3d.outputs
-        self.point_head = PointHeadBox(
-            features, preset.hidden, preset.hidden, sizes, preset.either_way
-        )
+        self.point_head = PointHeadBox(features, preset.hidden, sizes, preset.either_way)
         self.roi_head = PointRCNNHead(features, preset.second_stage)
 
     def first_stage(self, frames: Sequence[Tensor]) -> tuple[ScoredPoints, PointOutput]:
         """Features and raw outputs of the points that are chosen from frames (N, 4)."""
-        chosen = [
-            sample_points(within(frame, self.point_range), self.points, self.training)
-            for frame in frames
-        ]
+        inside = (within(frame, self.point_range) for frame in frames)
+        chosen = [sample_points(own, self.points, self.training) for own in inside]
         counts = torch.tensor([len(frame) for frame in chosen], device=self.device)
         points = torch.cat(chosen).to(self.point_head.sizes)
         xyz = points[:, :3].contiguous()
@@ -167,23 +136,20 @@ class PointRCNN(Detector):
         boxes = self.point_head.decode(output, points.xyz)
         return self.roi_head.propose(output.logits.split(counts), boxes.split(counts))
 
-    def loss(
-        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
+    def loss(self, points: Rows, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """ "loss" and its parts: point_cls, point_box, rcnn_cls, rcnn_reg, rcnn_corner."""
         boxes, labels = self.objects(boxes, labels)
         scored, output = self.first_stage(points)
         boxes = [item.to(scored.xyz) for item in boxes]
         targets = point_targets(scored.xyz, scored.counts, boxes, labels)
-        rois = self.roi_head.sample(self.propose(scored, output), boxes, labels)
+        sampling = self.roi_head.settings.sampling
+        rois = sample_rois(self.propose(scored, output), boxes, labels, sampling)
         losses = self.point_head.loss(output, targets, scored.xyz)
         losses |= self.roi_head.loss(self.roi_head(rois.rois.boxes, scored), rois)
         return {"loss": torch.stack(list(losses.values())).sum(), **losses}
 
     @torch.no_grad()
-    def predict(
-        self, points: Sequence[Tensor], selection: Selection | None = None
-    ) -> list[dict[str, Tensor]]:
+    def predict(self, points: Rows, selection: Selection | None = None) -> list[dict[str, Tensor]]:
         """Detections and refined boxes of every frame, see Detector."""
         self.eval()
         scored, output = self.first_stage(points)

@@ -12,13 +12,11 @@ from training.detectors.pointrcnn import PointRCNN, PointRCNNPreset
 
 def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
     stage = preset.second_stage
-    sampling = replace(
-        stage.rois.sampling, score="roi_iou", cls_foreground=0.7, cls_background=0.25
-    )
-    return replace(preset, second_stage=replace(stage, rois=replace(stage.rois, sampling=sampling)))
+    own = stage.sampling
+    sampling = replace(own, score="roi_iou", cls_foreground=0.7, cls_background=0.25)
+    return replace(preset, second_stage=replace(stage, sampling=sampling))
 
 
 PRESETS = {name: _scored_by_iou(preset) for name, preset in pointrcnn.PRESETS.items()}
-
 
 build = builder(PointRCNN, PRESETS)

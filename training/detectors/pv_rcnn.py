@@ -7,39 +7,30 @@ from torch import Tensor
 
 from training.detectors import second
 from training.detectors.backbones.point_sampling import within
-from training.detectors.backbones.sparse_backbone import STRIDE, encoded_height
+from training.detectors.backbones.set_abstraction import BallSettings
+from training.detectors.backbones.sparse_backbone import encoded_height
 from training.detectors.backbones.voxel_set_abstraction import (
-    BallSettings,
     Keypoints,
     KeypointSettings,
     VoxelSetAbstraction,
     mixed,
 )
-from training.detectors.detector import PointRange, Selection, builder
-from training.detectors.heads.point_head import PointHeadSimple, point_targets
+from training.detectors.detector import PointRange, Rows, Selection, builder
+from training.detectors.heads.point_head import PointHeadSimple, point_targets, segmentation_loss
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.pv_rcnn_head import PvRcnnHead, PvRcnnHeadSettings
-from training.detectors.heads.roi_head import RoiOutput, RoiSettings
+from training.detectors.heads.roi_head import RoiOutput
 from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.two_stage_voxel_detector import TwoStagePreset, TwoStageVoxelDetector
 from training.detectors.voxel_detector import FirstStage
 
 
-@dataclass(frozen=True)
-class PvRcnnPreset(TwoStagePreset):
-    """Everything that fixes a PV-RCNN network but its classes.
+@dataclass(frozen=True, kw_only=True)
+class PvRcnnPreset(TwoStagePreset[PvRcnnHeadSettings]):
+    """Everything that fixes a PV-RCNN network but its classes."""
 
-    Attributes:
-        keypoints: the points that stand for the scene.
-        point_head: outputs of the hidden layers that separate keypoints on objects from others.
-        roi_head: the second stage.
-        selection: of its boxes.
-    """
-
-    keypoints: KeypointSettings
-    point_head: tuple[int, ...]
-    roi_head: PvRcnnHeadSettings
-    selection: Selection
+    keypoints: KeypointSettings  # the points that stand for the scene
+    point_head: tuple[int, ...]  # hidden layers that separate keypoints on objects from others
 
 
 OPENPCDET = PvRcnnPreset(
@@ -57,11 +48,8 @@ OPENPCDET = PvRcnnPreset(
     ),
     point_head=(256, 256),
     roi_head=PvRcnnHeadSettings(
-        rois=RoiSettings(
-            train=Suppression(nms=0.8, pre=9000, post=512),
-            test=Suppression(nms=0.7, pre=1024, post=100),
-            sampling=RoiSampling(),
-        ),
+        train=Suppression(nms=0.8, pre=9000, post=512),
+        test=Suppression(nms=0.7, pre=1024, post=100),
         grid=6,
         balls=BallSettings((0.8, 1.6), (16, 16), ((64, 64), (64, 64))),
         shared=(256, 256),
@@ -73,7 +61,6 @@ OPENPCDET = PvRcnnPreset(
 """OpenPCDet's tools/cfgs/kitti_models/pv_rcnn.yaml, in KITTI's LiDAR frame."""
 
 PAPER = replace(OPENPCDET, first_stage=second.PAPER)
-"""The paper's changes to it."""
 
 TINY = PvRcnnPreset(
     first_stage=second.TINY,
@@ -90,11 +77,9 @@ TINY = PvRcnnPreset(
     ),
     point_head=(32,),
     roi_head=PvRcnnHeadSettings(
-        rois=RoiSettings(
-            train=Suppression(nms=0.8, pre=512, post=64),
-            test=Suppression(nms=0.7, pre=512, post=50),
-            sampling=RoiSampling(rois=32),
-        ),
+        train=Suppression(nms=0.8, pre=512, post=64),
+        test=Suppression(nms=0.7, pre=512, post=50),
+        sampling=RoiSampling(rois=32),
         grid=4,
         balls=BallSettings((1.0,), (8,), ((32,),)),
         shared=(64,),
@@ -103,7 +88,6 @@ TINY = PvRcnnPreset(
     ),
     selection=Selection(nms=0.1),
 )
-"""Small enough to train on one CPU core; works in the ego frame."""
 
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
@@ -128,7 +112,7 @@ class PvRcnn(TwoStageVoxelDetector):
         super().__init__(classes, preset.first_stage, point_range, preset.selection)
         channels = preset.first_stage.channels
         bev = channels[-1] * encoded_height(self.grid.shape[0])
-        self.pfe = VoxelSetAbstraction(preset.keypoints, self.grid, channels[:-1], bev, STRIDE)
+        self.pfe = VoxelSetAbstraction(preset.keypoints, self.grid, channels[:-1], bev)
         self.point_head = PointHeadSimple(self.pfe.inputs, preset.point_head)
         self.roi_head = PvRcnnHead(preset.keypoints.outputs, preset.roi_head)
 
@@ -139,12 +123,10 @@ class PvRcnn(TwoStageVoxelDetector):
         keypoints = self.pfe(inside, scales, first.bev)
         return ScoredKeypoints(keypoints, self.point_head(keypoints.sources))
 
-    def between_loss(
-        self, seen: ScoredKeypoints, boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
+    def between_loss(self, seen: ScoredKeypoints, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """ "point_cls" of the keypoints."""
         targets = point_targets(seen.keypoints.xyz, seen.keypoints.counts, boxes, labels)
-        return self.point_head.loss(seen.logits, targets)
+        return {"point_cls": segmentation_loss(seen.logits, targets.labels)}
 
     def second_stage(self, rois: Tensor, seen: ScoredKeypoints) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""

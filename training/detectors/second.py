@@ -20,11 +20,7 @@ OPENPCDET = VoxelPreset(
     max_voxels=(16000, 40000),
     channels=(16, 32, 64, 64, 128),
     backbone=BackboneSettings(
-        layers=(5, 5),
-        strides=(1, 2),
-        filters=(128, 256),
-        upsample_strides=(1, 2),
-        upsample_filters=(256, 256),
+        layers=(5, 5), strides=(1, 2), filters=(128, 256), up_strides=(1, 2), up_filters=(256, 256)
     ),
     anchors=KITTI_ANCHORS,
     centred_anchors=False,
@@ -32,7 +28,6 @@ OPENPCDET = VoxelPreset(
 """OpenPCDet's tools/cfgs/kitti_models/second.yaml, in KITTI's LiDAR frame."""
 
 PAPER = replace(OPENPCDET, point_range=(0.0, -20.0, -3.0, 40.0, 20.0, 1.0), anchors=PAPER_ANCHORS)
-"""The paper's changes to it."""
 
 TINY = VoxelPreset(
     point_range=(0.0, -20.0, 0.0, 40.0, 20.0, 4.0),
@@ -42,17 +37,11 @@ TINY = VoxelPreset(
     max_voxels=None,
     channels=(8, 16, 16, 32, 32),
     backbone=BackboneSettings(
-        layers=(2,),
-        strides=(1,),
-        filters=(64,),
-        upsample_strides=(2,),
-        upsample_filters=(64,),
-        momentum=0.1,
+        layers=(2,), strides=(1,), filters=(64,), up_strides=(2,), up_filters=(64,), momentum=0.1
     ),
     anchors=TINY_ANCHORS,
     centred_anchors=True,
 )
-"""Small enough to train on one CPU core; works in the ego frame."""
 
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 

@@ -2,23 +2,28 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Self, TypeVar
 
 import torch
 from torch import Tensor
 
-from training.detectors.detector import Selection
-from training.detectors.heads.roi_head import RoiHead, RoiOutput
+from training.detectors.detector import Rows, Selection
+from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
+from training.detectors.heads.roi_targets import sample_rois
 from training.detectors.voxel_detector import FirstStage, VoxelDetector, VoxelPreset
 from training.typical_objects import TypicalObject
 
+Settings = TypeVar("Settings", bound=RoiSettings)
 
-@dataclass(frozen=True)
-class TwoStagePreset:
-    """Base of the presets: `first_stage` is the voxel network."""
 
-    first_stage: VoxelPreset
+@dataclass(frozen=True, kw_only=True)
+class TwoStagePreset(Generic[Settings]):
+    """Everything that fixes a network of two stages but its classes."""
+
+    first_stage: VoxelPreset  # the voxel network
+    roi_head: Settings  # the second stage
+    selection: Selection = field(default_factory=Selection)  # how its boxes are selected
 
     def with_typical(self, typical: Sequence[TypicalObject]) -> Self:
         """The preset with anchors like these objects for their classes."""
@@ -34,9 +39,7 @@ class TwoStageVoxelDetector(VoxelDetector):
         """What the second stage looks at: the first stage, unless a network makes more of it."""
         return first
 
-    def between_loss(
-        self, seen: Any, boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
+    def between_loss(self, seen: Any, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """Losses of what `between` made."""
         return {}
 
@@ -44,9 +47,7 @@ class TwoStageVoxelDetector(VoxelDetector):
     def second_stage(self, rois: Tensor, seen: Any) -> RoiOutput:
         """Outputs of the second stage for RoIs (B, R, 7)."""
 
-    def loss(
-        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
+    def loss(self, points: Rows, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """Losses of both heads: "loss" and those of AnchorHead, `between_loss` and RoiHead."""
         boxes, labels = self.objects(boxes, labels)
         first = self.first_stage(points)
@@ -54,15 +55,13 @@ class TwoStageVoxelDetector(VoxelDetector):
         seen = self.between(points, first)
         second = self.between_loss(seen, boxes, labels)
         proposals = self.roi_head.propose(*self.dense_head.decode(first.head))
-        targets = self.roi_head.sample(proposals, boxes, labels)
+        targets = sample_rois(proposals, boxes, labels, self.roi_head.settings.sampling)
         second |= self.roi_head.loss(self.second_stage(targets.rois.boxes, seen), targets)
         losses["loss"] = losses["loss"] + sum(second.values())
         return losses | second
 
     @torch.no_grad()
-    def predict(
-        self, points: Sequence[Tensor], selection: Selection | None = None
-    ) -> list[dict[str, Tensor]]:
+    def predict(self, points: Rows, selection: Selection | None = None) -> list[dict[str, Tensor]]:
         """Detections of every frame and "refined", see Detector."""
         self.eval()
         first = self.first_stage(points)

@@ -10,62 +10,41 @@ from torch import Tensor
 from training.detectors.backbones.backbone_2d import Backbone2d
 from training.detectors.backbones.sparse_backbone import STRIDE, VoxelBackBone8x, encoded_height
 from training.detectors.backbones.voxels import VoxelGrid, voxelise
-from training.detectors.detector import Detector, PointRange, Selection
+from training.detectors.detector import Detector, PointRange, Selection, fitted_range
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
 from training.detectors.heads.anchors import AnchorPreset, anchor_grid
-from training.detectors.point_range import fitted_range
 from training.ops.sparse_conv import SparseTensor
 
 
 @dataclass(frozen=True)
 class VoxelPreset(AnchorPreset):
-    """Everything that fixes the first stage of a voxel network but its classes.
+    """Everything that fixes the first stage of a voxel network but its classes."""
 
-    Attributes:
-        voxel: edges of a voxel along x, y, z, metres.
-        max_points, max_voxels: as in VoxelGrid.
-        channels: of the scales of the sparse backbone and of its result.
-    """
-
-    voxel: tuple[float, float, float]
-    max_points: int | None
+    voxel: tuple[float, float, float]  # edges of a voxel along x, y, z, metres
+    max_points: int | None  # as in VoxelGrid
     max_voxels: tuple[int, int] | None
-    channels: tuple[int, int, int, int, int]
+    channels: tuple[int, int, int, int, int]  # of the sparse backbone's scales and of its result
 
     @property
     def image_stride(self) -> int:
         """Voxels along x or y per cell of the 2D backbone's image."""
-        return STRIDE * self.backbone.strides[0] // self.backbone.upsample_strides[0]
+        return STRIDE * self.backbone.strides[0] // self.backbone.up_strides[0]
 
 
 @dataclass(frozen=True)
 class FirstStage:
-    """Results of the first stage, B frames.
+    """Results of the first stage, B frames."""
 
-    Attributes:
-        scales: "x_conv1" … "x_conv4" and "encoded" of the sparse backbone.
-        bev: the encoded grid from above, (B, C, ny, nx).
-        image: result of the 2D backbone, (B, C2, ny, nx).
-        head: raw outputs for all anchors.
-    """
-
-    scales: dict[str, SparseTensor]
-    bev: Tensor
-    image: Tensor
-    head: HeadOutput
+    scales: dict[str, SparseTensor]  # "x_conv1" … "x_conv4" and "encoded" of the sparse backbone
+    bev: Tensor  # the encoded grid from above, (B, C, ny, nx)
+    image: Tensor  # result of the 2D backbone, (B, C2, ny, nx)
+    head: HeadOutput  # raw outputs for all anchors
 
 
 class VoxelDetector(Detector):
     """Voxels, a sparse 3D backbone, a 2D backbone and an anchor head.
 
-    Args:
-        classes: names of the classes, keys of the preset's anchors.
-        preset: the network.
-        point_range: see `fitted_range`.
-        selection: the preset's way to select boxes.
-
-    Raises:
-        ValueError: the range is too low for the backbone's strides.
+    Raises ValueError if the range is too low for the backbone's strides.
     """
 
     def __init__(
@@ -73,24 +52,21 @@ class VoxelDetector(Detector):
         classes: Sequence[str],
         preset: VoxelPreset,
         point_range: PointRange | None = None,
-        selection: Selection | None = None,
+        selection: Selection = Selection(),
     ) -> None:
-        backbone = preset.backbone
+        backbone, sensor_height = preset.backbone, preset.sensor_height
         edge, _, height = preset.voxel
         cell = edge * STRIDE * backbone.total_stride
-        fitted = fitted_range(
-            preset.point_range, preset.sensor_height, point_range, (cell, cell, height)
-        )
-        super().__init__(classes, fitted, preset.sensor_height, selection or Selection())
+        cells = (cell, cell, height)
+        fitted = fitted_range(preset.point_range, sensor_height, point_range, cells)
+        super().__init__(classes, fitted, sensor_height, selection)
         self.grid = VoxelGrid(fitted, preset.voxel, preset.max_points, preset.max_voxels)
         nz, ny, nx = self.grid.shape
         layers = encoded_height(nz)
         if layers < 1:
-            least = next(cells for cells in count(1) if encoded_height(cells + 1) >= 1)
-            raise ValueError(
-                f"this network needs a range at least {least * height:g} m high, found "
-                f"{fitted[5] - fitted[2]:g} m"
-            )
+            least = next(cells for cells in count(1) if encoded_height(cells + 1) >= 1) * height
+            found = f"{fitted[5] - fitted[2]:g} m"
+            raise ValueError(f"this network needs a range at least {least:g} m high, found {found}")
         anchors = [preset.anchors[name] for name in self.classes]
         stride = preset.image_stride
         places = anchor_grid(anchors, fitted, (nx // stride, ny // stride), preset.centred_anchors)

@@ -1,7 +1,7 @@
 """Voxel R-CNN (Deng et al., AAAI 2021)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from torch import Tensor
 
@@ -9,45 +9,27 @@ from training.detectors import second
 from training.detectors.backbones.backbone_2d import BackboneSettings
 from training.detectors.detector import PointRange, Selection, builder
 from training.detectors.heads.proposals import Suppression
-from training.detectors.heads.roi_head import RoiOutput, RoiSettings
+from training.detectors.heads.roi_head import RoiOutput
 from training.detectors.heads.roi_targets import RoiSampling
-from training.detectors.heads.voxel_rcnn_head import VoxelRcnnHead, VoxelRcnnLayers
+from training.detectors.heads.voxel_rcnn_head import VoxelRcnnHead, VoxelRcnnSettings
 from training.detectors.two_stage_voxel_detector import TwoStagePreset, TwoStageVoxelDetector
 from training.detectors.voxel_detector import FirstStage
 
-
-@dataclass(frozen=True)
-class VoxelRcnnPreset(TwoStagePreset):
-    """Everything that fixes a Voxel R-CNN network but its classes.
-
-    Attributes:
-        roi: proposals and training of the second stage.
-        layers: of the second stage.
-        selection: how boxes are selected.
-    """
-
-    roi: RoiSettings
-    layers: VoxelRcnnLayers
-    selection: Selection
-
-
-OPENPCDET = VoxelRcnnPreset(
+OPENPCDET = TwoStagePreset(
     first_stage=replace(
         second.OPENPCDET,
         backbone=BackboneSettings(
             layers=(5, 5),
             strides=(1, 2),
             filters=(64, 128),
-            upsample_strides=(1, 2),
-            upsample_filters=(128, 128),
+            up_strides=(1, 2),
+            up_filters=(128, 128),
         ),
     ),
-    roi=RoiSettings(
+    roi_head=VoxelRcnnSettings(
         train=Suppression(nms=0.8, pre=9000, post=512),
         test=Suppression(nms=0.7, pre=2048, post=100),
-        sampling=RoiSampling(),
     ),
-    layers=VoxelRcnnLayers(),
     selection=Selection(score=0.3, nms=0.1),
 )
 """OpenPCDet's tools/cfgs/kitti_models/voxel_rcnn_car.yaml, in KITTI's LiDAR frame.
@@ -56,21 +38,15 @@ It knows cars only; other classes have SECOND's anchors.
 """
 
 PAPER = replace(
-    OPENPCDET,
-    first_stage=replace(
-        OPENPCDET.first_stage, point_range=second.PAPER.point_range, anchors=second.PAPER.anchors
-    ),
+    OPENPCDET, first_stage=replace(second.PAPER, backbone=OPENPCDET.first_stage.backbone)
 )
-"""The paper's changes to it."""
 
-TINY = VoxelRcnnPreset(
+TINY = TwoStagePreset(
     first_stage=second.TINY,
-    roi=RoiSettings(
+    roi_head=VoxelRcnnSettings(
         train=Suppression(nms=0.8, pre=512, post=128),
         test=Suppression(nms=0.7, pre=512, post=64),
         sampling=RoiSampling(rois=64),
-    ),
-    layers=VoxelRcnnLayers(
         grid=4,
         radii=(0.8, 1.6, 3.2),
         reach=(4, 4, 4),
@@ -83,7 +59,6 @@ TINY = VoxelRcnnPreset(
     ),
     selection=Selection(score=0.3, nms=0.1),
 )
-"""Small enough to train on one CPU core; works in the ego frame."""
 
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
@@ -95,11 +70,14 @@ class VoxelRcnn(TwoStageVoxelDetector):
     """
 
     def __init__(
-        self, classes: Sequence[str], preset: VoxelRcnnPreset, point_range: PointRange | None = None
+        self,
+        classes: Sequence[str],
+        preset: TwoStagePreset[VoxelRcnnSettings],
+        point_range: PointRange | None = None,
     ) -> None:
         super().__init__(classes, preset.first_stage, point_range, preset.selection)
-        _, two, three, four, _ = preset.first_stage.channels
-        self.roi_head = VoxelRcnnHead((two, three, four), self.grid, preset.roi, preset.layers)
+        channels = preset.first_stage.channels[1:4]
+        self.roi_head = VoxelRcnnHead(channels, self.grid, preset.roi_head)
 
     def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""

@@ -7,26 +7,19 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.first_hits import first_hits, padded_with_first
+from training.ops.grouping import first_hits, padded_with_first
 
-_CHUNK = 1 << 24
-"""Distances that the torch path holds at once."""
+_CHUNK = 1 << 24  # distances that the torch path holds at once
 
 
 def ball_query(
     radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """For each new point the first points of its frame, in their order, closer than `radius`.
+    """For each new point the first S points of its frame, in their order, closer than `radius`.
 
-    Args:
-        radius: metres; a point at exactly this distance is not a neighbour.
-        samples: S, neighbours to return.
-        xyz, new_xyz: points of frame after frame, (N, 3) and (M, 3), finite.
-        counts, new_counts: points of each frame, (B,), int64.
-
-    Returns:
-        Rows of `xyz`, (M, S) int64; the first repeats where there are fewer, all are 0 where there
-        is none. And which new points have no neighbour, (M,) bool.
+    Points `xyz` (N, 3) and `new_xyz` (M, 3) are finite, frame after frame, `counts` and
+    `new_counts` (B,) of them. Returns rows of `xyz`, (M, S) int64; the first repeats where there
+    are fewer, all are 0 where there is none. And which new points have no neighbour, (M,) bool.
     """
     search = _query_numba if xyz.is_cpu else _query_torch
     return search(radius, samples, xyz.detach(), counts, new_xyz.detach(), new_counts)
@@ -41,8 +34,7 @@ def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
     its cost depends little on the number of points.
     """
     count = stop - start
-    low = np.array([np.inf, np.inf])
-    high = np.array([-np.inf, -np.inf])
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(start, stop):
         for axis in range(2):
             low[axis] = min(low[axis], xyz[i, axis])
@@ -102,9 +94,7 @@ def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
             idx[m, found:] = idx[m, 0]
 
 
-def _query_numba(
-    radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
-) -> tuple[Tensor, Tensor]:
+def _query_numba(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
     points, centres = xyz.contiguous().numpy(), new_xyz.contiguous().numpy()
     idx = np.zeros((len(centres), samples), np.int64)
     empty = np.ones(len(centres), bool)
@@ -120,9 +110,7 @@ def _query_numba(
     return torch.from_numpy(idx), torch.from_numpy(empty)
 
 
-def _query_torch(
-    radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
-) -> tuple[Tensor, Tensor]:
+def _query_torch(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
     """New points of all frames in blocks, each against the points of its own frame.
 
     The frames in a block are of similar size, so that padding at most doubles the work.

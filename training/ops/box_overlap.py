@@ -1,7 +1,6 @@
-"""Overlap of rotated boxes as tensors, on any device.
+"""Overlap of rotated boxes as tensors, on any device, in float64; gradients do not flow.
 
 On a CPU the kernels of `rotated_iou`, elsewhere the same clipping for all pairs of boxes at once.
-Both compute in float64; gradients do not flow.
 """
 
 import torch
@@ -9,47 +8,32 @@ from torch import Tensor
 
 from training.ops import rotated_iou
 
-_CHUNK = 1 << 24
-"""Pairs whose distance is looked at at once."""
-_CLIPPED = 1 << 19
-"""Pairs that are clipped at once."""
-
-
-def iou_bev(a: Tensor, b: Tensor) -> Tensor:
-    """IoU from above of boxes (N, 7) and (M, 7), shape (N, M), in the dtype of `a`.
-
-    Raises ValueError for a wrong shape, a negative size or a value not finite.
-    """
-    return _iou(a, b, three_d=False)
+_CHUNK = 1 << 24  # pairs whose distance is looked at at once
+_CLIPPED = 1 << 19  # pairs that are clipped at once
 
 
 def iou_3d(a: Tensor, b: Tensor) -> Tensor:
     """IoU of the volumes of boxes (N, 7) and (M, 7), shape (N, M), in the dtype of `a`.
 
-    Raises ValueError as `iou_bev` does.
+    Raises ValueError for a wrong shape, a negative size or a value not finite.
     """
-    return _iou(a, b, three_d=True)
-
-
-def _iou(a: Tensor, b: Tensor, three_d: bool) -> Tensor:
     if not a.is_cpu:
-        return _iou_torch(a, b, three_d).to(a.dtype)
-    numba_iou = rotated_iou.iou_3d if three_d else rotated_iou.iou_bev
-    return torch.from_numpy(numba_iou(a.detach().numpy(), b.detach().numpy())).to(a.dtype)
+        return _iou_torch(a, b).to(a.dtype)
+    return torch.from_numpy(rotated_iou.iou_3d(a.detach().numpy(), b.detach().numpy())).to(a.dtype)
 
 
-def _iou_torch(a: Tensor, b: Tensor, three_d: bool) -> Tensor:
+def _iou_torch(a: Tensor, b: Tensor) -> Tensor:
     a, b = checked(a), checked(b)
     out = a.new_zeros(len(a), len(b))
     step = max(1, _CHUNK // max(1, len(b)))
     for low in range(0, len(a), step):
         row, column = near(a[low : low + step], b).nonzero(as_tuple=True)
-        out[low + row, column] = pair_iou(a[low + row], b[column], three_d)
+        out[low + row, column] = pair_iou(a[low + row], b[column], three_d=True)
     return out
 
 
 def checked(boxes: Tensor) -> Tensor:
-    """The boxes (N, 7) in float64, without history; raises ValueError as `iou_bev` does."""
+    """The boxes (N, 7) in float64, without history; raises ValueError as `iou_3d` does."""
     boxes = boxes.detach().double()
     if boxes.ndim != 2 or boxes.shape[1] != 7:
         raise ValueError(f"boxes must have shape (N, 7), found {tuple(boxes.shape)}")

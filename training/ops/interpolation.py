@@ -7,8 +7,7 @@ from torch import Tensor
 from lidarplace.base.kernel_cache import njit
 from training.ops.grouping import group
 
-_CHUNK = 1 << 24
-"""Distances that the torch path holds at once."""
+_CHUNK = 1 << 24  # distances that the torch path holds at once
 
 
 def three_nn(
@@ -16,13 +15,9 @@ def three_nn(
 ) -> tuple[Tensor, Tensor]:
     """The three nearest known points of the same frame, nearest first.
 
-    Args:
-        unknown, known: points of frame after frame, (M, 3) and (N, 3), finite.
-        unknown_counts, known_counts: points of each frame, (B,), int64.
-
-    Returns:
-        Distances in metres, (M, 3), and rows of `known`, (M, 3) int64. A frame with fewer than
-        three known points fills up with distance infinity and row 0.
+    Points (M, 3) and (N, 3) are finite, frame after frame, so many (B,) of each. Returns distances,
+    (M, 3), metres, and rows of `known`, (M, 3) int64. A frame with fewer than three known points
+    fills up with distance infinity and row 0.
     """
     search = _nearest_numba if unknown.is_cpu else _nearest_torch
     distances = torch.full_like(unknown.detach(), torch.inf)
@@ -112,8 +107,5 @@ def inverse_distance_weights(distances: Tensor) -> Tensor:
 
 
 def interpolate(features: Tensor, idx: Tensor, weights: Tensor) -> Tensor:
-    """Sums (M, C) of rows `idx` (M, K) of `features` (N, C), weighted with `weights` (M, K).
-
-    Gradients flow to `features` and `weights`.
-    """
+    """Sums (M, C) of rows `idx` (M, K) of `features` (N, C), weighted with `weights` (M, K)."""
     return (group(features, idx) * weights[..., None]).sum(dim=1)

@@ -6,27 +6,19 @@ from torch import Tensor
 from training.ops.box_overlap import checked, near, pair_iou
 from training.ops.rotated_iou import unsuppressed
 
-_CHUNK = 1 << 24
-"""Pairs that the torch path looks at at once."""
+_CHUNK = 1 << 24  # pairs that the torch path looks at at once
 
 
 def nms(
     boxes: Tensor, scores: Tensor, threshold: float, pre: int = 4096, post: int = 500
 ) -> Tensor:
-    """Rows of the boxes that survive, highest score first, shape (K,), int64.
+    """Rows of boxes (N, 7) with scores (N,) that survive, highest score first, (K,) int64.
 
     A box is dropped if its IoU from above with a kept box of higher score is greater than
-    `threshold`. Equal scores keep their order.
+    `threshold`. Equal scores keep their order. Only the `pre` highest scores take part, at most
+    `post` boxes are kept (OpenPCDet's NMS_PRE_MAXSIZE and NMS_POST_MAXSIZE).
 
-    Args:
-        boxes: (N, 7), metres and radians, any frame with z up.
-        scores: (N,).
-        threshold: largest IoU that two kept boxes may have, at least 0.
-        pre: only the so many highest scores take part (OpenPCDet's NMS_PRE_MAXSIZE).
-        post: at most so many are kept (NMS_POST_MAXSIZE).
-
-    Raises:
-        ValueError: a box that takes part has a negative size or is not finite.
+    Raises ValueError if a box that takes part has a negative size or is not finite.
     """
     order = scores.detach().argsort(descending=True, stable=True)[:pre]
     best = boxes.detach()[order]
@@ -38,9 +30,9 @@ def nms(
 def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
     """Rows left when each kept box removes the later ones that overlap it.
 
-    All boxes are kept at first; then each is kept if no kept one before it overlaps it, again and
-    again until nothing changes. That ends with the sequential result after as many rounds as the
-    longest chain of boxes has links, few in practice (Zheng et al., Cluster NMS, 2020).
+    All are kept at first; then each that no kept one before it overlaps, again and again until
+    nothing changes: as many rounds as the longest chain of boxes has links, few in practice (Zheng
+    et al., Cluster NMS, 2020).
     """
     boxes = checked(boxes)
     count = len(boxes)
@@ -49,10 +41,9 @@ def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
     step = max(1, _CHUNK // max(1, count))
     for low in range(0, count, step):
         own = slice(low, low + step)
-        # The smaller over the larger is at least the IoU; the slack is for rounding.
-        alike = torch.minimum(size[own, None], size) >= (threshold - 1e-9) * torch.maximum(
-            size[own, None], size
-        )
+        smaller, larger = torch.minimum(size[own, None], size), torch.maximum(size[own, None], size)
+        # Their quotient is at least the IoU; the slack is for rounding.
+        alike = smaller >= (threshold - 1e-9) * larger
         row, column = (near(boxes[own], boxes) & alike).triu(low + 1).nonzero(as_tuple=True)
         row = low + row
         overlaps[row, column] = pair_iou(boxes[row], boxes[column], three_d=False) > threshold

@@ -5,21 +5,24 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.rotation import cos_sin
 
-MARGIN = 1e-5
-"""A point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel."""
-_CHUNK = 1 << 24
-"""Pairs that the torch path holds at once."""
-_CELLS = 64
-"""Cells along each side of the square around all boxes."""
+MARGIN = 1e-5  # a point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel
+_CHUNK = 1 << 24  # pairs that the torch path holds at once
+_CELLS = 64  # cells along each side of the square around all boxes
+
+
+def cos_sin(yaw: Tensor) -> tuple[Tensor, Tensor]:
+    """Cosine and sine of angles, radians, in their shape and dtype. Gradients flow.
+
+    Libraries of mathematical functions differ in the last bit, and so would points on the border of
+    a box. Rounded from double precision, float32 values differ in one of 10⁸ cases.
+    """
+    wide = yaw.double()
+    return torch.cos(wide).to(yaw.dtype), torch.sin(wide).to(yaw.dtype)
 
 
 def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
-    """The first of the boxes (M, 7) that each point lies in, -1 if none, (N,) int64.
-
-    The columns of `points` are x, y, z and maybe more.
-    """
+    """The first of the boxes (M, 7) that each point x, y, z, … lies in, -1 if none, (N,) int64."""
     search = _first_box_numba if points.is_cpu else _first_box_torch
     return search(points.detach(), boxes.detach().to(points))
 
@@ -43,11 +46,9 @@ def _first_box_kernel(points, boxes, cosine, sine, margin, out):
     # Most points are in a cell, seen from above, that no box comes near.
     cells = np.zeros((_CELLS, _CELLS), np.bool_)
     for k in range(count):
-        x0 = _cell(x[k] - reach_x[k], low_x, by_x) - 1
-        x1 = _cell(x[k] + reach_x[k], low_x, by_x) + 2
-        y0 = _cell(y[k] - reach_y[k], low_y, by_y) - 1
-        y1 = _cell(y[k] + reach_y[k], low_y, by_y) + 2
-        cells[max(x0, 0) : x1, max(y0, 0) : y1] = True
+        x0, x1 = _cell(x[k] - reach_x[k], low_x, by_x), _cell(x[k] + reach_x[k], low_x, by_x)
+        y0, y1 = _cell(y[k] - reach_y[k], low_y, by_y), _cell(y[k] + reach_y[k], low_y, by_y)
+        cells[max(x0 - 1, 0) : x1 + 2, max(y0 - 1, 0) : y1 + 2] = True
     for i in range(len(points)):
         if not cells[_cell(points[i, 0], low_x, by_x), _cell(points[i, 1], low_y, by_y)]:
             continue
@@ -95,8 +96,6 @@ def inside_boxes(points: Tensor, boxes: Tensor) -> Tensor:
     x, y, z, length, width, height, yaw = boxes[:, :, None].unbind(dim=1)
     dx, dy, dz = points[:, 0] - x, points[:, 1] - y, points[:, 2] - z
     cosine, sine = cos_sin(yaw)
-    u = dx * cosine + dy * sine
-    v = dy * cosine - dx * sine
-    return (
-        (u.abs() < length / 2 + MARGIN) & (v.abs() < width / 2 + MARGIN) & (dz.abs() <= height / 2)
-    )
+    along = (dx * cosine + dy * sine).abs() < length / 2 + MARGIN
+    across = (dy * cosine - dx * sine).abs() < width / 2 + MARGIN
+    return along & across & (dz.abs() <= height / 2)

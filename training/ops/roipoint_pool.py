@@ -5,30 +5,21 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.first_hits import first_hits
-from training.ops.grouping import group
-from training.ops.points_in_boxes import MARGIN, inside_boxes
-from training.ops.rotation import cos_sin
+from training.ops.grouping import first_hits, group
+from training.ops.points_in_boxes import MARGIN, cos_sin, inside_boxes
 
-_CHUNK = 1 << 24
-"""Pairs that the torch path holds at once."""
+_CHUNK = 1 << 24  # pairs that the torch path holds at once
 
 
 def roipoint_pool(
     points: Tensor, features: Tensor, boxes: Tensor, samples: int, extra: float
 ) -> tuple[Tensor, Tensor]:
-    """Coordinates and features of the first points of a frame, in their order, in each box.
+    """The first S of the finite points (N, 3) of a frame, in their order, in each box (R, 7).
 
-    Args:
-        points: (N, 3), finite.
-        features: of the points, (N, C).
-        boxes: (R, 7).
-        samples: S, points to return for a box; a box with fewer repeats them in their order.
-        extra: added to length, width and height before the search, metres.
+    A box with fewer repeats them in their order; `extra` metres are added to its sides before.
 
-    Returns:
-        (R, S, 3 + C), coordinates first, zeros where there is no point; and which boxes are empty,
-        (R,) bool. Gradients flow to `features`.
+    Returns coordinates and features, (R, S, 3 + C), zeros where there is no point; and which boxes
+    are empty, (R,) bool. Gradients flow to `features` (N, C).
     """
     large = boxes.detach().to(points).clone()
     large[:, 3:6] += extra

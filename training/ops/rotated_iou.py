@@ -7,9 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.base.kernel_cache import njit
 
-BoxArray = NDArray[np.float64]
-"""Boxes (N, 7): x, y, z of the centre, length, width, height in metres, yaw in radians."""
-
 
 @njit(cache=True)
 def _clip(xs, ys, count, axis, sign, limit, xs_out, ys_out):
@@ -35,14 +32,14 @@ def _clip(xs, ys, count, axis, sign, limit, xs_out, ys_out):
 
 
 @njit(cache=True)
-def _bev_intersection(a, b, xs, ys, xs_out, ys_out):
-    """Area common to two rotated rectangles; the last four are work space of 8 or more.
+def _bev_intersection(a, b, work):
+    """Area common to two rotated rectangles; `work` is space (4, 8) or more.
 
     Works in the frame of `a`, so that far coordinates cost no digits and `a` is a plain interval
     in x and in y.
     """
-    dx = b[0] - a[0]
-    dy = b[1] - a[1]
+    xs, ys, xs_out, ys_out = work[0], work[1], work[2], work[3]
+    dx, dy = b[0] - a[0], b[1] - a[1]
     reach = math.hypot(a[3], a[4]) + math.hypot(b[3], b[4])
     if 4 * (dx * dx + dy * dy) > reach * reach:
         return 0.0
@@ -60,17 +57,16 @@ def _bev_intersection(a, b, xs, ys, xs_out, ys_out):
     count = _clip(xs, ys, count, 1, 1.0, 0.5 * a[4], xs_out, ys_out)
     count = _clip(xs_out, ys_out, count, 1, -1.0, 0.5 * a[4], xs, ys)
     area = 0.0
-    for i in range(
-        1, count - 1
-    ):  # a fan of triangles from vertex 0: small numbers, no cancellation
+    # A fan of triangles from vertex 0: small numbers, no cancellation.
+    for i in range(1, count - 1):
         area += (xs[i] - xs[0]) * (ys[i + 1] - ys[0]) - (xs[i + 1] - xs[0]) * (ys[i] - ys[0])
     # Rounding must not make the common part larger than either box.
     return min(0.5 * abs(area), a[3] * a[4], b[3] * b[4])
 
 
 @njit(cache=True)
-def _iou(a, b, three_d, xs, ys, xs_out, ys_out):
-    common = _bev_intersection(a, b, xs, ys, xs_out, ys_out)
+def _iou(a, b, three_d, work):
+    common = _bev_intersection(a, b, work)
     size_a, size_b = a[3] * a[4], b[3] * b[4]
     if three_d:
         top = min(a[2] + 0.5 * a[5], b[2] + 0.5 * b[5])
@@ -86,7 +82,7 @@ def _pair_kernel(a, b, three_d) -> NDArray[np.float64]:
     work = np.empty((4, 16))
     out = np.empty(len(a))
     for i in range(len(a)):
-        out[i] = _iou(a[i], b[i], three_d, work[0], work[1], work[2], work[3])
+        out[i] = _iou(a[i], b[i], three_d, work)
     return out
 
 
@@ -96,17 +92,7 @@ def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
     out = np.empty((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):
-            out[i, j] = _iou(a[i], b[j], three_d, work[0], work[1], work[2], work[3])
-    return out
-
-
-@njit(cache=True)
-def _area_kernel(a, b) -> NDArray[np.float64]:
-    work = np.empty((4, 16))
-    out = np.empty((len(a), len(b)))
-    for i in range(len(a)):
-        for j in range(len(b)):
-            out[i, j] = _bev_intersection(a[i], b[j], work[0], work[1], work[2], work[3])
+            out[i, j] = _iou(a[i], b[j], three_d, work)
     return out
 
 
@@ -116,14 +102,11 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
 
     No trigonometry and no clipping, and false for almost all pairs that do not exceed it.
     """
-    dx = b[0] - a[0]
-    dy = b[1] - a[1]
-    x = abs(cos_a * dx + sin_a * dy)
-    y = abs(cos_a * dy - sin_a * dx)
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    x, y = abs(cos_a * dx + sin_a * dy), abs(cos_a * dy - sin_a * dx)
     cos = abs(cos_a * cos_b + sin_a * sin_b)
     sin = abs(cos_a * sin_b - sin_a * cos_b)
-    half_x = 0.5 * (cos * b[3] + sin * b[4])
-    half_y = 0.5 * (sin * b[3] + cos * b[4])
+    half_x, half_y = 0.5 * (cos * b[3] + sin * b[4]), 0.5 * (sin * b[3] + cos * b[4])
     wide = min(0.5 * a[3] + half_x - x, a[3], 2 * half_x)
     deep = min(0.5 * a[4] + half_y - y, a[4], 2 * half_y)
     if wide < 0 or deep < 0:
@@ -164,8 +147,7 @@ def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
                 while free and k >= 0:
                     free = not (
                         _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
-                        and _iou(boxes[k], boxes[i], False, work[0], work[1], work[2], work[3])
-                        > threshold
+                        and _iou(boxes[k], boxes[i], False, work) > threshold
                     )
                     k = older[k]
         if free:
@@ -178,7 +160,7 @@ def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
     return kept[:found]
 
 
-def _checked(boxes: ArrayLike) -> BoxArray:
+def _checked(boxes: ArrayLike) -> NDArray[np.float64]:
     array = np.ascontiguousarray(boxes, np.float64)
     if array.ndim != 2 or array.shape[1] != 7:
         raise ValueError(
@@ -192,34 +174,25 @@ def _checked(boxes: ArrayLike) -> BoxArray:
     return array
 
 
-def bev_overlap(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-    """Area in m² that every box of `a` (N, 7) shares with every box of `b` (M, 7), from above.
-
-    Returns (N, M). Raises ValueError for a wrong shape, a negative size or a value not finite.
-    """
-    return _area_kernel(_checked(a), _checked(b))
-
-
 def iou_bev(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """Intersection over union from above of boxes `a` (N, 7) and `b` (M, 7), shape (N, M).
 
-    Two boxes without area have IoU 0. Raises ValueError as `bev_overlap` does.
+    Two boxes without area have IoU 0.
+
+    Raises ValueError for a wrong shape, a negative size or a value not finite.
     """
     return _matrix_kernel(_checked(a), _checked(b), False)
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-    """Intersection over union of the volumes of boxes `a` (N, 7) and `b` (M, 7), shape (N, M).
-
-    Two boxes without volume have IoU 0. Raises ValueError as `bev_overlap` does.
-    """
+    """`iou_bev` of volumes."""
     return _matrix_kernel(_checked(a), _checked(b), True)
 
 
 def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]:
     """IoU of row i of `a` (P, 7) with row i of `b` (P, 7), shape (P,), in 3D or from above.
 
-    Raises ValueError as `bev_overlap` does, and if the lengths differ.
+    Raises ValueError as `iou_bev` does, and if the lengths differ.
     """
     a, b = _checked(a), _checked(b)
     if len(a) != len(b):
@@ -230,7 +203,6 @@ def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]
 def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.int64]:
     """Rows of `boxes` (N, 7) left when each kept box removes the later ones that overlap it.
 
-    Boxes overlap when their IoU from above is greater than `threshold`, at least 0; at most `limit`
-    are kept.
+    So it does at an IoU from above greater than `threshold`, at least 0; at most `limit` are kept.
     """
     return _suppression_kernel(_checked(boxes), threshold, limit)

@@ -17,16 +17,10 @@ def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Te
     """Rows of points of which each is the furthest from those before it, starting with the first.
 
     PointNet++ (Qi et al., NeurIPS 2017), section 3.2. Of equally far points it takes the one that
-    OpenPCDet's CUDA kernel takes.
+    OpenPCDet's CUDA kernel takes. Points (N, 3) are finite, frame after frame, `counts` (B,) each.
 
-    Args:
-        xyz: points of frame after frame, (N, 3), finite.
-        counts: points of each frame, (B,), int64.
-        samples: points to choose from each frame.
-
-    Returns:
-        Rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer points
-        repeats its rows in their order. And the chosen points of each frame, (B,) int64.
+    Returns rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer
+    repeats its rows in their order. And the chosen points of each frame, (B,) int64.
     """
     search = _furthest_numba if xyz.is_cpu else _furthest_torch
     rows = search(xyz.detach(), counts.tolist(), samples)
@@ -66,18 +60,13 @@ def _furthest_kernel(xyz, chosen):
     for start in range(0, count, strip):
         part = rows[start : start + strip].copy()
         rows[start : start + strip] = part[np.argsort(xyz[part, 1])]
-    x, y, z = np.empty(count, xyz.dtype), np.empty(count, xyz.dtype), np.empty(count, xyz.dtype)
     low, high = np.empty((boxes, 3), xyz.dtype), np.empty((boxes, 3), xyz.dtype)
     for b in range(boxes):
-        rows[b * size : (b + 1) * size].sort()
-        for k in range(b * size, min((b + 1) * size, count)):
-            x[k], y[k], z[k] = xyz[rows[k], 0], xyz[rows[k], 1], xyz[rows[k], 2]
-            for axis in range(3):
-                value = xyz[rows[k], axis]
-                if k == b * size or value < low[b, axis]:
-                    low[b, axis] = value
-                if k == b * size or value > high[b, axis]:
-                    high[b, axis] = value
+        own = rows[b * size : (b + 1) * size]
+        own.sort()
+        for axis in range(3):
+            low[b, axis], high[b, axis] = xyz[own, axis].min(), xyz[own, axis].max()
+    x, y, z = xyz[rows, 0], xyz[rows, 1], xyz[rows, 2]
     distance = np.full(count, np.inf, xyz.dtype)
     furthest = np.full(boxes, np.inf, xyz.dtype)
     furthest_row = np.zeros(boxes, np.int64)

@@ -20,32 +20,18 @@ from training.ops.sparse_rules import Rules, Triple, output_shape, strided_rules
 
 @dataclass(frozen=True)
 class SparseTensor:
-    """Feature vectors at some sites of a grid; all others are zero.
+    """Feature vectors at some sites of a grid; all others are zero."""
 
-    Attributes:
-        features: shape (N, C).
-        coordinates: frame, z, y, x of each row, sorted, none twice, shape (N, 4), int64.
-        shape: cells of the grid along z, y, x.
-        frames: number of frames.
-        tables: of pairs of the submanifold convolutions on these sites, by kernel; made once,
-            shared by all tensors with these sites.
-    """
-
-    features: Tensor
-    coordinates: Tensor
-    shape: Triple
-    frames: int
+    features: Tensor  # shape (N, C)
+    coordinates: Tensor  # frame, z, y, x of each row, sorted, none twice, shape (N, 4), int64
+    shape: Triple  # cells of the grid along z, y, x
+    frames: int  # number of frames
+    # Pairs of the submanifold convolutions on these sites, by kernel; shared by tensors with these
     tables: dict[Triple, Rules] = field(default_factory=dict, repr=False, compare=False)
 
     def with_features(self, features: Tensor) -> "SparseTensor":
         """Other features (N, C') at the same sites."""
         return replace(self, features=features)
-
-    def dense(self) -> Tensor:
-        """All cells, shape (frames, C, nz, ny, nx)."""
-        grid = self.features.new_zeros(self.frames, *self.shape, self.features.shape[1])
-        grid = grid.index_put(tuple(self.coordinates.unbind(dim=1)), self.features)
-        return grid.permute(0, 4, 1, 2, 3)
 
     def bev(self) -> Tensor:
         """Seen from above, heights stacked as channels c * nz + z: (frames, C * nz, ny, nx)."""
@@ -68,12 +54,8 @@ class _Convolution(torch.autograd.Function):
         ctx.save_for_backward(features, weight)
         ctx.rules = rules  # type: ignore[attr-defined]
         products = features.new_empty(len(rules.inputs), len(weight))
-        for rows, matrix, product in zip(
-            rules.inputs.split(rules.counts),
-            weight.unbind(dim=1),
-            products.split(rules.counts),
-            strict=True,
-        ):
+        split = (own.split(rules.counts) for own in (rules.inputs, products))
+        for matrix, rows, product in zip(weight.unbind(dim=1), *split, strict=True):
             torch.mm(features.index_select(0, rows), matrix.t(), out=product)
         return _segment_sum(products, *rules.by_output)
 
@@ -108,7 +90,7 @@ def _segment_sum(rows: Tensor, order: Tensor, starts: Tensor) -> Tensor:
 class _SparseConvolution(nn.Module):
     """Weights (out, kz, ky, kx, in) without bias, the layout of spconv 2."""
 
-    def __init__(self, inputs: int, outputs: int, kernel: Triple) -> None:
+    def __init__(self, inputs: int, outputs: int, kernel: Triple = (3, 3, 3)) -> None:
         super().__init__()
         self.kernel = kernel
         bound = 1 / math.sqrt(inputs * math.prod(kernel))
@@ -127,18 +109,8 @@ class _SparseConvolution(nn.Module):
 class SubmanifoldConv3d(_SparseConvolution):
     """A convolution with stride 1 whose output has exactly the sites of its input.
 
-    Args:
-        inputs, outputs: channels.
-        kernel: odd sizes along z, y, x.
-
-    Raises:
-        ValueError: an even size.
+    The sizes of its kernel are odd.
     """
-
-    def __init__(self, inputs: int, outputs: int, kernel: Triple = (3, 3, 3)) -> None:
-        if any(size % 2 == 0 for size in kernel):
-            raise ValueError(f"a submanifold convolution needs an odd kernel, found {kernel}")
-        super().__init__(inputs, outputs, kernel)
 
     def forward(self, x: SparseTensor) -> SparseTensor:
         """(N, inputs) to (N, outputs)."""
@@ -148,12 +120,7 @@ class SubmanifoldConv3d(_SparseConvolution):
 
 
 class SparseConv3d(_SparseConvolution):
-    """A convolution whose output has every site that some site of its input reaches.
-
-    Args:
-        inputs, outputs: channels.
-        kernel, stride, padding: along z, y, x.
-    """
+    """A convolution whose output has every site that some site of its input reaches."""
 
     def __init__(
         self, inputs: int, outputs: int, kernel: Triple, stride: Triple, padding: Triple

@@ -13,35 +13,24 @@ from torch.nn import functional
 
 from lidarplace.base.kernel_cache import njit
 
-Triple = tuple[int, int, int]
-"""Along z, y, x."""
+Triple = tuple[int, int, int]  # along z, y, x
 
 
 @dataclass(frozen=True)
 class Rules:
-    """The pairs of one convolution between N input and M output rows.
+    """The pairs of one convolution between N input and M output rows."""
 
-    Attributes:
-        inputs, outputs: rows of the pairs, position after position, shape (P,), int64.
-        counts: pairs of each position.
-        by_input: order of the pairs by input row and where each row's begin, (P,) and (N + 1,).
-        by_output: the same by output row, (P,) and (M + 1,).
-    """
-
-    inputs: Tensor
-    outputs: Tensor
-    counts: tuple[int, ...]
-    by_input: tuple[Tensor, Tensor]
-    by_output: tuple[Tensor, Tensor]
+    inputs: Tensor  # rows of the pairs, position after position, shape (P,), int64
+    outputs: Tensor  # the same
+    counts: tuple[int, ...]  # pairs of each position
+    by_input: tuple[Tensor, Tensor]  # order of the pairs, (P,), and where a row begins, (N + 1,)
+    by_output: tuple[Tensor, Tensor]  # the same by output row, (P,) and (M + 1,)
 
 
 def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rules:
     """Pairs of sites that are neighbours: input and output have the same sites.
 
-    Args:
-        coordinates: frame, z, y, x, sorted, shape (N, 4), int64.
-        shape: cells of the grid.
-        kernel: odd sizes.
+    Coordinates frame, z, y, x (N, 4), int64, are sorted, the sizes of `kernel` odd.
     """
     device = coordinates.device
     # A margin around the grid: what lies beyond an edge must not be taken for a cell of the next
@@ -56,18 +45,15 @@ def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rul
     # from the end. The position in the middle pairs every site with itself.
     steps = ((positions - reach) * strides[1:]).sum(dim=1)[: len(positions) // 2]
     if device.type == "cpu":
-        pairs = _neighbours_numba(keys.numpy(), steps.numpy())
-        inputs, outputs, half = (torch.from_numpy(item) for item in pairs)
+        found = _neighbours_numba(keys.numpy(), steps.numpy())
+        inputs, outputs, half = map(torch.from_numpy, found)
     else:
         inputs, outputs, half = _neighbours_torch(keys, steps)
-    same = torch.arange(len(keys), device=device)
-    counts = [*half.tolist(), len(keys), *half.flip(0).tolist()]
-    return _table(
-        torch.cat([inputs, same, outputs.flip(0)]),
-        torch.cat([outputs, same, inputs.flip(0)]),
-        counts,
-        (len(keys), len(keys)),
-    )
+    same, count = torch.arange(len(keys), device=device), len(keys)
+    counts = [*half.tolist(), count, *half.flip(0).tolist()]
+    pairs = ((inputs, outputs), (outputs, inputs))
+    inputs, outputs = (torch.cat([here, same, there.flip(0)]) for here, there in pairs)
+    return _table(inputs, outputs, counts, (count, count))
 
 
 def strided_rules(
@@ -75,23 +61,19 @@ def strided_rules(
 ) -> tuple[Rules, Tensor]:
     """Pairs, and the output's coordinates (M, 4): all cells whose window holds a site."""
     nz, ny, nx = output_shape(shape, kernel, stride, padding)
+    geometry = (nz, ny, nx), kernel, stride, padding
     if coordinates.device.type == "cpu":
-        sizes = [np.array(item) for item in ((nz, ny, nx), kernel, stride, padding)]
-        inputs_array, keys, counts_array = _reached_numba(coordinates.numpy(), *sizes)
+        own, keys, per_position = _reached_numba(coordinates.numpy(), *map(np.array, geometry))
         found = np.unique(keys)
-        inputs, cells = torch.from_numpy(inputs_array), torch.from_numpy(found)
-        outputs = torch.from_numpy(_rows_numba(keys, counts_array, found))
-        counts = counts_array.tolist()
+        arrays = (own, _rows_numba(keys, per_position, found), per_position, found)
+        inputs, outputs, counts, cells = map(torch.from_numpy, arrays)
     else:
-        inputs, outputs, position_counts, cells = _reached_torch(
-            coordinates, (nz, ny, nx), kernel, stride, padding
-        )
-        counts = position_counts.tolist()
-    plane = torch.div(cells, nx, rounding_mode="floor")
-    level = torch.div(plane, ny, rounding_mode="floor")
-    frame = torch.div(level, nz, rounding_mode="floor")
+        inputs, outputs, counts, cells = _reached_torch(coordinates, *geometry)
+    plane, level, frame = (
+        torch.div(cells, count, rounding_mode="floor") for count in (nx, nx * ny, nx * ny * nz)
+    )
     reached = torch.stack([frame, level % nz, plane % ny, cells % nx], dim=1)
-    return _table(inputs, outputs, counts, (len(coordinates), len(cells))), reached
+    return _table(inputs, outputs, counts.tolist(), (len(coordinates), len(cells))), reached
 
 
 def output_shape(shape: Triple, kernel: Triple, stride: Triple, padding: Triple) -> Triple:
@@ -108,8 +90,8 @@ def _table(inputs: Tensor, outputs: Tensor, counts: list[int], rows: tuple[int, 
 def _by_row(rows: Tensor, count: int) -> tuple[Tensor, Tensor]:
     if rows.device.type != "cpu":
         return _by_row_torch(rows, count)
-    order, starts = _by_row_numba(rows.numpy(), count)
-    return torch.from_numpy(order), torch.from_numpy(starts)
+    order, starts = map(torch.from_numpy, _by_row_numba(rows.numpy(), count))
+    return order, starts
 
 
 @njit(cache=True)

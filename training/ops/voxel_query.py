@@ -5,10 +5,9 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.first_hits import first_hits, padded_with_first
+from training.ops.grouping import first_hits, padded_with_first
 
-_CHUNK = 1 << 22
-"""Voxels that the torch path looks up at once."""
+_CHUNK = 1 << 22  # voxels that the torch path looks up at once
 
 
 def voxel_query(
@@ -21,27 +20,22 @@ def voxel_query(
     new_xyz: Tensor,
     new_coordinates: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """For each new point the first occupied voxels, in their order, around its own and close by.
+    """For each new point the first S occupied voxels, in their order, around its own and close by.
 
     Args:
         max_range: most steps between the voxels along z, y, x.
         radius: largest distance of the centres, metres.
-        samples: S, neighbours to return.
         xyz: centres of the occupied voxels, (N, 3), finite.
         coordinates: their frame, z, y, x, (N, 4) int64, rows sorted and all different.
         shape: voxels of the grid along z, y, x.
         new_xyz: points, (M, 3), finite.
         new_coordinates: frame, z, y, x of their voxels, (M, 4) int64; they may lie outside.
 
-    Returns:
-        Rows of `xyz`, (M, S) int64; the first repeats where there are fewer, all are 0 where there
-        is none. And which new points have no neighbour, (M,) bool.
+    Returns rows and which new points have no neighbour, as `ball_query` does.
     """
     search = _query_numba if xyz.is_cpu else _query_torch
-    return search(
-        max_range, radius, samples, xyz.detach(), coordinates, shape, new_xyz.detach(),
-        new_coordinates,
-    )  # fmt: skip
+    voxels, places = (xyz.detach(), coordinates, shape), (new_xyz.detach(), new_coordinates)
+    return search(max_range, radius, samples, *voxels, *places)
 
 
 @njit(cache=True)
@@ -78,20 +72,11 @@ def _query_kernel(reach, squared, xyz, coordinates, shape, new_xyz, new_coordina
 def _query_numba(
     max_range, radius, samples, xyz, coordinates, shape, new_xyz, new_coordinates
 ) -> tuple[Tensor, Tensor]:
-    points = xyz.contiguous().numpy()
-    idx = np.zeros((len(new_xyz), samples), np.int64)
-    empty = np.empty(len(new_xyz), bool)
-    _query_kernel(
-        tuple(max_range),
-        points.dtype.type(radius) * points.dtype.type(radius),
-        points,
-        coordinates.contiguous().numpy(),
-        tuple(shape),
-        new_xyz.contiguous().numpy(),
-        new_coordinates.contiguous().numpy(),
-        idx,
-        empty,
-    )
+    points, voxels = xyz.contiguous().numpy(), coordinates.contiguous().numpy()
+    places = new_xyz.contiguous().numpy(), new_coordinates.contiguous().numpy()
+    idx, empty = np.zeros((len(new_xyz), samples), np.int64), np.empty(len(new_xyz), bool)
+    squared = points.dtype.type(radius) * points.dtype.type(radius)
+    _query_kernel(tuple(max_range), squared, points, voxels, tuple(shape), *places, idx, empty)
     return torch.from_numpy(idx), torch.from_numpy(empty)
 
 

@@ -1,5 +1,6 @@
 """The 2D convolutional backbone of SECOND and PointPillars."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -8,36 +9,24 @@ from torch import Tensor, nn
 
 @dataclass(frozen=True)
 class BackboneSettings:
-    """Blocks of convolutions, each followed by an up-sampling branch.
+    """Blocks of convolutions, each followed by an up-sampling branch."""
 
-    Attributes:
-        layers: 3 × 3 convolutions of each block after its first.
-        strides: of each block's first convolution.
-        filters: channels of each block.
-        upsample_strides: how far each block's output is enlarged.
-        upsample_filters: channels that each block contributes to the output.
-        momentum: of batch norm.
-    """
-
-    layers: tuple[int, ...]
-    strides: tuple[int, ...]
-    filters: tuple[int, ...]
-    upsample_strides: tuple[int, ...]
-    upsample_filters: tuple[int, ...]
-    momentum: float = 0.01
+    layers: tuple[int, ...]  # 3 × 3 convolutions of each block after its first
+    strides: tuple[int, ...]  # of each block's first convolution
+    filters: tuple[int, ...]  # channels of each block
+    up_strides: tuple[int, ...]  # how far each block's output is enlarged
+    up_filters: tuple[int, ...]  # channels that each block contributes to the output
+    momentum: float = 0.01  # of batch norm
 
     @property
     def total_stride(self) -> int:
         """The input's height and width must be multiples of this."""
-        total = 1
-        for stride in self.strides:
-            total *= stride
-        return total
+        return math.prod(self.strides)
 
     @property
     def outputs(self) -> int:
         """Channels of the output."""
-        return sum(self.upsample_filters)
+        return sum(self.up_filters)
 
 
 class Backbone2d(nn.Module):
@@ -59,17 +48,13 @@ class Backbone2d(nn.Module):
                 layers.append(nn.Conv2d(filters, filters, 3, padding=1, bias=False))
                 layers.extend(_norm_relu(filters, settings.momentum))
             self.blocks.append(nn.Sequential(*layers))
-            up, out = settings.upsample_strides[i], settings.upsample_filters[i]
-            self.deblocks.append(
-                nn.Sequential(
-                    nn.ConvTranspose2d(filters, out, up, up, bias=False),
-                    *_norm_relu(out, settings.momentum),
-                )
-            )
+            up, out = settings.up_strides[i], settings.up_filters[i]
+            enlarge = nn.ConvTranspose2d(filters, out, up, up, bias=False)
+            self.deblocks.append(nn.Sequential(enlarge, *_norm_relu(out, settings.momentum)))
             channels = filters
 
     def forward(self, image: Tensor) -> Tensor:
-        """(B, inputs, H, W) to (B, outputs, h, w), h = H / strides[0] * upsample_strides[0]."""
+        """(B, inputs, H, W) to (B, outputs, h, w), h = H / strides[0] * up_strides[0]."""
         branches = []
         for block, deblock in zip(self.blocks, self.deblocks, strict=True):
             image = block(image)

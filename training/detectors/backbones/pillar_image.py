@@ -1,19 +1,18 @@
 """The image of pillars in one pass over the points, on a CPU.
 
-What `group`, `PillarEncoder` and `scatter` do one after the other, without a row for every point. A
-point's features are linear in ten terms: its offset from the pillar's centre (3) and its intensity,
-and what all points of the pillar share: its centre (3), and the offset of the mean of its points
-from there (3). Batch norm keeps or turns round the order of the values of a channel. So the maximum
-over the pillar is that of four products a point and channel, the rest is added once, and statistics
-of a batch follow from the sums of the terms and of their products. A maximum asks for no order:
-points stay unsorted.
+What `group`, `PillarEncoder` and `scatter` do, without a row for every point. A point's features
+are linear in ten terms: its offset from the pillar's centre (3), its intensity, and what all points
+of the pillar share: its centre (3), and the offset of their mean from there (3). Batch norm keeps
+or turns round the order of the values of a channel. So the maximum over the pillar is that of four
+products a point and channel, the rest is added once, and statistics of a batch follow from the sums
+of the terms and of their products. Points stay unsorted.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -33,8 +32,7 @@ from training.detectors.layers import PaddedBatchNorm
 def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     """Pillars of frames of points (N, 4) as an image (frames, C, ny, nx), channels last in memory.
 
-    That of `scatter`, up to rounding, in the dtype of the encoder's weights. These are on a CPU;
-    gradients flow to them, not to the points.
+    That of `scatter`, up to rounding. Gradients flow to the encoder's weights, not to the points.
     """
     layer = cast(PillarFeatureLayer, encoder.pfn_layers[0])
     norm, grid = layer.norm, encoder.grid
@@ -44,24 +42,6 @@ def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     learns = norm.training or torch.is_grad_enabled()
     features, cells = _Features.apply(*parameters, points, ends, grid, norm, learns)
     return scatter(features, cells, len(frames), grid)
-
-
-class _Pillars(NamedTuple):
-    """Pillars, as compiled code finds them.
-
-    Attributes:
-        cells: as of `PillarBatch`, shape (P,), int64.
-        counts: points of each, shape (P,), int64.
-        sums: of the offset from the centre and of intensity over its points, shape (P, 4), float64.
-        best: largest sum of the four products, shape (P, C).
-        winner: row of the point that has it, shape (P, C), int32; anything where nothing is learnt.
-    """
-
-    cells: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    sums: NDArray[np.float64]
-    best: NDArray[np.floating]
-    winner: NDArray[np.int32]
 
 
 class _Features(torch.autograd.Function):
@@ -96,34 +76,24 @@ class _Features(torch.autograd.Function):
         x, _, z = grid.centres(torch.arange(grid.shape[0])).T.numpy()
         _, y, _ = grid.centres(grid.shape[0] * torch.arange(grid.shape[1])).T.numpy()
         products = np.zeros((4, 4) if learns else (0, 0))
-        pillars = _Pillars(
-            *_collect(
-                points,
-                grid.cells(points),
-                ends,
-                (x, y, z[0]),
-                grid.limits(norm.training),
-                np.ascontiguousarray((sign[:, None] * moving).T),
-                products,
-            )
-        )
-        column, row = pillars.cells % len(x), pillars.cells // len(x) % len(y)
+        signed = np.ascontiguousarray((sign[:, None] * moving).T)
+        of_points, centre, limits = grid.cells(points), (x, y, z[0]), grid.limits(norm.training)
+        pillars = _collect(points, of_points, ends, centre, limits, signed, products)
+        cells, counts, sums, raw, winner = pillars
+        column, row = cells % len(x), cells // len(x) % len(y)
         centres = np.stack([x[column], y[row], np.full(len(row), z[0])], axis=1)
-        rest = np.hstack([centres, pillars.sums[:, :3] / pillars.counts[:, None]])
-        raw = pillars.best  # from here on in place: these are the large arrays
-        raw *= sign
+        rest = np.hstack([centres, sums[:, :3] / counts[:, None]])
+        raw *= sign  # from here on in place: these are the large arrays
         raw += rest.astype(own.dtype) @ shared.T
-        rows = int(pillars.counts.sum())
+        rows = int(counts.sum())
         if grid.max_points:  # upstream fills a pillar up with rows of zeros
             rows = len(raw) * grid.max_points
-            zero = (pillars.counts < grid.max_points)[:, None] & (sign * raw < 0)
-            raw[zero], pillars.winner[zero] = 0, -1
+            zero = (counts < grid.max_points)[:, None] & (sign * raw < 0)
+            raw[zero], winner[zero] = 0, -1
         if learns:
-            total = np.hstack([pillars.sums.sum(axis=0), pillars.counts @ rest])
-            by_rest = pillars.sums.T @ rest
-            squares = np.block(
-                [[products, by_rest], [by_rest.T, rest.T @ (pillars.counts[:, None] * rest)]]
-            )
+            total = np.hstack([sums.sum(axis=0), counts @ rest])
+            by_rest, of_rest = sums.T @ rest, rest.T @ (counts[:, None] * rest)
+            squares = np.block([[products, by_rest], [by_rest.T, of_rest]])
             terms = np.hstack([moving, shared]).astype(np.float64)
         batch = norm.training and rows > 1  # one row has no variance
         if batch:
@@ -132,9 +102,8 @@ class _Features(torch.autograd.Function):
             variance = np.maximum(np.einsum("ci,ij,cj->c", terms, spread, terms), 0)
             norm.follow(torch.from_numpy(mean), torch.from_numpy(variance), rows)
         else:
-            mean, variance = (
-                cast(Tensor, t).numpy() for t in (norm.running_mean, norm.running_var)
-            )
+            running = (norm.running_mean, norm.running_var)
+            mean, variance = (cast(Tensor, item).numpy() for item in running)
         scale = 1 / np.sqrt(variance + norm.eps)
         raw -= mean.astype(own.dtype)
         raw *= scale.astype(own.dtype)
@@ -142,12 +111,12 @@ class _Features(torch.autograd.Function):
         out += beta.detach().numpy()
         np.maximum(out, 0, out=out)
         if learns:
-            ctx.kept = points, pillars.winner, centres, rest, raw, out
+            ctx.kept = points, winner, centres, rest, raw, out
             ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
             ctx.save_for_backward(gamma)
-        cells = torch.from_numpy(pillars.cells)
-        ctx.mark_non_differentiable(cells)
-        return torch.from_numpy(out), cells
+        found = torch.from_numpy(cells)
+        ctx.mark_non_differentiable(found)
+        return torch.from_numpy(out), found
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor, _: Any) -> tuple[Tensor | None, ...]:
@@ -171,10 +140,8 @@ class _Features(torch.autograd.Function):
 
 
 @njit(cache=True, error_model="numpy")
-def _collect(
-    points, cells, ends, centres, limits, weights, products
-):  # pragma: no cover - compiled
-    """The fields of `_Pillars`; adds the products of the four terms of all points to `products`.
+def _collect(points, cells, ends, centres, limits, weights, products):
+    """Pillars; adds the products of the four terms of all points to `products`.
 
     If that is empty, nothing is learnt.
 
@@ -184,6 +151,10 @@ def _collect(
         centres: x of every column of pillars, y of every row, and z.
         limits: points of a pillar, and pillars of a frame.
         weights: of the four terms, shape (4, C).
+
+    Returns their cells as of `PillarBatch`, and numbers of points, (P,); the sums of the offset
+    from the centre and of intensity over their points, (P, 4); the largest sum of the four
+    products, (P, C), and the row of its point, which is anything where nothing is learnt.
     """
     columns, rows, height = centres
     max_points, max_pillars = limits
@@ -238,7 +209,7 @@ def _collect(
 
 
 @njit(cache=True)
-def _sum_winners(points, centres, winner, gradient):  # pragma: no cover - compiled
+def _sum_winners(points, centres, winner, gradient):
     """Sum of the four terms of the winners times their gradients, shape (C, 4), float64."""
     total = np.zeros((winner.shape[1], 4))
     for p in range(len(winner)):

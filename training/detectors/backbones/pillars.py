@@ -1,10 +1,11 @@
 """Pillars: points grouped by cell of a horizontal grid, encoded by a small PointNet.
 
-PointPillars (Lang et al., CVPR 2019), section 2.1. Points are never padded to a fixed number per
-pillar; what upstream's padding does to the result (the zero rows go through batch norm and take
-part in the maximum) is accounted for in closed form.
+PointPillars (Lang et al., CVPR 2019), section 2.1. Upstream pads the points of a pillar to a fixed
+number: zero rows go through batch norm and take part in the maximum. Here this is done in closed
+form.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,19 +22,12 @@ from training.detectors.layers import PaddedBatchNorm
 
 @dataclass(frozen=True)
 class PillarGrid:
-    """A horizontal grid over a range.
+    """A horizontal grid over a range."""
 
-    Attributes:
-        point_range: lowest and highest corner, metres; a whole number of cells in x and y.
-        size: edge of a pillar in x and y, metres.
-        max_points: points of a pillar beyond this number are dropped; None keeps all.
-        max_pillars: further pillars are dropped, in training and in evaluation; None keeps all.
-    """
-
-    point_range: PointRange
-    size: tuple[float, float]
-    max_points: int | None = None
-    max_pillars: tuple[int, int] | None = None
+    point_range: PointRange  # lowest and highest corner, metres; a whole number of cells in x and y
+    size: tuple[float, float]  # edge of a pillar in x and y, metres
+    max_points: int | None = None  # points of a pillar beyond this number are dropped
+    max_pillars: tuple[int, int] | None = None  # so are pillars, in training and in evaluation
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -67,21 +61,12 @@ class PillarGrid:
 
 @dataclass(frozen=True)
 class PillarBatch:
-    """Points of a batch of frames that lie in pillars, pillar after pillar.
+    """Points of a batch of frames that lie in pillars, pillar after pillar."""
 
-    Attributes:
-        points: x, y, z, intensity, shape (N, 4), float32.
-        pillar: pillar of each point, not decreasing, shape (N,), int64.
-        counts: points of each pillar, shape (P,), int64.
-        cells: frame * ny * nx + iy * nx + ix of each pillar, shape (P,), int64.
-        frames: number of frames.
-    """
-
-    points: Tensor
-    pillar: Tensor
-    counts: Tensor
-    cells: Tensor
-    frames: int
+    points: Tensor  # x, y, z, intensity, shape (N, 4), float32
+    pillar: Tensor  # pillar of each point, not decreasing, shape (N,), int64
+    counts: Tensor  # points of each pillar, shape (P,), int64
+    cells: Tensor  # frame * ny * nx + iy * nx + ix of each pillar, shape (P,), int64
 
 
 # Without Python's check for a division by zero the loop becomes vector code.
@@ -137,26 +122,18 @@ def group(
     frames: Sequence[Tensor], grid: PillarGrid, training: bool, device: torch.device
 ) -> PillarBatch:
     """Group the points (N, 4) of each frame into pillars; points outside the range are dropped."""
-    nx, ny = grid.shape
-    points: list[NDArray[np.float32]] = []
-    cells: list[NDArray[np.int64]] = []
-    counts: list[NDArray[np.int64]] = []
+    every = math.prod(grid.shape)
+    found = []
     for i, frame in enumerate(frames):
         array = frame.detach().cpu().numpy().astype(np.float32, copy=False)
-        grouped, cell, count = _group_kernel(
-            array, grid.cells(array), nx * ny, *grid.limits(training)
+        points, cells, counts = _group_kernel(
+            array, grid.cells(array), every, *grid.limits(training)
         )
-        points.append(grouped)
-        cells.append(cell + i * nx * ny)
-        counts.append(count)
-    all_counts = torch.from_numpy(np.concatenate(counts)).to(device)
-    return PillarBatch(
-        points=torch.from_numpy(np.concatenate(points)).to(device),
-        pillar=torch.repeat_interleave(all_counts),
-        counts=all_counts,
-        cells=torch.from_numpy(np.concatenate(cells)).to(device),
-        frames=len(frames),
+        found.append((points, cells + i * every, counts))
+    points, cells, counts = (
+        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*found, strict=True)
     )
+    return PillarBatch(points, torch.repeat_interleave(counts), counts, cells)
 
 
 class PillarFeatureLayer(nn.Module):
@@ -208,11 +185,9 @@ class PillarEncoder(nn.Module):
         xyz = batch.points[:, :3]
         sums = xyz.new_zeros(len(batch.counts), 3).index_add_(0, batch.pillar, xyz)
         means = sums / batch.counts[:, None]
-        nx, ny = self.grid.shape
-        centres = self.grid.centres(batch.cells % (nx * ny))
-        features = torch.cat(
-            [batch.points, xyz - means[batch.pillar], xyz - centres[batch.pillar]], dim=1
-        )
+        centres = self.grid.centres(batch.cells % math.prod(self.grid.shape))
+        offsets = [xyz - own[batch.pillar] for own in (means, centres)]
+        features: Tensor = torch.cat([batch.points, *offsets], dim=1)
         for layer in self.pfn_layers:
             features = layer(features, batch, self.grid.max_points)
         return features

@@ -5,8 +5,7 @@ from torch import Tensor
 
 from training.detectors.detector import PointRange
 
-NEAR = 40.0
-"""Points beyond this distance are few and all kept where possible, metres."""
+NEAR = 40.0  # points beyond this distance are few and all kept where possible, metres
 
 
 def within(points: Tensor, point_range: PointRange) -> Tensor:
@@ -14,24 +13,19 @@ def within(points: Tensor, point_range: PointRange) -> Tensor:
 
     At any height, as in OpenPCDet: only voxels end at the range's top and bottom.
     """
-    low, high = (
-        torch.tensor(corner, dtype=points.dtype, device=points.device)
-        for corner in (point_range[:2], point_range[3:5])
-    )
-    place = points[:, :2]
-    inside = ((place >= low) & (place <= high)).all(dim=1) & points.isfinite().all(dim=1)
-    return points[inside]
+    low, high = points.new_tensor(point_range[:2]), points.new_tensor(point_range[3:5])
+    inside = ((points[:, :2] >= low) & (points[:, :2] <= high)).all(dim=1)
+    return points[inside & points.isfinite().all(dim=1)]
 
 
 def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
     """Exactly `number` rows of `points` (N, 4) in random order, as OpenPCDet's `sample_points`.
 
     Too many: all farther than NEAR and a random choice of the others; if the far ones alone are too
-    many, a random choice of all. Too few: every point as often as another, but for one time. None:
-    none.
+    many, a random choice of all. Too few: every point as often as another, but for one time.
 
-    Training draws from torch's default generator. Evaluation always makes the same choice for the
-    same numbers of points, and takes exactly `number` points as they are.
+    Training draws from torch's default generator. Evaluation makes the same choice for the same
+    numbers of points, and takes exactly `number` points as they are.
     """
     count = len(points)
     if count == 0 or (count == number and not training):

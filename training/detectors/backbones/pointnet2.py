@@ -9,19 +9,16 @@ from dataclasses import dataclass
 from torch import Tensor, nn
 from torch.nn import functional
 
-from training.detectors.backbones.set_abstraction import PointMlp, SetAbstraction
+from training.detectors.backbones.set_abstraction import BallSettings, PointMlp, SetAbstraction
 from training.ops.interpolation import interpolate, inverse_distance_weights, three_nn
 from training.ops.sampling import furthest_point_sample
 
 
 @dataclass(frozen=True)
-class AbstractionSettings:
-    """One level of set abstraction: how many places, and the scales of `SetAbstraction`."""
+class AbstractionSettings(BallSettings):
+    """One level of set abstraction."""
 
-    places: int
-    radii: tuple[float, ...]
-    samples: tuple[int, ...]
-    mlps: tuple[tuple[int, ...], ...]
+    places: int  # chosen from the points of a frame
 
 
 @dataclass(frozen=True)
@@ -33,13 +30,7 @@ class PointNet2Settings:
 
 
 class FeaturePropagation(nn.Module):
-    """Features of points from those of fewer places, interpolated, and their own.
-
-    Args:
-        inputs: features of a place.
-        skip: features that a point already has.
-        mlp: outputs of the layers.
-    """
+    """Features of points from the `inputs` of fewer places, interpolated, and their own `skip`."""
 
     def __init__(self, inputs: int, skip: int, mlp: Sequence[int]) -> None:
         super().__init__()
@@ -55,12 +46,7 @@ class FeaturePropagation(nn.Module):
         place_counts: Tensor,
         place_features: Tensor,
     ) -> Tensor:
-        """Features (N, mlp[-1]) of the points.
-
-        Args:
-            xyz, counts, features: points (N, 3), per frame (B,), what they have (N, skip).
-            places, place_counts, place_features: the same of the places, (M, inputs).
-        """
+        """Features (N, mlp[-1]) of points xyz (N, 3), `counts` (B,) a frame, with `features`."""
         own = functional.linear(features, self.mlp.first[:, self.inputs :])
         distance, idx = three_nn(xyz, counts, places, place_counts)
         # Convolution and interpolation are both linear: places are fewer than points.
@@ -79,7 +65,7 @@ class PointNet2(nn.Module):
         self.SA_modules = nn.ModuleList()
         channels = [inputs]
         for level in settings.levels:
-            module = SetAbstraction(channels[-1], level.radii, level.samples, level.mlps)
+            module = SetAbstraction(channels[-1], level)
             self.SA_modules.append(module)
             channels.append(module.outputs)
         below = [*(mlp[-1] for mlp in settings.propagation[1:]), channels[-1]]
@@ -89,10 +75,7 @@ class PointNet2(nn.Module):
         )
 
     def forward(self, xyz: Tensor, counts: Tensor, features: Tensor) -> Tensor:
-        """Features (N, outputs) of points xyz (N, 3), `counts` (B,) of them in each frame.
-
-        `features` (N, inputs) are those that the points bring.
-        """
+        """Features (N, outputs) of points xyz (N, 3), `counts` (B,) a frame, with `features`."""
         levels = [(xyz, counts, features)]
         for places, module in zip(self.places, self.SA_modules, strict=True):
             xyz, counts, features = levels[-1]

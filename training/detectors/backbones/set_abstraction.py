@@ -5,6 +5,7 @@ frame after those of another, and the number of rows of each.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
 
@@ -40,73 +41,48 @@ class PointMlp(nn.Sequential):
         return rows
 
 
+@dataclass(frozen=True)
+class BallSettings:
+    """Balls of several radii around the places of a SetAbstraction."""
+
+    radii: tuple[float, ...]  # metres
+    samples: tuple[int, ...]  # at most so many points of each ball, the first ones
+    mlps: tuple[tuple[int, ...], ...]  # outputs of the layers of each PointMlp
+
+
 class SetAbstraction(nn.Module):
-    """Features of places: at each of several scales, a PointMlp's maximum over the points nearby.
+    """Features of places: at each of several radii, a PointMlp's maximum over the points nearby.
 
-    A point enters with its offset from the place and its features. A ball without points enters
+    A point enters with its offset from the place and its `inputs`. A ball without points enters
     as one point whose offset and features are 0, as in OpenPCDet.
-
-    Args:
-        inputs: features of a point.
-        radii: of the balls, metres, one per scale.
-        samples: at most so many points of each ball, the first ones.
-        mlps: outputs of the layers of each scale's PointMlp.
     """
 
-    def __init__(
-        self,
-        inputs: int,
-        radii: Sequence[float],
-        samples: Sequence[int],
-        mlps: Sequence[Sequence[int]],
-    ) -> None:
+    def __init__(self, inputs: int, balls: BallSettings) -> None:
         super().__init__()
-        self.radii = tuple(radii)
-        self.samples = tuple(samples)
-        self.outputs = sum(mlp[-1] for mlp in mlps)
-        self.mlps = nn.ModuleList(PointMlp([3 + inputs, *mlp]) for mlp in mlps)
+        self.radii, self.samples = balls.radii, balls.samples
+        self.outputs = sum(mlp[-1] for mlp in balls.mlps)
+        self.mlps = nn.ModuleList(PointMlp([3 + inputs, *mlp]) for mlp in balls.mlps)
 
     def forward(
         self, xyz: Tensor, counts: Tensor, features: Tensor, new_xyz: Tensor, new_counts: Tensor
     ) -> Tensor:
-        """Features (M, outputs) of the places `new_xyz`.
+        """Features (M, outputs) of places `new_xyz` (M, 3) from points `xyz` (N, 3).
 
-        Args:
-            xyz: points (N, 3).
-            counts: points of each frame (B,), int64.
-            features: of the points (N, inputs).
-            new_xyz: places (M, 3).
-            new_counts: places of each frame (B,), int64.
+        `counts`, `new_counts`: points and places of each frame, (B,), int64.
         """
-        scales = zip(self.radii, self.samples, self.mlps, strict=True)
-        return torch.cat(
-            [
-                self._scale(*scale, xyz, counts, features, new_xyz, new_counts)  # type: ignore[arg-type]
-                for scale in scales
-            ],
-            dim=1,
-        )
-
-    @staticmethod
-    def _scale(
-        radius: float,
-        samples: int,
-        mlp: PointMlp,
-        xyz: Tensor,
-        counts: Tensor,
-        features: Tensor,
-        new_xyz: Tensor,
-        new_counts: Tensor,
-    ) -> Tensor:
-        idx, empty = ball_query(radius, samples, xyz, counts, new_xyz, new_counts)
-        offsets = group(xyz, idx) - new_xyz[:, None]
-        # The convolution is linear: its part in the features is computed once for each point, not
-        # once for each ball that has it. Offsets are small differences and must not be split.
-        rows = group(functional.linear(features, mlp.first[:, 3:]), idx)
-        rows += functional.linear(offsets, mlp.first[:, :3])
-        rows.masked_fill_(empty[:, None, None], 0)
-        rows = mlp.after_first(rows.flatten(0, 1))
-        return rows.view(len(new_xyz), samples, rows.shape[1]).max(dim=1).values
+        scales = []
+        for radius, samples, mlp in zip(self.radii, self.samples, self.mlps, strict=True):
+            assert isinstance(mlp, PointMlp)
+            idx, empty = ball_query(radius, samples, xyz, counts, new_xyz, new_counts)
+            offsets = group(xyz, idx) - new_xyz[:, None]
+            # The convolution is linear: its part in the features is computed once for each point,
+            # not once for each ball that has it. Offsets are small differences, never split.
+            rows = group(functional.linear(features, mlp.first[:, 3:]), idx)
+            rows += functional.linear(offsets, mlp.first[:, :3])
+            rows.masked_fill_(empty[:, None, None], 0)
+            rows = mlp.after_first(rows.flatten(0, 1))
+            scales.append(rows.view(len(new_xyz), samples, rows.shape[1]).max(dim=1).values)
+        return torch.cat(scales, dim=1)
 
 
 class GlobalAbstraction(nn.Module):

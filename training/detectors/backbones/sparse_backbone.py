@@ -7,8 +7,7 @@ from training.detectors.layers import PaddedBatchNorm
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
 from training.ops.sparse_rules import Triple
 
-STRIDE = 8
-"""Voxels along x or y per cell of the encoded grid."""
+STRIDE = 8  # voxels along x or y per cell of the encoded grid
 
 
 class SparseBlock(nn.Sequential):
@@ -30,11 +29,7 @@ class VoxelBackBone8x(nn.Module):
     """Sparse convolutions from voxels to a grid of 1/8 of their number in x and y.
 
     Yan et al., SECOND: sparsely embedded convolutional detection, Sensors 2018, section 3.1.2.
-
-    Args:
-        inputs: channels of a voxel.
-        channels: of the four scales and of the result.
-        momentum: of batch norm.
+    `channels` are those of the four scales and of the result.
     """
 
     def __init__(
@@ -45,34 +40,27 @@ class VoxelBackBone8x(nn.Module):
         def same(before: int, after: int) -> SparseBlock:
             return SparseBlock(SubmanifoldConv3d(before, after), momentum)
 
-        def halved(before: int, after: int, padding: Triple) -> SparseBlock:
-            return SparseBlock(SparseConv3d(before, after, (3, 3, 3), (2, 2, 2), padding), momentum)
+        def halved(before: int, after: int, padding: Triple) -> nn.Sequential:
+            down = SparseBlock(SparseConv3d(before, after, (3, 3, 3), (2, 2, 2), padding), momentum)
+            return nn.Sequential(down, same(after, after), same(after, after))
 
         one, two, three, four, out = channels
         self.conv_input = same(inputs, one)
         self.conv1 = nn.Sequential(same(one, one))
-        self.conv2 = nn.Sequential(halved(one, two, (1, 1, 1)), same(two, two), same(two, two))
-        self.conv3 = nn.Sequential(
-            halved(two, three, (1, 1, 1)), same(three, three), same(three, three)
-        )
-        self.conv4 = nn.Sequential(
-            halved(three, four, (0, 1, 1)), same(four, four), same(four, four)
-        )
-        self.conv_out = SparseBlock(
-            SparseConv3d(four, out, (3, 1, 1), (2, 1, 1), (0, 0, 0)), momentum
-        )
+        self.conv2 = halved(one, two, (1, 1, 1))
+        self.conv3 = halved(two, three, (1, 1, 1))
+        self.conv4 = halved(three, four, (0, 1, 1))
+        last = SparseConv3d(four, out, (3, 1, 1), (2, 1, 1), (0, 0, 0))
+        self.conv_out = SparseBlock(last, momentum)
 
     def forward(self, voxels: SparseTensor) -> dict[str, SparseTensor]:
         """ "x_conv1" … "x_conv4", strides 1, 2, 4, 8, and "encoded", stride 8, few layers high."""
         # Coordinates are features here, and 16 bits would round them to 25 cm at the far end.
         with torch.autocast(voxels.features.device.type, enabled=False):
-            first = self.conv_input(voxels)
-        scales = {"x_conv1": self.conv1(first)}
-        scales["x_conv2"] = self.conv2(scales["x_conv1"])
-        scales["x_conv3"] = self.conv3(scales["x_conv2"])
-        scales["x_conv4"] = self.conv4(scales["x_conv3"])
-        scales["encoded"] = self.conv_out(scales["x_conv4"])
-        return scales
+            x = self.conv_input(voxels)
+        blocks = (self.conv1, self.conv2, self.conv3, self.conv4, self.conv_out)
+        names = ("x_conv1", "x_conv2", "x_conv3", "x_conv4", "encoded")
+        return {name: (x := block(x)) for name, block in zip(names, blocks, strict=True)}
 
 
 def encoded_height(height: int) -> int:

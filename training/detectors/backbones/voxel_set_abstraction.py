@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from training.detectors.backbones.set_abstraction import SetAbstraction
+from training.detectors.backbones.set_abstraction import BallSettings, SetAbstraction
+from training.detectors.backbones.sparse_backbone import STRIDE
 from training.detectors.backbones.voxels import VoxelGrid
 from training.detectors.layers import PaddedBatchNorm
 from training.ops.interpolation import interpolate
@@ -21,80 +22,40 @@ SCALES = {"x_conv1": 1, "x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
 
 
 @dataclass(frozen=True)
-class BallSettings:
-    """Balls around a place, as in SetAbstraction."""
-
-    radii: tuple[float, ...]
-    samples: tuple[int, ...]
-    mlps: tuple[tuple[int, ...], ...]
-
-
-@dataclass(frozen=True)
 class KeypointSettings:
-    """What fixes a VoxelSetAbstraction.
+    """What fixes a VoxelSetAbstraction."""
 
-    Attributes:
-        keypoints: of each frame.
-        raw_points: balls of points.
-        scales: balls of voxels, for each of SCALES.
-        outputs: features of a keypoint.
-    """
-
-    keypoints: int
-    raw_points: BallSettings
-    scales: tuple[BallSettings, BallSettings, BallSettings, BallSettings]
-    outputs: int
+    keypoints: int  # of each frame
+    raw_points: BallSettings  # balls of points
+    scales: tuple[BallSettings, ...]  # balls of voxels, for each of SCALES
+    outputs: int  # features of a keypoint
 
 
 @dataclass(frozen=True)
 class Keypoints:
-    """Keypoints of a batch, frame after frame.
+    """Keypoints of a batch, frame after frame."""
 
-    Attributes:
-        xyz: shape (K, 3), metres.
-        counts: keypoints of each frame, shape (B,), int64; 0 in a frame without points.
-        sources: features from all sources side by side, shape (K, C).
-        features: the same fused, shape (K, outputs).
-    """
-
-    xyz: Tensor
-    counts: Tensor
-    sources: Tensor
-    features: Tensor
+    xyz: Tensor  # shape (K, 3), metres
+    counts: Tensor  # keypoints of each frame, shape (B,), int64; 0 in a frame without points
+    sources: Tensor  # features from all sources side by side, shape (K, C)
+    features: Tensor  # the same fused, shape (K, outputs)
 
 
 class VoxelSetAbstraction(nn.Module):
     """Keypoints by furthest point sampling; features from the image, the points and the voxels.
 
-    Args:
-        settings: keypoints and balls.
-        grid: the finest voxels.
-        channels: of each of SCALES.
-        bev: channels of the image.
-        stride: voxels along x or y per cell of the image.
+    The finest voxels are those of `grid`, `channels` those of SCALES, `bev` those of the image.
     """
 
     def __init__(
-        self,
-        settings: KeypointSettings,
-        grid: VoxelGrid,
-        channels: Sequence[int],
-        bev: int,
-        stride: int,
+        self, settings: KeypointSettings, grid: VoxelGrid, channels: Sequence[int], bev: int
     ) -> None:
         super().__init__()
-        self.keypoints = settings.keypoints
-        self.grid = grid
-        self.stride = stride
-        layers = [
-            SetAbstraction(inputs, item.radii, item.samples, item.mlps)
-            for inputs, item in zip(channels, settings.scales, strict=True)
-        ]
+        self.keypoints, self.grid = settings.keypoints, grid
+        layers = [SetAbstraction(*own) for own in zip(channels, settings.scales, strict=True)]
         self.SA_layers = nn.ModuleList(layers)
-        raw = settings.raw_points
-        self.SA_rawpoints = SetAbstraction(1, raw.radii, raw.samples, raw.mlps)
-        self.inputs = bev + self.SA_rawpoints.outputs
-        self.inputs += sum(layer.outputs for layer in layers)
+        self.SA_rawpoints = SetAbstraction(1, settings.raw_points)
+        self.inputs = bev + sum(layer.outputs for layer in (self.SA_rawpoints, *layers))
         self.vsa_point_feature_fusion = nn.Sequential(
             nn.Linear(self.inputs, settings.outputs, bias=False),
             PaddedBatchNorm(settings.outputs),
@@ -104,10 +65,9 @@ class VoxelSetAbstraction(nn.Module):
     def forward(
         self, points: Sequence[Tensor], scales: Mapping[str, SparseTensor], bev: Tensor
     ) -> Keypoints:
-        """Keypoints of B frames.
+        """Keypoints of frames of points (N, 4), float32, finite and in the range.
 
         Args:
-            points: of each frame (N, 4), float32: x, y, z, intensity; finite and in the range.
             scales: SCALES of the sparse backbone.
             bev: the encoded grid from above, (B, bev, ny, nx).
         """
@@ -124,30 +84,18 @@ class VoxelSetAbstraction(nn.Module):
         ]
         for (name, stride), layer in zip(SCALES.items(), self.SA_layers, strict=True):
             voxels = scales[name]
-            features.append(
-                layer(
-                    self._centres(voxels, stride, xyz.dtype),
-                    torch.bincount(voxels.coordinates[:, 0], minlength=len(points)),
-                    voxels.features,
-                    keypoints,
-                    keypoint_counts,
-                )
-            )
+            centres = self.grid.centres(voxels.coordinates, stride, xyz.dtype)
+            voxel_counts = torch.bincount(voxels.coordinates[:, 0], minlength=len(points))
+            near = (centres, voxel_counts, voxels.features, keypoints, keypoint_counts)
+            features.append(layer(*near))
         sources = torch.cat(features, dim=1)
-        return Keypoints(
-            keypoints, keypoint_counts, sources, self.vsa_point_feature_fusion(sources)
-        )
+        fused = self.vsa_point_feature_fusion(sources)
+        return Keypoints(keypoints, keypoint_counts, sources, fused)
 
     def _cells(self, xyz: Tensor) -> Tensor:
         """Places (K, 3) in cells of the image along x and y, (K, 2)."""
         low = xyz.new_tensor(self.grid.point_range[:2])
-        return (xyz[:, :2] - low) / xyz.new_tensor(self.grid.size[:2]) / self.stride
-
-    def _centres(self, voxels: SparseTensor, stride: int, dtype: torch.dtype) -> Tensor:
-        """Centres of voxels with `stride` times the grid's edge, shape (N, 3)."""
-        place = voxels.coordinates[:, [3, 2, 1]].to(dtype)
-        size = place.new_tensor(self.grid.size) * stride
-        return (place + 0.5) * size + place.new_tensor(self.grid.point_range[:3])
+        return (xyz[:, :2] - low) / xyz.new_tensor(self.grid.size[:2]) / STRIDE
 
 
 def mixed(voxels: SparseTensor) -> SparseTensor:
@@ -160,19 +108,15 @@ def mixed(voxels: SparseTensor) -> SparseTensor:
     key = ((z << 42) + (y << 21) + x) * -7046029254386353131
     order = torch.argsort(key ^ (key >> 32), stable=True)
     order = order[torch.argsort(frame[order], stable=True)]
-    return SparseTensor(
-        voxels.features[order], voxels.coordinates[order], voxels.shape, voxels.frames
-    )
+    features, coordinates = voxels.features[order], voxels.coordinates[order]
+    return SparseTensor(features, coordinates, voxels.shape, voxels.frames)
 
 
 def sample_image(image: Tensor, frame: Tensor, place: Tensor) -> Tensor:
     """Features (K, C) of an image (B, C, ny, nx) at places between its cells, bilinear.
 
-    As in OpenPCDet, features lie at the cells' lower corners and count nothing beyond the last.
-
-    Args:
-        frame: shape (K,), int64.
-        place: along x and y in cells, shape (K, 2).
+    Places (K, 2) are in cells of their `frame` (K,). As in OpenPCDet, features lie at the cells'
+    lower corners and count nothing beyond the last.
     """
     ny, nx = image.shape[2:]
     last = torch.tensor([nx - 1, ny - 1], device=place.device)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
@@ -16,20 +15,12 @@ from training.ops.sparse_rules import Triple
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """A grid of voxels over a range.
+    """A grid of voxels over a range."""
 
-    Attributes:
-        point_range: lowest and highest corner, metres; a whole number of voxels along each axis.
-        size: edges of a voxel along x, y, z, metres.
-        max_points: points of a voxel beyond this number are dropped; None keeps all.
-        max_voxels: further voxels of a frame are dropped, in training and in evaluation; None
-            keeps all.
-    """
-
-    point_range: PointRange
-    size: tuple[float, float, float]
-    max_points: int | None = None
-    max_voxels: tuple[int, int] | None = None
+    point_range: PointRange  # lowest and highest corner, metres; whole voxels along each axis
+    size: tuple[float, float, float]  # edges of a voxel along x, y, z, metres
+    max_points: int | None = None  # points of a voxel beyond this number are dropped
+    max_voxels: tuple[int, int] | None = None  # so are voxels, in training and in evaluation
 
     @property
     def cells(self) -> Triple:
@@ -44,6 +35,12 @@ class VoxelGrid:
         nz, ny, nx = self.cells
         return nz + 1, ny, nx
 
+    def centres(self, coordinates: Tensor, stride: int, dtype: torch.dtype) -> Tensor:
+        """Centres (N, 3), metres, of voxels frame, z, y, x with `stride` times the grid's edge."""
+        place = coordinates[:, [3, 2, 1]].to(dtype)
+        size = place.new_tensor(self.size) * stride
+        return (place + 0.5) * size + place.new_tensor(self.point_range[:3])
+
 
 @njit(cache=True)
 def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
@@ -52,7 +49,7 @@ def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
     slots = 16
     while slots < 2 * len(points):
         slots *= 2
-    table = np.full(slots, -1, np.int32)
+    table, last = np.full(slots, -1, np.int32), np.uint64(slots - 1)
     keys = np.empty(min(len(points), max_voxels), np.int64)
     counts = np.zeros(len(keys), np.int64)
     sums = np.zeros((len(keys), points.shape[1]))
@@ -67,11 +64,9 @@ def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
             continue
         key = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
         # Multiplicative hashing with the golden ratio (Knuth, The art of computer programming 3).
-        slot = (np.uint64(key) * np.uint64(11400714819323198485) >> np.uint64(20)) & np.uint64(
-            slots - 1
-        )
+        slot = (np.uint64(key) * np.uint64(11400714819323198485) >> np.uint64(20)) & last
         while table[slot] >= 0 and keys[table[slot]] != key:
-            slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
+            slot = (slot + np.uint64(1)) & last
         voxel = table[slot]
         if voxel < 0:
             if found == max_voxels:
@@ -101,22 +96,17 @@ def voxelise(
     of a voxel and the first voxels of a frame are kept, as OpenPCDet's voxeliser does.
     """
     nz, ny, nx = grid.cells
-    low = np.array(grid.point_range[:3], np.float32)
-    size = np.array(grid.size, np.float32)
+    low, size = (np.array(item, np.float32) for item in (grid.point_range[:3], grid.size))
     unlimited = np.iinfo(np.int64).max
     max_points = grid.max_points or unlimited
     max_voxels = unlimited if grid.max_voxels is None else grid.max_voxels[0 if training else 1]
-    features: list[NDArray[np.float32]] = []
-    coordinates: list[NDArray[np.int64]] = []
+    found = []
     for index, frame in enumerate(frames):
         points = np.ascontiguousarray(frame.detach().cpu().numpy(), np.float32)
         keys, means = _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels)
         place = np.unravel_index(keys, (nz, ny, nx))
-        coordinates.append(np.stack([np.full_like(keys, index), *place], axis=1))
-        features.append(means)
-    return SparseTensor(
-        torch.from_numpy(np.concatenate(features)).to(device),
-        torch.from_numpy(np.concatenate(coordinates)).to(device),
-        grid.shape,
-        len(frames),
+        found.append((means, np.stack([np.full_like(keys, index), *place], axis=1)))
+    features, coordinates = (
+        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*found, strict=True)
     )
+    return SparseTensor(features, coordinates, grid.shape, len(frames))

@@ -9,12 +9,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from training.detectors.detector import Rows
 from training.detectors.heads.anchors import AnchorClass, AnchorTargets, assign_targets
 from training.detectors.heads.box_coder import decode, encode, limit_period
 from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
 
 # OpenPCDet's KITTI models.
-DIRECTION_BINS = 2
+BINS = 2
 DIRECTION_OFFSET = 0.78539
 LOCATION_WEIGHT = 2.0
 DIRECTION_WEIGHT = 0.2
@@ -44,7 +45,7 @@ class AnchorHead(nn.Module):
         count = anchors.shape[2]
         self.conv_cls = nn.Conv2d(inputs, count * len(self.classes), 1)
         self.conv_box = nn.Conv2d(inputs, count * 7, 1)
-        self.conv_dir_cls = nn.Conv2d(inputs, count * DIRECTION_BINS, 1)
+        self.conv_dir_cls = nn.Conv2d(inputs, count * BINS, 1)
         nn.init.constant_(cast(Tensor, self.conv_cls.bias), -math.log((1 - _PRIOR) / _PRIOR))
         nn.init.normal_(self.conv_box.weight, std=0.001)
 
@@ -62,49 +63,38 @@ class AnchorHead(nn.Module):
         return HeadOutput(
             logits.reshape(frames, -1, len(self.classes)),
             residuals.reshape(frames, -1, 7),
-            directions.reshape(frames, -1, DIRECTION_BINS),
+            directions.reshape(frames, -1, BINS),
         )
 
-    def targets(self, boxes: Sequence[Tensor], labels: Sequence[Tensor]) -> list[AnchorTargets]:
+    def targets(self, boxes: Rows, labels: Rows) -> list[AnchorTargets]:
         """What the anchors of each frame have to learn."""
-        return [
-            assign_targets(self._grid, self.classes, frame_boxes, frame_labels)
-            for frame_boxes, frame_labels in zip(boxes, labels, strict=True)
-        ]
+        frames = zip(boxes, labels, strict=True)
+        return [assign_targets(self._grid, self.classes, *objects) for objects in frames]
 
     def loss(self, output: HeadOutput, targets: Sequence[AnchorTargets]) -> dict[str, Tensor]:
         """ "loss" and its parts: classification, location, direction; means over the frames.
 
         Each frame's losses are divided by its number of anchors with an object, at least 1.
         """
-        frames = len(targets)
         positives = torch.tensor([max(1, len(item.positive)) for item in targets])
-        share = (1 / positives.to(output.logits)) / frames
+        share = (1 / positives.to(output.logits)) / len(targets)
         label = torch.stack([item.labels for item in targets])
         one_hot = functional.one_hot(label.clamp_min(0), len(self.classes) + 1)[..., 1:]
         focal = sigmoid_focal_loss(output.logits, one_hot.to(output.logits))
         weight = (label >= 0) * share[:, None]
         classification = (focal * weight[..., None]).sum()
-
         rows = torch.cat([item.positive + i * label.shape[1] for i, item in enumerate(targets)])
         row_share = share[rows // label.shape[1]]
         anchors = self.anchors.reshape(-1, 7)[rows % label.shape[1]]
         boxes = torch.cat([item.boxes for item in targets])
         residuals = output.residuals.reshape(-1, 7)[rows]
         location = sine_smooth_l1(residuals, encode(boxes, anchors)).sum(dim=1)
-        bins = functional.cross_entropy(
-            output.directions.reshape(-1, DIRECTION_BINS)[rows],
-            direction_bin(boxes[:, 6]),
-            reduction="none",
-        )
+        directions, expected = output.directions.reshape(-1, BINS)[rows], direction_bin(boxes[:, 6])
+        bins = functional.cross_entropy(directions, expected, reduction="none")
         location = LOCATION_WEIGHT * (location * row_share).sum()
         direction = DIRECTION_WEIGHT * (bins * row_share).sum()
-        return {
-            "loss": classification + location + direction,
-            "classification": classification,
-            "location": location,
-            "direction": direction,
-        }
+        parts = {"classification": classification, "location": location, "direction": direction}
+        return {"loss": classification + location + direction, **parts}
 
     def decode(self, output: HeadOutput) -> tuple[Tensor, Tensor]:
         """Logits (B, A, C) and boxes (B, A, 7); yaw is turned into the half that was predicted."""
@@ -127,7 +117,7 @@ class AnchorHead(nn.Module):
 def _boxes(residuals: Tensor, directions: Tensor, anchors: Tensor) -> Tensor:
     """Boxes (…, 7) of residuals (…, 7) and direction bins (…, 2) of anchors (…, 7)."""
     boxes = decode(residuals, anchors)
-    period = 2 * math.pi / DIRECTION_BINS
+    period = 2 * math.pi / BINS
     turn = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, period)
     yaw = turn + DIRECTION_OFFSET + period * directions.argmax(dim=-1)
     return torch.cat([boxes[..., :6], yaw[..., None]], dim=-1)
@@ -136,4 +126,4 @@ def _boxes(residuals: Tensor, directions: Tensor, anchors: Tensor) -> Tensor:
 def direction_bin(yaw: Tensor) -> Tensor:
     """Which half-circle, counted from DIRECTION_OFFSET, a yaw (P,) points to: 0 or 1, int64."""
     turn = limit_period(yaw - DIRECTION_OFFSET, 0.0, 2 * math.pi)
-    return (turn / (2 * math.pi / DIRECTION_BINS)).floor().long().clamp(0, DIRECTION_BINS - 1)
+    return (turn / (2 * math.pi / BINS)).floor().long().clamp(0, BINS - 1)

@@ -18,21 +18,13 @@ from training.typical_objects import TypicalObject
 
 @dataclass(frozen=True)
 class AnchorClass:
-    """The anchors of one class: one size, several rotations, one height.
+    """The anchors of one class: one size, several rotations, one height."""
 
-    Attributes:
-        size: length, width, height, metres.
-        bottom: z of the anchor's bottom in the model's frame, metres.
-        matched: an anchor with at least this IoU with an object learns that object.
-        unmatched: an anchor with less than this IoU with every object learns background.
-        rotations: yaw of the anchors, radians.
-    """
-
-    size: tuple[float, float, float]
-    bottom: float
-    matched: float
-    unmatched: float
-    rotations: tuple[float, ...] = (0.0, 1.57)
+    size: tuple[float, float, float]  # length, width, height, metres
+    bottom: float  # z of the anchor's bottom in the model's frame, metres
+    matched: float  # an anchor with at least this IoU with an object learns that object
+    unmatched: float  # an anchor with less than this IoU with every object learns background
+    rotations: tuple[float, ...] = (0.0, 1.57)  # yaw of the anchors, radians
 
 
 KITTI_ANCHORS = {
@@ -59,70 +51,37 @@ TINY_ANCHORS = {
 
 @dataclass(frozen=True)
 class AnchorPreset:
-    """Base of the presets of networks with an anchor head.
+    """Base of the presets of networks with an anchor head."""
 
-    Attributes:
-        point_range: default range in the model's frame, metres.
-        sensor_height: height of the model's origin above the ground, metres.
-        backbone: the 2D backbone.
-        anchors: by class, in the model's frame.
-        centred_anchors: as in `anchor_grid`.
-    """
-
-    point_range: PointRange
-    sensor_height: float
-    backbone: BackboneSettings
-    anchors: Mapping[str, AnchorClass]
-    centred_anchors: bool
+    point_range: PointRange  # default range in the model's frame, metres
+    sensor_height: float  # height of the model's origin above the ground, metres
+    backbone: BackboneSettings  # the 2D backbone
+    anchors: Mapping[str, AnchorClass]  # by class, in the model's frame
+    centred_anchors: bool  # as in `anchor_grid`
 
     def with_typical(self, typical: Sequence[TypicalObject]) -> Self:
-        """The preset with anchors like these objects for their classes."""
-        return replace(self, anchors=with_typical(self.anchors, typical, self.sensor_height))
+        """The preset with anchors like these objects for their classes.
 
+        An anchor learns from the same overlaps as the one of the preset whose area is nearest.
+        """
 
-def with_typical(
-    anchors: Mapping[str, AnchorClass], typical: Sequence[TypicalObject], sensor_height: float
-) -> dict[str, AnchorClass]:
-    """The anchors of a preset, and of `typical` objects, each in place of its class's.
+        def like(item: TypicalObject) -> AnchorClass:
+            def difference(own: AnchorClass) -> float:
+                return abs(math.log(math.prod(own.size[:2]) / math.prod(item.size[:2])))
 
-    An anchor learns from the same overlaps as the one of the preset whose area is nearest.
+            nearest = min(self.anchors.values(), key=difference)
+            return replace(nearest, size=item.size, bottom=item.bottom - self.sensor_height)
 
-    Args:
-        sensor_height: height of the model's frame above the ground, metres.
-    """
-
-    def nearest(area: float) -> AnchorClass:
-        return min(anchors.values(), key=lambda own: abs(math.log(_area(own.size) / area)))
-
-    return {
-        **anchors,
-        **{
-            item.name: replace(
-                nearest(_area(item.size)), size=item.size, bottom=item.bottom - sensor_height
-            )
-            for item in typical
-        },
-    }
-
-
-def _area(size: tuple[float, float, float]) -> float:
-    """From above, square metres."""
-    return size[0] * size[1]
+        return replace(self, anchors={**self.anchors, **{own.name: like(own) for own in typical}})
 
 
 @dataclass(frozen=True)
 class AnchorTargets:
-    """What each anchor of one frame has to learn.
+    """What each anchor of one frame has to learn."""
 
-    Attributes:
-        labels: label of the object, 0 for background, -1 for neither, shape (A,), int64.
-        positive: anchors with an object, shape (P,), int64.
-        boxes: their objects, shape (P, 7).
-    """
-
-    labels: Tensor
-    positive: Tensor
-    boxes: Tensor
+    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (A,), int64
+    positive: Tensor  # anchors with an object, shape (P,), int64
+    boxes: Tensor  # their objects, shape (P, 7)
 
 
 def anchor_grid(
@@ -130,10 +89,8 @@ def anchor_grid(
 ) -> Tensor:
     """All anchors, shape (ny, nx, number of classes × rotations, 7), float32.
 
-    Args:
-        shape: nx, ny of the head's feature map.
-        centred: anchors lie at the cells' centres; if not, they are spread from edge to edge of the
-            range, as in OpenPCDet's KITTI models (align_center).
+    `shape` is nx, ny of the head's feature map. Anchors that are not `centred` in its cells are
+    spread from edge to edge of the range, as in OpenPCDet's KITTI models (align_center).
     """
     # Rounded step for step as in OpenPCDet, whose range is float32: which anchors tie for an object
     # depends on the last bit.
@@ -154,63 +111,51 @@ def anchor_grid(
     return torch.stack(anchors, dim=2)
 
 
-def _upright(boxes: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Lowest x and y, then highest, of the turned boxes, each (N,)."""
-    half_x, half_y = _halves(boxes)
-    x, y = boxes[:, 0], boxes[:, 1]
-    return x - half_x, y - half_y, x + half_x, y + half_y
-
-
-def _halves(boxes: Tensor) -> tuple[Tensor, Tensor]:
-    """Half of the sides along x and along y of the turned boxes, each (N,)."""
-    length, width, yaw = boxes[:, 3], boxes[:, 4], boxes[:, 6]
-    across = limit_period(yaw, 0.5, math.pi).abs() >= math.pi / 4
-    return torch.where(across, width, length) / 2, torch.where(across, length, width) / 2
+def _halves(boxes: Tensor) -> Tensor:
+    """Half of the sides along x and along y of the turned boxes, (2, N)."""
+    sides = boxes[:, 3:5].T
+    across = limit_period(boxes[:, 6], 0.5, math.pi).abs() >= math.pi / 4
+    return torch.where(across, sides.flip(0), sides) / 2
 
 
 def assign_targets(
     anchors: Tensor, classes: Sequence[AnchorClass], boxes: Tensor, labels: Tensor
 ) -> AnchorTargets:
-    """Give every anchor an object of its class, background, or neither.
+    """Give every anchor (ny, nx, K, 7) on a CPU an object of its class, background, or neither.
 
     As OpenPCDet's AxisAlignedTargetAssigner: an anchor takes the object that it overlaps most if
     that is at least `matched`; each object's best anchors learn whatever the overlap. Overlap is
     the IoU from above of boxes turned to the nearest multiple of 90 degrees.
 
-    Args:
-        anchors: (ny, nx, K, 7) of `anchor_grid`, on a CPU.
-        boxes, labels: objects of the frame, (M, 7) and (M,), labels from 1 in order of `classes`.
-
-    Returns:
-        Where `boxes` are.
+    The objects of the frame are boxes (M, 7) and labels (M,), from 1 in order of `classes`. Returns
+    targets where they are.
     """
-    grid, own = anchors.numpy(), labels.cpu().numpy()
-    edges = torch.stack(_upright(boxes.to(anchors))).numpy()
+    own, here = labels.cpu().numpy(), boxes.to(anchors)
+    places, sides = here[:, :2].T, _halves(here)
+    edges = torch.cat([places - sides, places + sides]).numpy()
     x, y = anchors[0, :, :, 0].numpy(), anchors[:, 0, :, 1].numpy()
-    halves = torch.stack(_halves(anchors[0, 0])).numpy()
-    result = np.full(grid.shape[:3], -1, np.int64)
-    chosen = np.empty(grid.shape[:3], np.int64)
+    halves = _halves(anchors[0, 0]).numpy()
+    result = np.full(anchors.shape[:3], -1, np.int64)
+    chosen = np.empty(anchors.shape[:3], np.int64)
     first = 0
     for label, item in enumerate(classes, 1):
         part = slice(first, first + len(item.rotations))
         first = part.stop
-        best, target, forced = _overlaps(
-            x[:, part], y[:, part], halves[:, part], edges, np.flatnonzero(own == label)
-        )
+        objects = np.flatnonzero(own == label)
+        best, target, forced = _overlaps(x[:, part], y[:, part], halves[:, part], edges, objects)
         view = result[:, :, part]
         view[best < item.unmatched] = 0
         view[forced | (best >= item.matched)] = label
         chosen[:, :, part] = target
     flat = result.ravel()
     positive = np.flatnonzero(flat > 0)
-    found = boxes[torch.from_numpy(chosen.ravel()[positive]).to(boxes.device)]
-    return AnchorTargets(
-        torch.from_numpy(flat).to(boxes.device), torch.from_numpy(positive).to(boxes.device), found
-    )
+    arrays = (flat, positive, chosen.ravel()[positive])
+    learnt, rows, taken = (torch.from_numpy(item).to(boxes.device) for item in arrays)
+    return AnchorTargets(learnt, rows, boxes[taken])
 
 
 @njit(cache=True, error_model="numpy")
-def _overlaps(x, y, halves, edges, objects):  # pragma: no cover - compiled
+def _overlaps(x, y, halves, edges, objects):
     """Largest overlap of each anchor, with which object, and whether it is that one's best.
 
     Args:

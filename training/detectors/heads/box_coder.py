@@ -3,8 +3,7 @@
 import torch
 from torch import Tensor
 
-_SMALLEST = 1e-5
-"""Sizes below this, metres, are raised to it: their logarithm must exist."""
+_SMALLEST = 1e-5  # sizes below this, metres, are raised to it: their logarithm must exist
 
 
 def encode(boxes: Tensor, anchors: Tensor) -> Tensor:
@@ -13,25 +12,18 @@ def encode(boxes: Tensor, anchors: Tensor) -> Tensor:
     Offsets in x and y over the anchor's diagonal, in z over its height, logarithms of the ratios of
     sizes, difference of yaw.
     """
-    size = boxes[..., 3:6].clamp_min(_SMALLEST)
-    anchor_size = anchors[..., 3:6].clamp_min(_SMALLEST)
+    size, anchor_size = (item[..., 3:6].clamp_min(_SMALLEST) for item in (boxes, anchors))
     offset = (boxes[..., :3] - anchors[..., :3]) / _scale(anchor_size)
-    return torch.cat(
-        [offset, torch.log(size / anchor_size), boxes[..., 6:] - anchors[..., 6:]], dim=-1
-    )
+    yaw = boxes[..., 6:] - anchors[..., 6:]
+    return torch.cat([offset, torch.log(size / anchor_size), yaw], dim=-1)
 
 
 def decode(residuals: Tensor, anchors: Tensor) -> Tensor:
     """Boxes (…, 7) of residuals (…, 7) to anchors (…, 7)."""
-    size = anchors[..., 3:6]
-    return torch.cat(
-        [
-            residuals[..., :3] * _scale(size) + anchors[..., :3],
-            residuals[..., 3:6].exp() * size,
-            residuals[..., 6:] + anchors[..., 6:],
-        ],
-        dim=-1,
-    )
+    anchor_size = anchors[..., 3:6]
+    place = residuals[..., :3] * _scale(anchor_size) + anchors[..., :3]
+    size = residuals[..., 3:6].exp() * anchor_size
+    return torch.cat([place, size, residuals[..., 6:] + anchors[..., 6:]], dim=-1)
 
 
 def _scale(size: Tensor) -> Tensor:

@@ -4,8 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-BETA = 1 / 9
-"""Where smooth L1 turns from a square into a line."""
+BETA = 1 / 9  # where smooth L1 turns from a square into a line
 
 
 def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> Tensor:

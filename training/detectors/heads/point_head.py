@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from training.detectors.detector import Rows
 from training.detectors.heads.box_coder import decode, encode
 from training.detectors.heads.losses import BETA, sigmoid_focal_loss
 from training.detectors.layers import PaddedBatchNorm, precise
@@ -19,64 +20,45 @@ EXTRA = 0.2
 
 @dataclass(frozen=True)
 class PointTargets:
-    """What the points of a batch have to learn.
+    """What the points of a batch have to learn."""
 
-    Attributes:
-        labels: label of the object, 0 for background, -1 for neither, shape (N,), int64.
-        positive: points on an object, shape (P,), int64.
-        boxes: their objects, shape (P, 7).
+    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (N,), int64
+    positive: Tensor  # points on an object, shape (P,), int64
+    boxes: Tensor  # their objects, shape (P, 7)
+
+
+def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> PointTargets:
+    """Give each of the points (N, 3), `counts` (B,) a frame, the object in which it lies.
+
+    The objects of a frame are `boxes` (M, 7) and `labels` (M,), from 1.
     """
-
-    labels: Tensor
-    positive: Tensor
-    boxes: Tensor
-
-
-def point_targets(
-    xyz: Tensor, counts: Tensor, boxes: Sequence[Tensor], labels: Sequence[Tensor]
-) -> PointTargets:
-    """Give each point the object in which it lies.
-
-    Args:
-        xyz: points (N, 3), `counts` (B,) of them in each frame.
-        boxes, labels: objects of each frame, (M, 7) and (M,), labels from 1.
-    """
-    all_labels, positive, all_boxes = [], [], []
-    first = 0
-    for points, frame_boxes, frame_labels in zip(
-        xyz.split(counts.tolist()), boxes, labels, strict=True
-    ):
+    found, first = [], 0
+    frames = zip(xyz.split(counts.tolist()), boxes, labels, strict=True)
+    for points, frame_boxes, frame_labels in frames:
         box = box_of_points(points, frame_boxes)
         wide = frame_boxes.clone()
         wide[:, 3:6] += EXTRA
         own = torch.nonzero(box >= 0).flatten()
         label = torch.where(box_of_points(points, wide) >= 0, -1, 0)
         label[own] = frame_labels[box[own]]
-        all_labels.append(label)
-        positive.append(own + first)
-        all_boxes.append(frame_boxes[box[own]])
+        found.append((label, own + first, frame_boxes[box[own]]))
         first += len(points)
-    return PointTargets(torch.cat(all_labels), torch.cat(positive), torch.cat(all_boxes))
+    return PointTargets(*map(torch.cat, zip(*found, strict=True)))
 
 
 def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
     """Linear layers with batch norm and ReLU on rows (N, inputs), and a last one without."""
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden]):
-        layers += [
-            nn.Linear(before, after, bias=False),
-            PaddedBatchNorm(after),
-            nn.ReLU(inplace=True),
-        ]
+        linear = nn.Linear(before, after, bias=False)
+        layers += [linear, PaddedBatchNorm(after), nn.ReLU(inplace=True)]
     return nn.Sequential(*layers, nn.Linear([inputs, *hidden][-1], outputs))
 
 
 def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
-    """Focal loss of the points' classes, over the number of points on objects.
+    """Focal loss of logits (N, C) and labels (N,) of PointTargets, over the points on objects.
 
-    Args:
-        logits: (N, C); with C = 1 all labels above 0 are the same.
-        labels: (N,), see PointTargets.
+    With C = 1 all labels above 0 are the same.
     """
     classes = logits.shape[1]
     one_hot = functional.one_hot(labels.clamp(0, classes), classes + 1)[:, 1:].to(logits)
@@ -95,10 +77,6 @@ class PointHeadSimple(nn.Module):
         """Features (N, inputs) to logits (N, 1), at least float32."""
         return precise(self.cls_layers(features))
 
-    def loss(self, logits: Tensor, targets: PointTargets) -> dict[str, Tensor]:
-        """ "point_cls"."""
-        return {"point_cls": segmentation_loss(logits, targets.labels)}
-
 
 @dataclass(frozen=True)
 class PointOutput:
@@ -113,7 +91,7 @@ class PointHeadBox(nn.Module):
 
     Args:
         inputs: features of a point.
-        cls_hidden, box_hidden: outputs of the hidden layers of either branch.
+        hidden: outputs of the hidden layers of either branch.
         sizes: length, width, height of a typical object of each class, metres.
         either_way: a box may as well point backwards: of its two yaws the nearer one is learned.
     """
@@ -121,18 +99,13 @@ class PointHeadBox(nn.Module):
     sizes: Tensor
 
     def __init__(
-        self,
-        inputs: int,
-        cls_hidden: Sequence[int],
-        box_hidden: Sequence[int],
-        sizes: Sequence[Sequence[float]],
-        either_way: bool,
+        self, inputs: int, hidden: Sequence[int], sizes: Sequence[Sequence[float]], either_way: bool
     ) -> None:
         super().__init__()
         self.either_way = either_way
         self.register_buffer("sizes", torch.tensor(sizes), persistent=False)
-        self.cls_layers = point_layers(inputs, cls_hidden, len(sizes))
-        self.box_layers = point_layers(inputs, box_hidden, 8)
+        self.cls_layers = point_layers(inputs, hidden, len(sizes))
+        self.box_layers = point_layers(inputs, hidden, 8)
 
     def forward(self, features: Tensor) -> PointOutput:
         """Outputs for points with features (N, inputs), at least float32."""
@@ -165,9 +138,8 @@ def encode_points(boxes: Tensor, xyz: Tensor, sizes: Tensor) -> Tensor:
     Those of `box_coder.encode` to a box of that size around the point with yaw 0; cosine and sine
     stand for the yaw.
     """
-    residuals = encode(boxes, _around(xyz, sizes))
-    yaw = residuals[:, 6:]
-    return torch.cat([residuals[:, :6], yaw.cos(), yaw.sin()], dim=1)
+    residuals, yaw = encode(boxes, _around(xyz, sizes)).split([6, 1], dim=1)
+    return torch.cat([residuals, yaw.cos(), yaw.sin()], dim=1)
 
 
 def decode_points(residuals: Tensor, xyz: Tensor, sizes: Tensor) -> Tensor:

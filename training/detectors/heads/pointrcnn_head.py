@@ -18,55 +18,36 @@ from training.detectors.layers import RowConv1d, RowConv2d, precise, row_layers
 from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
 
-DEPTH_SCALE = 70.0
-"""A point's distance from the sensor enters as a share of this, metres."""
+DEPTH_SCALE = 70.0  # a point's distance from the sensor enters as a share of this, metres
 
 
-@dataclass(frozen=True)
-class PointRoiSettings:
-    """What fixes a PointRCNNHead.
+@dataclass(frozen=True, kw_only=True)
+class PointRoiSettings(RoiSettings):
+    """What fixes a PointRCNNHead."""
 
-    Attributes:
-        rois: proposals and training.
-        points: of each proposal, chosen or repeated.
-        margin: points so far outside a proposal still belong to it, counting both sides, metres.
-        local: outputs of the layers on a point's place in its proposal, its score and its depth.
-        levels: set abstraction within a proposal.
-        mlp: outputs of the layers before the maximum over a whole proposal.
-        hidden: outputs of the hidden layers of the score's branch, and of the box's.
-    """
-
-    rois: RoiSettings
-    points: int
-    margin: float
-    local: tuple[int, ...]
-    levels: tuple[AbstractionSettings, ...]
-    mlp: tuple[int, ...]
-    hidden: tuple[int, ...]
+    points: int  # of each proposal, chosen or repeated
+    margin: float  # points so far outside belong to it, too, counting both sides, metres
+    local: tuple[int, ...]  # outputs of the layers on a point's place, score and depth
+    levels: tuple[AbstractionSettings, ...]  # set abstraction within a proposal
+    mlp: tuple[int, ...]  # outputs of the layers before the maximum over a whole proposal
+    hidden: tuple[int, ...]  # outputs of the hidden layers of the score's branch, and of the box's
 
 
 @dataclass(frozen=True)
 class ScoredPoints:
-    """The points of a batch as the first stage leaves them, frame after frame.
+    """The points of a batch as the first stage leaves them, frame after frame."""
 
-    Attributes:
-        xyz: (N, 3), metres.
-        counts: points of each frame, (B,), int64.
-        features: (N, C).
-        scores: largest probability of a class, (N,).
-    """
-
-    xyz: Tensor
-    counts: Tensor
-    features: Tensor
-    scores: Tensor
+    xyz: Tensor  # (N, 3), metres
+    counts: Tensor  # points of each frame, (B,), int64
+    features: Tensor  # (N, C)
+    scores: Tensor  # largest probability of a class, (N,)
 
 
 class PointRCNNHead(RoiHead):
     """Scores and refines each proposal by what the points in it look like from its own frame."""
 
     def __init__(self, inputs: int, settings: PointRoiSettings) -> None:
-        super().__init__(settings.rois)
+        super().__init__(settings)
         self.points, self.margin = settings.points, settings.margin
         self.places = tuple(level.places for level in settings.levels)
         self.xyz_up_layer = nn.Sequential(*_layers([5, *settings.local]))
@@ -74,7 +55,7 @@ class PointRCNNHead(RoiHead):
         self.SA_modules = nn.ModuleList()
         channels = inputs
         for level in settings.levels:
-            module = SetAbstraction(channels, level.radii, level.samples, level.mlps)
+            module = SetAbstraction(channels, level)
             self.SA_modules.append(module)
             channels = module.outputs
         self.SA_modules.append(GlobalAbstraction(channels, settings.mlp))
@@ -113,14 +94,11 @@ class PointRCNNHead(RoiHead):
         as in OpenPCDet.
         """
         depth = torch.linalg.vector_norm(points.xyz, dim=1) / DEPTH_SCALE - 0.5
-        rows = torch.cat(
-            [points.scores[:, None], depth[:, None], points.features.to(depth.dtype)], dim=1
-        )
-        counts = points.counts.tolist()
+        scores_and_depths = torch.stack([points.scores, depth], dim=1)
+        rows = torch.cat([scores_and_depths, points.features.to(depth.dtype)], dim=1)
+        parts = (own.split(points.counts.tolist()) for own in (points.xyz, rows))
         frames = []
-        for frame_rois, xyz, features in zip(
-            rois, points.xyz.split(counts), rows.split(counts), strict=True
-        ):
+        for frame_rois, xyz, features in zip(rois, *parts, strict=True):
             pooled, empty = roipoint_pool(xyz, features, frame_rois, self.points, self.margin)
             place = turned(pooled[..., :3] - frame_rois[:, None, :3], -frame_rois[:, 6])
             pooled = torch.cat([place, pooled[..., 3:]], dim=2)

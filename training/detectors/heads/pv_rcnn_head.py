@@ -8,46 +8,38 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from training.detectors.backbones.set_abstraction import SetAbstraction
-from training.detectors.backbones.voxel_set_abstraction import BallSettings, Keypoints
+from training.detectors.backbones.set_abstraction import BallSettings, SetAbstraction
+from training.detectors.backbones.voxel_set_abstraction import Keypoints
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import RowConv1d, precise, row_layers
 
 
-@dataclass(frozen=True)
-class PvRcnnHeadSettings:
-    """What fixes a PvRcnnHead.
+@dataclass(frozen=True, kw_only=True)
+class PvRcnnHeadSettings(RoiSettings):
+    """What fixes a PvRcnnHead."""
 
-    Attributes:
-        rois: proposals and training.
-        grid: grid points along each axis of a RoI.
-        balls: of keypoints around a grid point.
-        shared, branch: outputs of the hidden layers, common and of the score's and box's branches.
-        dropout: share of a hidden layer's outputs that training drops.
-    """
-
-    rois: RoiSettings
-    grid: int
-    balls: BallSettings
-    shared: tuple[int, ...]
-    branch: tuple[int, ...]
-    dropout: float
+    grid: int  # grid points along each axis of a RoI
+    balls: BallSettings  # of keypoints around a grid point
+    shared: tuple[int, ...]  # outputs of the common hidden layers
+    branch: tuple[int, ...]  # and of those of the score's and the box's branches
+    dropout: float  # share of a hidden layer's outputs that training drops
 
 
 class PvRcnnHead(RoiHead):
     """Score and box of each RoI from the keypoints in and around it; `inputs` features each."""
 
     def __init__(self, inputs: int, settings: PvRcnnHeadSettings) -> None:
-        super().__init__(settings.rois)
+        super().__init__(settings)
         self.grid = settings.grid
-        balls = settings.balls
-        self.roi_grid_pool_layer = SetAbstraction(inputs, balls.radii, balls.samples, balls.mlps)
+        self.roi_grid_pool_layer = SetAbstraction(inputs, settings.balls)
         pooled = self.roi_grid_pool_layer.outputs * settings.grid**3
         self.shared_fc_layer = row_layers(pooled, settings.shared, settings.dropout)
         score, box = (RowConv1d(settings.branch[-1], outputs) for outputs in (1, 7))
-        self.cls_layers = self._branch(settings).append(score)
-        self.reg_layers = self._branch(settings).append(box)
+        self.cls_layers, self.reg_layers = (
+            row_layers(settings.shared[-1], settings.branch, settings.dropout).append(last)
+            for last in (score, box)
+        )
         for module in self.roi_grid_pool_layer.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.xavier_normal_(module.weight)
@@ -57,16 +49,8 @@ class PvRcnnHead(RoiHead):
         for last in (score, box):
             nn.init.zeros_(last.bias)
 
-    @staticmethod
-    def _branch(settings: PvRcnnHeadSettings) -> nn.Sequential:
-        return row_layers(settings.shared[-1], settings.branch, settings.dropout)
-
     def forward(self, keypoints: Keypoints, foreground: Tensor, rois: Tensor) -> RoiOutput:
-        """Raw outputs for RoIs (B, R, 7).
-
-        Args:
-            foreground: probability that a keypoint lies on an object, (K, 1): its weight.
-        """
+        """Raw outputs for RoIs (B, R, 7); keypoints count by `foreground` (K, 1), probabilities."""
         frames, count = rois.shape[:2]
         places = roi_grid(rois.flatten(0, 1), self.grid)
         pooled = self.roi_grid_pool_layer(

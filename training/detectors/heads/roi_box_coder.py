@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from training.detectors.heads.box_coder import decode, encode, limit_period
-from training.ops.rotation import cos_sin
+from training.ops.points_in_boxes import cos_sin
 
 
 def encode_in_rois(boxes: Tensor, rois: Tensor) -> Tensor:

@@ -1,8 +1,8 @@
 """What the second stages share: proposals, their sample, losses, refined boxes, detections."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
@@ -12,22 +12,17 @@ from training.detectors.detector import Selection
 from training.detectors.heads.losses import BETA
 from training.detectors.heads.proposals import Proposals, Suppression, propose
 from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, turned
-from training.detectors.heads.roi_targets import RoiSampling, RoiTargets, sample_rois
-from training.detectors.heads.selection import probability, select_rows
+from training.detectors.heads.roi_targets import RoiSampling, RoiTargets
+from training.detectors.heads.selection import detections, select_rows
 
 
 @dataclass(frozen=True)
 class RoiSettings:
-    """Proposals of a second stage and its training.
+    """Proposals of a second stage and its training."""
 
-    Attributes:
-        train, test: how proposals are chosen in training and in evaluation.
-        sampling: which of them are trained on.
-    """
-
-    train: Suppression
-    test: Suppression
-    sampling: RoiSampling
+    train: Suppression  # how proposals are chosen in training
+    test: Suppression  # and in evaluation
+    sampling: RoiSampling = field(default_factory=RoiSampling)  # which of them are trained on
 
 
 @dataclass(frozen=True)
@@ -52,17 +47,9 @@ class RoiHead(nn.Module):
         """`propose` as the settings have it for training or for evaluation."""
         return propose(logits, boxes, self.settings.train if self.training else self.settings.test)
 
-    def sample(
-        self, proposals: Proposals, boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> RoiTargets:
-        """`sample_rois` as the settings have it."""
-        return sample_rois(proposals, boxes, labels, self.settings.sampling)
-
     def loss(self, output: RoiOutput, targets: RoiTargets) -> dict[str, Tensor]:
-        """ "rcnn_cls" and, with residuals, "rcnn_reg" and "rcnn_corner".
-
-        Binary cross entropy over the RoIs that learn a score; smooth L1 and corner loss over
-        those that learn a box.
+        """ "rcnn_cls", cross entropy of the RoIs that learn a score; if there are residuals,
+        "rcnn_reg", smooth L1, and "rcnn_corner" of those that learn a box.
         """
         scores = targets.scores.flatten()
         cross_entropy = functional.binary_cross_entropy_with_logits(
@@ -76,14 +63,10 @@ class RoiHead(nn.Module):
         count = max(1, len(own))
         residuals = output.residuals[own]
         rois, boxes = targets.rois.boxes.flatten(0, 1)[own], targets.boxes.flatten(0, 1)[own]
-        losses["rcnn_reg"] = (
-            functional.smooth_l1_loss(
-                residuals, encode_in_rois(boxes, rois), reduction="sum", beta=BETA
-            )
-            / count
-        )
-        losses["rcnn_corner"] = corner_loss(decode_in_rois(residuals, rois), boxes).sum() / count
-        return losses
+        expected = encode_in_rois(boxes, rois)
+        box = functional.smooth_l1_loss(residuals, expected, reduction="sum", beta=BETA)
+        corner = corner_loss(decode_in_rois(residuals, rois), boxes).sum()
+        return losses | {"rcnn_reg": box / count, "rcnn_corner": corner / count}
 
     def refine(self, output: RoiOutput, rois: Tensor) -> Tensor:
         """Boxes of the second stage for RoIs (B, R, 7), same shape."""
@@ -98,25 +81,15 @@ class RoiHead(nn.Module):
 
         What fills up the proposals is no detection, nor a box that is not finite.
         """
-        boxes = self.refine(output, proposals.boxes)
-        logits = output.logits.view(proposals.scores.shape)
-        real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & boxes.isfinite().all(dim=-1)
-        return [
-            _detections_in_frame(boxes[b][own], logits[b][own], proposals.labels[b][own], selection)
-            for b, own in enumerate(real)
-        ]
-
-
-def _detections_in_frame(
-    boxes: Tensor, logits: Tensor, labels: Tensor, selection: Selection
-) -> dict[str, Tensor]:
-    rows = select_rows(logits, boxes, selection)
-    return {
-        "boxes": boxes[rows],
-        "scores": probability(logits[rows]),
-        "labels": labels[rows],
-        "refined": boxes,
-    }
+        refined = self.refine(output, proposals.boxes)
+        real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & refined.isfinite().all(dim=-1)
+        parts = (refined, output.logits.view(proposals.scores.shape), proposals.labels)
+        found = []
+        for own, *frame in zip(real, *parts, strict=True):
+            boxes, logits, labels = (part[own] for part in frame)
+            rows = select_rows(logits, boxes, selection)
+            found.append({**detections(boxes, logits, labels, rows), "refined": boxes})
+        return found
 
 
 def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:

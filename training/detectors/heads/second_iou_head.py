@@ -10,49 +10,33 @@ from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import RowConv1d, precise, row_layers
 
 
-@dataclass(frozen=True)
-class SecondIouLayers:
-    """Layers of a SecondIouHead.
+@dataclass(frozen=True, kw_only=True)
+class SecondIouSettings(RoiSettings):
+    """What fixes a SecondIouHead."""
 
-    Attributes:
-        grid: places of a RoI along its length and its width.
-        shared, iou: outputs of the hidden layers.
-        dropout: share of the features that are zero in training.
-    """
-
-    grid: int = 7
-    shared: tuple[int, ...] = (256, 256)
+    grid: int = 7  # places of a RoI along its length and its width
+    shared: tuple[int, ...] = (256, 256)  # outputs of the hidden layers
     iou: tuple[int, ...] = (256, 256)
-    dropout: float = 0.3
+    dropout: float = 0.3  # share of the features that are zero in training
 
 
 class SecondIouHead(RoiHead):
     """Scores RoIs from the image of the 2D backbone; their boxes stay.
 
-    Args:
-        inputs: channels of the image.
-        corner: x and y of the image's first corner, metres.
-        cell: edge of its cells, metres.
-        settings, layers: of the head.
+    The image has `inputs` channels, its first corner at x, y and square cells, metres.
     """
 
     def __init__(
-        self,
-        inputs: int,
-        corner: tuple[float, float],
-        cell: float,
-        settings: RoiSettings,
-        layers: SecondIouLayers,
+        self, inputs: int, corner: tuple[float, float], cell: float, settings: SecondIouSettings
     ) -> None:
         super().__init__(settings)
-        self.corner = corner
-        self.cell = cell
-        self.size = layers.grid
-        self.shared_fc_layer = row_layers(inputs * layers.grid**2, layers.shared, layers.dropout)
-        last = RowConv1d(layers.iou[-1], 1)
+        self.corner, self.cell, self.size = corner, cell, settings.grid
+        shared, hidden, dropout = settings.shared, settings.iou, settings.dropout
+        self.shared_fc_layer = row_layers(inputs * settings.grid**2, shared, dropout)
+        last = RowConv1d(hidden[-1], 1)
         nn.init.xavier_normal_(last.weight)
         nn.init.zeros_(last.bias)
-        self.iou_layers = row_layers(layers.shared[-1], layers.iou, layers.dropout).append(last)
+        self.iou_layers = row_layers(shared[-1], hidden, dropout).append(last)
 
     def forward(self, rois: Tensor, image: Tensor) -> RoiOutput:
         """Logits of the IoU of RoIs (B, R, 7) from an image (B, C, ny, nx), without residuals."""

@@ -10,19 +10,21 @@ from training.ops.nms import nms
 
 
 def select_boxes(logits: Tensor, boxes: Tensor, selection: Selection) -> dict[str, Tensor]:
-    """Detections of one frame after class-agnostic suppression, best score first.
+    """Those of `boxes` (A, 7), with logits (A, C) of every class, that are detections of a frame.
 
-    Args:
-        logits: of every class, shape (A, C).
-        boxes: shape (A, 7).
-
-    Returns "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
+    After class-agnostic suppression, best score first.
     """
     best, label = logits.max(dim=1)
-    rows = select_rows(best, boxes, selection)
-    return {
-        "boxes": boxes[rows], "scores": probability(best[rows]), "labels": label[rows] + 1
-    }  # fmt: skip
+    return detections(boxes, best, label + 1, select_rows(best, boxes, selection))
+
+
+def detections(boxes: Tensor, logits: Tensor, labels: Tensor, rows: Tensor) -> dict[str, Tensor]:
+    """Rows (M,) of each: "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
+
+    A score is a sigmoid that is rounded from double precision, so that it rises with its logit.
+    """
+    scores = logits[rows].double().sigmoid().to(logits.dtype)
+    return {"boxes": boxes[rows], "scores": scores, "labels": labels[rows]}
 
 
 def select_rows(logits: Tensor, boxes: Tensor, selection: Selection) -> Tensor:
@@ -36,11 +38,6 @@ def select_rows(logits: Tensor, boxes: Tensor, selection: Selection) -> Tensor:
     above = torch.nonzero(usable).flatten()
     kept = nms(boxes[above], logits[above], selection.nms, selection.pre, selection.post)
     return above[kept]
-
-
-def probability(logits: Tensor) -> Tensor:
-    """Their sigmoid, same shape and dtype, rounded from double precision: it never falls."""
-    return logits.double().sigmoid().to(logits.dtype)
 
 
 def logit(probability: float) -> float:

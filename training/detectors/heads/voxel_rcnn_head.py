@@ -1,6 +1,6 @@
 """The second stage of Voxel R-CNN (Deng et al., AAAI 2021): features of the voxels around a RoI."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -20,48 +20,31 @@ STRIDES = {"x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
 """Scales of the sparse backbone that are looked at, and the edge of their voxels in voxels."""
 
 
-@dataclass(frozen=True)
-class VoxelRcnnLayers:
-    """Layers of a VoxelRcnnHead.
+@dataclass(frozen=True, kw_only=True)
+class VoxelRcnnSettings(RoiSettings):
+    """What fixes a VoxelRcnnHead."""
 
-    Attributes:
-        grid: places of a RoI along each of its axes.
-        radii: of the neighbourhood of a place, at each of STRIDES, metres.
-        reach: voxels from a place's voxel to the last one looked at, along z, y, x.
-        samples: voxels of a neighbourhood.
-        pooled: outputs of the two layers around the maximum over a neighbourhood.
-        shared, cls, reg: outputs of the hidden layers.
-        dropout: share of the features that are zero in training.
-    """
-
-    grid: int = 6
-    radii: tuple[float, float, float] = (0.4, 0.8, 1.6)
-    reach: Triple = (4, 4, 4)
-    samples: int = 16
-    pooled: tuple[int, int] = (32, 32)
-    shared: tuple[int, ...] = (256, 256)
+    grid: int = 6  # places of a RoI along each of its axes
+    radii: tuple[float, ...] = (0.4, 0.8, 1.6)  # of a neighbourhood, at each of STRIDES, metres
+    reach: Triple = (4, 4, 4)  # voxels from a place's to the last one looked at, along z, y, x
+    samples: int = 16  # voxels of a neighbourhood
+    pooled: tuple[int, int] = (32, 32)  # outputs of the layers around a neighbourhood's maximum
+    shared: tuple[int, ...] = (256, 256)  # outputs of the hidden layers
     cls: tuple[int, ...] = (256, 256)
     reg: tuple[int, ...] = (256, 256)
-    dropout: float = 0.3
+    dropout: float = 0.3  # share of the features that are zero in training
 
 
 class VoxelRcnnHead(RoiHead):
     """Scores and refines RoIs from three scales of the sparse backbone.
 
-    Args:
-        channels: of each of STRIDES.
-        voxels: the finest voxels.
-        settings, layers: of the head.
+    `channels` are those of each of STRIDES, `voxels` the finest ones.
     """
 
     def __init__(
-        self,
-        channels: tuple[int, int, int],
-        voxels: VoxelGrid,
-        settings: RoiSettings,
-        layers: VoxelRcnnLayers,
+        self, channels: Sequence[int], voxels: VoxelGrid, layers: VoxelRcnnSettings
     ) -> None:
-        super().__init__(settings)
+        super().__init__(layers)
         self.voxels = voxels
         self.size = layers.grid
         self.roi_grid_pool_layers = nn.ModuleList(
@@ -81,12 +64,9 @@ class VoxelRcnnHead(RoiHead):
 
     def forward(self, rois: Tensor, scales: Mapping[str, SparseTensor]) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""
-        pooled = self._pool(rois, scales)
-        shared = self.shared_fc_layer(pooled)
-        return RoiOutput(
-            precise(self.cls_pred_layer(self.cls_fc_layers(shared))),
-            precise(self.reg_pred_layer(self.reg_fc_layers(shared))),
-        )
+        shared = self.shared_fc_layer(self._pool(rois, scales))
+        logits = self.cls_pred_layer(self.cls_fc_layers(shared))
+        return RoiOutput(precise(logits), precise(self.reg_pred_layer(self.reg_fc_layers(shared))))
 
     def _pool(self, rois: Tensor, scales: Mapping[str, SparseTensor]) -> Tensor:
         """Features (B * R, grid³ * C) of all scales at the places of a grid in each RoI."""
@@ -99,7 +79,7 @@ class VoxelRcnnHead(RoiHead):
         features = []
         for (name, stride), layer in zip(STRIDES.items(), self.roi_grid_pool_layers, strict=True):
             voxels = scales[name]
-            centres = (voxels.coordinates[:, [3, 2, 1]].to(low) + 0.5) * (size * stride) + low
+            centres = self.voxels.centres(voxels.coordinates, stride, places.dtype)
             cell = torch.div(cells, stride, rounding_mode="floor").flip(1)
             features.append(layer(voxels, centres, places, torch.cat([frame, cell], dim=1)))
         return torch.cat(features, dim=1).view(rois.shape[:2].numel(), -1)
@@ -116,21 +96,15 @@ class NeighbourVoxelPool(nn.Module):
     """Maximum over the voxels near a place, each with its features and its offset.
 
     The voxel query and the accelerated local aggregation of Voxel R-CNN, sections 3.2 and 3.3: the
-    first layer works on every voxel once and not on every pair of a voxel and a place.
-
-    Args:
-        inputs: channels of a voxel.
-        outputs: of the first layer and of the last.
-        radius, reach, samples: of the query.
+    first layer works on every voxel once and not on every pair of a voxel and a place. `outputs`
+    are those of the first layer and of the last.
     """
 
     def __init__(
         self, inputs: int, outputs: tuple[int, int], radius: float, reach: Triple, samples: int
     ) -> None:
         super().__init__()
-        self.radius = radius
-        self.reach = reach
-        self.samples = samples
+        self.radius, self.reach, self.samples = radius, reach, samples
         inner, outer = outputs
         # Lists of one, as OpenPCDet's, which allow for several radii.
         self.mlps_in = nn.ModuleList(
@@ -150,19 +124,11 @@ class NeighbourVoxelPool(nn.Module):
     ) -> Tensor:
         """Features (M, outer) at places (M, 3) in the cells (M, 4) frame, z, y, x.
 
-        Args:
-            voxels: N voxels at the centres (N, 3).
+        From N voxels at the centres (N, 3).
         """
-        idx, empty = voxel_query(
-            self.reach,
-            self.radius,
-            self.samples,
-            centres,
-            voxels.coordinates,
-            voxels.shape,
-            places,
-            cells,
-        )
+        query = self.reach, self.radius, self.samples
+        occupied = centres, voxels.coordinates, voxels.shape
+        idx, empty = voxel_query(*query, *occupied, places, cells)
         features = self.mlps_in[0](voxels.features)
         offsets = group(centres, idx) - places[:, None]
         offsets = offsets.masked_fill(empty[:, None, None], 0)
