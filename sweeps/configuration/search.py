@@ -47,13 +47,10 @@ from lidarplace.rigs.placement import Mount
 from sweeps.configuration.sweep import Common, Point, best_of
 
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
-
 Turn = Annotated[
     tuple[Degrees, Degrees], BeforeValidator(number_as_interval), AfterValidator(ordered)
 ]
 """A number, or [min, max], of an angle."""
-
-
 _OF_COUNTED_ZONES = {"models", "mirrored", "facing_deg", "roll_deg", "pitch_deg", "yaw_deg"}
 """Keys that differ between zones, whose LiDARs then have parameters of their own."""
 
@@ -87,8 +84,7 @@ class ZoneSettings(PlaceSettings):
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:
         if self.lidars is None:
-            own = self.model_fields_set & _OF_COUNTED_ZONES
-            if own:
+            if own := self.model_fields_set & _OF_COUNTED_ZONES:
                 raise ValueError(f"{min(own)}: needs `lidars` in the zone")
         elif self.lidars[0] > self.lidars[1]:
             raise ValueError("lidars: expected a number, or [min, max] with min <= max")
@@ -118,20 +114,14 @@ class FixedSettings(MountSettings):
 
 FAMILIES = 16
 """Trials of few numbers with which a search by a generalist begins."""
-
 DEFAULT_METRIC = headline_metric("all")
 """What `objective: generalist` is short for, by a generalist: it distinguishes rigs best."""
-
 GENERALIST, PRETRAINED = "generalist", "pretrained"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
-
-
 TOTALS = ("price", "power")
 """What LiDARs add up to: bounds and objectives."""
 OF_RIG = (*TOTALS, "margin")
 """Objectives that need no traffic."""
-
-
 _SURROGATES = SURROGATES.where(
     lambda own: own.beside is None and (own.decides is not None or not own.of_objects)
 )
@@ -224,7 +214,7 @@ class ObjectiveSettings(Settings):
     @property
     def judged(self) -> bool:
         """Whether a generalist measures it."""
-        return self.judge in (GENERALIST, PRETRAINED)
+        return self.judge is not None
 
 
 def _objective(value: Any) -> Any:
@@ -409,16 +399,13 @@ class SearchSettings(Settings):
         names = [objective.name for objective in self.objective]
         if len(set(names)) < len(names):
             raise ValueError(f"objective: duplicates; found {', '.join(names)}")
-        measured = [objective.measured for objective in self.objective]
-        if any(measured) and any(o.of_traffic for o in self.objective):
+        measured = [objective for objective in self.objective if objective.measured]
+        if measured and any(o.of_traffic for o in self.objective):
             raise ValueError("objective: measured values and surrogates cannot be combined")
-        judged = [objective.judged for objective in self.objective if objective.measured]
-        if not all(judged):
-            name = next(o.name for o in self.objective if o.measured and not o.judged)
-            raise ValueError(
-                f"objective: expected generalist.{name} or pretrained.{name}, found {name}"
-            )
-        if judged:
+        for name in (o.name for o in measured if not o.judged):
+            expected = f"generalist.{name} or pretrained.{name}"
+            raise ValueError(f"objective: expected {expected}, found {name}")
+        if measured:
             tests = max(len(self.traffic.search), len(self.traffic.choice))
             if self.over == "worst" and tests * (self.vehicles or 1) == 1:
                 raise ValueError("over: worst needs several kinds of traffic, or vehicles")
@@ -429,7 +416,7 @@ class SearchSettings(Settings):
         if self.adapt is not None:
             if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
                 raise ValueError("adapt: is for an objective that begins with pretrained")
-            if not judged or self.adapt >= self.trials:
+            if not measured or self.adapt >= self.trials:
                 raise ValueError(f"adapt: expected fewer than `trials`, found {self.adapt}")
             if len(self.models) > 1 or self.counted:
                 raise ValueError("adapt: is for one LiDAR model, and zones that do not count")
@@ -441,19 +428,16 @@ class SearchSettings(Settings):
             if fixed.lidar is not None:
                 raise ValueError("fixed: lidar: define it in `models`, and set `model` here")
             if fixed.model is not None and fixed.model not in self.models:
-                raise ValueError(
-                    f"fixed: unknown model {fixed.model!r}; expected one of "
-                    f"{', '.join(self.models) or 'models'}"
-                )
+                known = ", ".join(self.models) or "models"
+                raise ValueError(f"fixed: unknown model {fixed.model!r}; expected one of {known}")
         self._check_sampler()
         return self
 
     @property
     def first_families(self) -> int:
         """How many trials are of families."""
-        if self.families is not None:
-            return self.families
-        return FAMILIES if self.objective[0].judged else 0
+        default = FAMILIES if self.objective[0].judged else 0
+        return default if self.families is None else self.families
 
     @property
     def further_settings(self) -> tuple[CameraSettings | RadarSettings, ...]:
@@ -489,11 +473,11 @@ class SearchSettings(Settings):
             if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
                 raise ValueError("zones: no zone allows a LiDAR")
         mountable(self.zones, vehicle_of(self.vehicle))
+        known = ", ".join(self.models) or "none: give search.models"
         for name, zone in self.zones.items():
-            unknown = [model for model in zone.models or () if model not in self.models]
-            if unknown:
-                known = ", ".join(self.models) or "none: give search.models"
-                raise ValueError(f"zones.{name}.models: no model {unknown[0]!r}; there are {known}")
+            for model in zone.models or ():
+                if model not in self.models:
+                    raise ValueError(f"zones.{name}.models: no model {model!r}; there are {known}")
         common = {"constraints": self.constraints.common_view}
         common |= {f"requirements {own.name!r}": own.common_view for own in self.requirements}
         for place, view in common.items():
@@ -571,8 +555,7 @@ class SearchFile(Common, Point):
 
     @model_validator(mode="after")
     def _is_measured(self) -> SearchFile:
-        for objective in self.search.objective:
-            for by in (part.by for part in objective.parts if part.measured):
-                if by not in (*METRICS.own, *self.metrics):
-                    raise ValueError(f"search.objective: {by} is not among metrics")
+        for part in (part for objective in self.search.objective for part in objective.parts):
+            if part.measured and part.by not in (*METRICS.own, *self.metrics):
+                raise ValueError(f"search.objective: {part.by} is not among metrics")
         return self

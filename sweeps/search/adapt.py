@@ -1,8 +1,7 @@
 """A search in two rounds: weights that come along evaluate the first, adapted ones the second.
 
-Each round is a search with a run folder, trials and results of its own, so a stop loses nothing of
-either. The second starts from the best rigs of the first, and its generalist is trained, from the
-same weights, on rigs near these.
+Each round is a search with a run folder of its own, so a stop loses nothing of either. The second
+starts from the best rigs of the first, and its generalist is trained on rigs near these.
 """
 
 import json
@@ -17,31 +16,19 @@ from sweeps.search.problem.problem import Problem, read_problem
 from tracking.run_folders.search import SearchFolder
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
-
 FIRST = "_first"
 """What the name of the first round ends with."""
 
 
 def first_round(problem: Problem, path: Path, overrides: Sequence[str]) -> Problem:
-    """The search with so many trials as `search.adapt` says; nothing is verified.
-
-    Raises ConfigError.
-    """
-    changes = {
-        "name": problem.file.name + FIRST,
-        "search.adapt": None,
-        "search.trials": problem.file.search.adapt,
-        "robustness": None,
-        "verify": None,
-    }
+    """The search with so many trials as `search.adapt` says, without verification."""
+    changes: dict[str, Any] = dict.fromkeys(("search.adapt", "robustness", "verify"))
+    changes |= {"name": problem.file.name + FIRST, "search.trials": problem.file.search.adapt}
     return _changed(path, overrides, changes)
 
 
 def second_round(problem: Problem, first: Problem, path: Path, overrides: Sequence[str]) -> Problem:
-    """The search from the best rigs of the first round, by weights that are trained near these.
-
-    Raises ConfigError.
-    """
+    """The search from the best rigs of the first round, by weights that are trained near these."""
     rigs = SearchFolder.read(first.folder).search.rigs.items()
     best = {
         f"first_{name.removeprefix('found_')}": [

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import optuna
 import pandas as pd
@@ -14,6 +15,8 @@ from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import ConfigError
 from sweeps.execution.backends import Backend, BackendLost
+from sweeps.execution.failures import Failure
+from sweeps.execution.progress import StageProgress, about
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
@@ -31,11 +34,10 @@ from sweeps.search.judgement.winners import (
 )
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.tables import ABOUT, columns, ended_trials
-from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
+from sweeps.search.output.terminal import print_failures, print_found
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_generalist import GeneralistAnswers
-from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
     Answers,
     Timing,
@@ -48,6 +50,7 @@ from sweeps.search.trials.study import (
 )
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
 from sweeps.store.open import AnyStore, reference
+from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags
@@ -61,14 +64,10 @@ def run_search(
     console: Console, problem: Problem, store: AnyStore, command: str, verify: bool
 ) -> bool:
     """Search, write the results, verify. Returns whether a placement was found and all went well.
-
-    Raises:
-        as `sweeps.execution.runner.drive`.
-    """
+    Raises as `sweeps.execution.runner.drive`."""
     work = SearchWork(console, problem, store, hide_secrets(command, *problem.file.urls))
     found, good = drive(console, problem.file, store, work)
-    failed = print_failures(console, found)
-    good &= bool(found.trials) and not failed
+    good &= not print_failures(console, found) and bool(found.trials)
     if verify and problem.file.verify is not None and found.trials:
         from sweeps.search.judgement.verify import verify_found
 
@@ -78,14 +77,46 @@ def run_search(
     return good
 
 
+class TrialProgress(StageProgress):
+    """How many of the `wanted` trials are finished, and what their tasks do meanwhile: a bar in a
+    terminal, elsewhere a line now and then."""
+
+    def __init__(self, console: Console, wanted: int, store: AnyStore) -> None:
+        super().__init__(console, (), store)
+        self._wanted, self._told = wanted, 0
+        self._batch: tuple[float, int] | None = None  # seconds and trials of the latest
+        self._since: float | None = None
+        self._trials = self._bars.add_task("trials", total=wanted, now=self._running.__str__)
+
+    def told(self, number: int) -> None:
+        """So many trials are finished."""
+        before, now = self._told, time.monotonic()
+        # The first batch has what is done once, such as the training of a generalist.
+        self._batch = None if self._since is None else (now - self._since, number - before)
+        self._since, self._told = now, number
+        self._bars.update(self._trials, completed=number)
+        tenth, last = (10 * own // self._wanted for own in (number, before))
+        if not self._console.is_terminal and tenth > last:
+            self._console.print(f"trials {number}/{self._wanted}")
+
+    def failed(self, task: Task, failure: Failure) -> None:
+        """The trial has the reason."""
+        self._running.ended(task)
+
+    def now(self) -> str:
+        """How many trials are finished, what runs, and when the last may be."""
+        parts = [f"trials {self._told} of {self._wanted}"]
+        if now := str(self._running):
+            parts.append(f"now {now}")
+        if self._batch is not None:
+            seconds, trials = self._batch
+            parts.append(f"about {about(seconds / trials * (self._wanted - self._told))} left")
+        return "; ".join(parts)
+
+
 @dataclass
 class SearchWork:
-    """The steps of a search.
-
-    Attributes:
-        command: what makes the search again, without passwords.
-        started: on the monotonic clock.
-    """
+    """The steps of a search; `command`, without passwords, makes it again."""
 
     console: Console
     problem: Problem
@@ -95,17 +126,12 @@ class SearchWork:
     _storage: optuna.storages.BaseStorage = field(init=False)
 
     def open(self, folder: Path, say: Say) -> ParentRun:
-        """Open Optuna's storage."""
         file, search = self.problem.file, self.problem.file.search
         self._storage = storage_in(folder)
         if is_emptied(folder):
             say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
-        params = {
-            "objective": ", ".join(objective.name for objective in search.objective),
-            "sampler": search.sampler,
-            "seed": search.seed,
-            "batch_size": search.batch_size,
-        }
+        params: dict[str, Any] = {"objective": ", ".join(own.name for own in search.objective)}
+        params |= {key: getattr(search, key) for key in ("sampler", "seed", "batch_size")}
         return ParentRun(
             self.problem.key,
             file.name,
@@ -132,10 +158,7 @@ class SearchWork:
         seconds = time.monotonic() - self.started
         write_search(folder, self.problem, found, self.command, seconds)
         run = SearchFolder.read(folder)
-        if found.trials:
-            print_found(self.console, self.problem, found, run)
-        else:
-            print_nothing_found(self.console, run)
+        print_found(self.console, self.problem, found, run)
         report = build_search_report(folder)
         for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
             log.artifact(path)
@@ -148,30 +171,17 @@ class SearchWork:
         # a cluster that cannot be joined is reported before the bound
         pool = Pool.of(backend, traffic)
         certificate, none = self._certificate(traffic)
-        study = open_study(
-            self._storage,
-            f"{reference(problem.sweep(), 'search')}-{problem.key}",
-            settings,
-            first_params(problem, certificate),
-        )
+        name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
+        study = open_study(self._storage, name, settings, first_params(problem, certificate))
         timing = self._trials(study, pool, backend, log)
         trials = best_trials(study, problem.space)
         judged = _judged(problem, trials, certificate, pool)
         chosen = None
         if problem.judged and trials:
             judged, chosen = choose(self.console, problem, judged, self.store, backend)
-        return Found(
-            study=study,
-            trials=trials,
-            certificate=certificate,
-            no_certificate=none,
-            judged=judged,
-            robustness=self._robustness(judged, pool, backend, traffic) if trials else None,
-            grids=traffic.grids,
-            timing=timing,
-            linear_share=best_linear_share(judged, traffic.grids, question),
-            chosen=chosen,
-        )
+        robust = self._robustness(judged, pool, backend, traffic) if trials else None
+        share, grids = best_linear_share(judged, traffic.grids, question), traffic.grids
+        return Found(study, trials, certificate, none, judged, robust, grids, timing, share, chosen)
 
     def _certificate(self, traffic: Traffic) -> tuple[Certificate | None, str | None]:
         """Greedy choice and its bound; or None and why there is none."""
@@ -198,8 +208,7 @@ class SearchWork:
 
     def _trials(self, study: optuna.Study, pool: Pool, backend: Backend, log: SweepLog) -> Timing:
         """Ask and tell; every trial is logged."""
-        problem, timing = self.problem, Timing()
-        settings = problem.file.search
+        problem, settings = self.problem, self.problem.file.search
         answers: Answers
         progress = TrialProgress(self.console, settings.trials, self.store)
         if problem.judged:
@@ -208,20 +217,17 @@ class SearchWork:
             answers = SurrogateAnswers(study, problem.space, problem.question, pool)
         log.follow(partial(ended_trials, study, problem))
         with progress:
-            run_study(study, problem.space, settings, answers, progress.told, timing)
-        return timing
+            return run_study(study, problem.space, settings, answers, progress.told)
 
     def _robustness(
         self, judged: Mapping[str, Judged], pool: Pool, backend: Backend, traffic: Traffic
     ) -> pd.DataFrame | None:
         """The best rigs with other mounts and in other scenes; None if it is not asked for, or no
         objective is a surrogate."""
-        problem = self.problem
-        settings, question = problem.file.robustness, exact(problem.question)
-        if settings is None:
-            return None
-        if not traffic.grids:
-            if "robustness" in problem.file.model_fields_set:
+        problem, settings = self.problem, self.problem.file.robustness
+        question = exact(problem.question)
+        if settings is None or not traffic.grids:
+            if settings is not None and "robustness" in problem.file.model_fields_set:
                 self.console.print(
                     "robustness: not computed: no objective is a surrogate; the clouds of a "
                     "generalist have mounting_errors, and search.traffic may list other scenes",
@@ -247,15 +253,12 @@ def _judged(
     pool: Pool,
 ) -> dict[str, Judged]:
     """The best of the search, greedy's rigs and the paper's."""
-    question = problem.question
-    found = judge(trials, problem.space, question, pool)
-    others = {}
+    question, others = problem.question, {}
     if certificate is not None and certificate.chosen:  # nothing, where no LiDAR sees anything
         others["greedy"] = certificate.rig
     if certificate is not None and certificate.refined is not None:
         others["refined"] = certificate.refined
-    return (
-        {f"found_{i}": own for i, own in enumerate(found, start=1)}
-        | judge_others(others, "greedy", question, pool)
-        | judge_others(problem.paper_rigs(), "paper", question, pool)
-    )
+    found = judge(trials, problem.space, question, pool)
+    judged = {f"found_{i}": own for i, own in enumerate(found, start=1)}
+    judged |= judge_others(others, "greedy", question, pool)
+    return judged | judge_others(problem.paper_rigs(), "paper", question, pool)

@@ -4,26 +4,19 @@ import copy
 from pathlib import Path
 
 import yaml
+from typer.testing import CliRunner
 
+from sweeps.commands.search import app
+from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
+from tracking.run_folders.search import SearchFolder
 
-SEARCH = {
-    "classes": ["Car"],
-    "lidar": {"beams": 4, "azimuth_steps": 90},
-    "surrogate": {"resolution": 0.8},
-    "ray": "debug",
-    "search": {
-        "lidars": 2,
-        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
-        "roll_deg": [-10, 10],
-        "objective": "expected_ig",
-        "azimuth_stride": 1,
-        "trials": 12,
-        "batch_size": 4,
-        "greedy": {"position_step": 0.5, "bound_seconds": 2.0},
-    },
-    "robustness": {"draws": 3},
-}
+ROOF = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}
+SEARCH = {"classes": ["Car"], "lidar": {"beams": 4, "azimuth_steps": 90}, "ray": "debug"}
+SEARCH |= {"surrogate": {"resolution": 0.8}, "robustness": {"draws": 3}}
+SEARCH["search"] = {"lidars": 2, "zones": {"roof": ROOF}, "roll_deg": [-10, 10], "trials": 12}
+SEARCH["search"] |= {"objective": "expected_ig", "azimuth_stride": 1, "batch_size": 4}
+SEARCH["search"] |= {"greedy": {"position_step": 0.5, "bound_seconds": 2.0}}
 
 
 def write_search(folder: Path, **changes) -> Path:
@@ -41,3 +34,20 @@ def write_search(folder: Path, **changes) -> Path:
     path = folder / "small.yaml"
     path.write_text(yaml.safe_dump(config))
     return path
+
+
+def run_search(path: Path, *options: str, codes: tuple[int, ...] = (0,)) -> str:
+    """What the command prints about a configuration of `write_search`."""
+    database = path.parent / "runs/mlflow.db"
+    if path.name == "small.yaml" and not database.exists():
+        write_database(database)
+    done = CliRunner().invoke(app, [str(path), *options], catch_exceptions=False)
+    assert done.exit_code in codes, done.output
+    return done.output
+
+
+def searched(folder: Path, code: int = 0, **changes) -> tuple[SearchFolder, str]:
+    """The run folder of a search, and what it printed."""
+    path = write_search(folder, **changes)
+    said = run_search(path, codes=(code,))
+    return SearchFolder.read(folder / "runs" / changes.get("name", "small")), said

@@ -212,6 +212,9 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
 
 
 def test_what_the_command_prints(module, monkeypatch):
+    few = {name: populations()[name] for name in ("random", "all")}
+    for name in ("scores", "markdown"):
+        monkeypatch.setattr(f"sweeps.benchmark.{name}.populations", lambda: few)
     result = call(app, "placing_own:heights", env={"COLUMNS": "200"})
     assert result.output.count("| placing_own:heights |") == 4
 

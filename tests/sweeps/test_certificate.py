@@ -20,7 +20,7 @@ from sweeps.search.greedy.certificate import (
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.problem.slots import Placed, rig_of
+from sweeps.search.problem.space import Placed, rig_of
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
 
@@ -29,26 +29,12 @@ MODELS = {
     "spinning": {"beams": 4, "azimuth_steps": 90, "price": 4},
     "flash": {"beams": 8, "azimuth_steps": 90, "azimuth_deg": [-60, 60], "price": 2},
 }
-BESIDE = {
-    "name": "somebody on the left",
-    "where": {"x": [-1, 1], "y": [2, 3]},
-    "what": "Pedestrian",
-    "at_least": {"points": 4},
-    "step": 0.5,
-}
+BESIDE = {"name": "somebody on the left", "where": {"x": [-1, 1], "y": [2, 3]}}
+BESIDE |= {"what": "Pedestrian", "at_least": {"points": 4}, "step": 0.5}
 COUNTED = {
     "roof": {"x": [-0.5, 0.5], "y": 0, "z": [1.8, 2.0], "lidars": [0, 2], "models": ["spinning"]},
-    "side": {
-        "x": [0.6, 1.2],
-        "y": 1.0,
-        "z": 0.8,
-        "lidars": [0, 1],
-        "models": ["flash"],
-        "mirrored": True,
-        "facing_deg": 45,
-        "yaw_deg": [-10, 10],
-        "price": 1,
-    },
+    "side": {"x": [0.6, 1.2], "y": 1.0, "z": 0.8, "lidars": [0, 1], "models": ["flash"]}
+    | {"mirrored": True, "facing_deg": 45, "yaw_deg": [-10, 10], "price": 1},
     "nose": {"x": 2.4, "y": [-0.6, 0.6], "z": 0.6, "lidars": 1, "models": ["flash", "spinning"]},
 }
 
@@ -104,47 +90,27 @@ recall of pairs:
 fixed: {lidars: 2, fixed: [{x: 2.4, z: 0.6}], roll_deg: 0}
 symmetric: {lidars: [2, 3], symmetric: true}
 step:
-  zones: {side: {x: 0, y: [0.2, 0.6], z: 2}}
-  greedy: {position_step: 0.2, angle_step_deg: 10.0, bound_seconds: 2.0, refine: 0}
-  lidars: 3
-  roll_deg: 0
+  {zones: {side: {x: 0, y: [0.2, 0.6], z: 2}}, lidars: 3, roll_deg: 0,
+   greedy: {position_step: 0.2, angle_step_deg: 10.0, bound_seconds: 2.0, refine: 0}}
 fixed price:
-  models: {only: {beams: 4, azimuth_steps: 90, price: 5}}
-  fixed: [{x: 2.4, z: 0.6}]
-  constraints: {price: 12}
-  lidars: [1, 2]
-  roll_deg: 0
+  {models: {only: {beams: 4, azimuth_steps: 90, price: 5}}, fixed: [{x: 2.4, z: 0.6}],
+   constraints: {price: 12}, lidars: [1, 2], roll_deg: 0}
 price:
-  models:
-    small: {beams: 2, azimuth_steps: 45, price: 1}
-    large: {beams: 8, azimuth_steps: 90, price: 3}
-  constraints: {price: 5}
-  lidars: 3
-  roll_deg: 0
+  {models: {small: {beams: 2, azimuth_steps: 45, price: 1}, large: {beams: 8,
+   azimuth_steps: 90, price: 3}}, constraints: {price: 5}, lidars: 3, roll_deg: 0}
 power:
-  models:
-    small: {beams: 2, azimuth_steps: 45, power: 4}
-    large: {beams: 8, azimuth_steps: 90, power: 9.5}
-  constraints: {power: 18}
-  lidars: 3
-  roll_deg: 0
+  {models: {small: {beams: 2, azimuth_steps: 45, power: 4}, large: {beams: 8,
+   azimuth_steps: 90, power: 9.5}}, constraints: {power: 18}, lidars: 3, roll_deg: 0}
 views:
-  models:
-    turn: {beams: 2, azimuth_steps: 90}
-    front: {beams: 6, azimuth_steps: 120, azimuth_deg: [-60, 60]}
-  azimuth_stride: 6
+  {models: {turn: {beams: 2, azimuth_steps: 90}, front: {beams: 6, azimuth_steps: 120,
+   azimuth_deg: [-60, 60]}}, azimuth_stride: 6}
 """
 ) | {
     "keep out": {"lidars": 2, "roll_deg": 0, "keep_out": {"hatch": HATCH}},
     "requirements": {"lidars": [1, 2], "roll_deg": 0, "requirements": [BESIDE]},
     "zones": {"zones": COUNTED, "roll_deg": 0, "models": MODELS},
-    "zones and price": {
-        "zones": COUNTED,
-        "roll_deg": 0,
-        "models": MODELS,
-        "constraints": {"price": 9},
-    },
 }
+CASES["zones and price"] = CASES["zones"] | {"constraints": {"price": 9}}
 
 
 @pytest.mark.parametrize("changes", CASES.values(), ids=CASES)
@@ -157,7 +123,8 @@ def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
     assert certificate.bound >= best * (1 - 1e-12)
     assert certificate.by_gains >= certificate.bound
     found = assess(certificate.rig, problem.question, traffic)
-    if slots_of(certificate.rig, problem) is not None:
+    if (placed := slots_of(certificate.rig, problem)) is not None:
+        assert rig_of(placed, problem.space) == certificate.rig
         assert found.feasible
         assert certificate.value <= best * (1 + 1e-12)
         share = 0.5 if problem.file.search.counted else 0.63  # of a partition matroid; of a number
@@ -178,13 +145,6 @@ def test_refining_moves_lidars_to_better_places(tmp_path, symmetric):
     assert found.values["expected_ig"] == pytest.approx(certificate.refined_value, rel=1e-9)
     (params,) = first_params(problem, certificate)
     assert problem.space.rig(params) == certificate.refined
-
-
-def test_slots_of_a_rig_give_it_back(tmp_path):
-    problem = problem_of(tmp_path, lidars=[2, 3], symmetric=True)
-    certificate = certify(problem, traffic_of(problem))
-    placed = slots_of(certificate.rig, problem)
-    assert rig_of(placed, problem.space) == certificate.rig
 
 
 def test_a_certificate_is_kept_until_the_problem_changes(tmp_path):
@@ -218,26 +178,16 @@ def test_where_there_is_no_bound_it_says_why(tmp_path, changes, reason):
 
 
 def test_no_candidate_keeps_the_constraints(tmp_path):
-    problem = problem_of(
-        tmp_path,
-        zones={"low": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.7]}},
-        constraints={"body_share": 0.0},
-    )
+    zones = {"low": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.7]}}
+    problem = problem_of(tmp_path, zones=zones, constraints={"body_share": 0.0})
     assert certify(problem, traffic_of(problem)) is None
 
 
 def test_only_rigs_that_keep_the_constraints_are_refined(tmp_path):
     mounts = [{"x": 0.0, "z": 2.0}, {"x": 0.5, "z": 2.0}]
-    path = write_search(
-        tmp_path,
-        search={
-            "greedy": COARSE | {"refine": 1},
-            "constraints": {"distance": 0.7},
-            "start": ["mine"],
-        },
-        placements={"mine": {"mounts": mounts}},
-    )
-    problem = read_problem(path)
+    search = {"greedy": COARSE | {"refine": 1}, "constraints": {"distance": 0.7}}
+    own = {"placements": {"mine": {"mounts": mounts}}, "search": search | {"start": ["mine"]}}
+    problem = read_problem(write_search(tmp_path, **own))
     traffic = traffic_of(problem)
     certificate = certify(problem, traffic)
     assert certificate.refined_from == "greedy"

@@ -2,7 +2,8 @@
 
 import pandas as pd
 import pytest
-from small_log import write_small_log, write_sweep
+import yaml
+from small_log import write_small_log
 
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
@@ -13,15 +14,18 @@ from sweeps.tasks.stages import FUNCTIONS
 from tests.sweeps.toy import result
 from training import build_detector
 
-SETTINGS = {
-    "placement": "line",
-    "judge": "generalist",
-    "generalist": {"rigs": 3, "rigs_per_frame": 1, "epochs": 1},
-    "detector": "pointpillars_tiny",
-    "training": {"score_threshold": 0.0},
-    "lidar": {"beams": 8, "azimuth_steps": 180},
-    "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
-}
+SETTINGS = {"placement": "line", "judge": "generalist", "classes": ["Car"]}
+SETTINGS |= {"generalist": {"rigs": 3, "rigs_per_frame": 1, "epochs": 1}}
+SETTINGS |= {"detector": "pointpillars_tiny", "training": {"score_threshold": 0.0}}
+SETTINGS |= {"lidar": {"beams": 8, "azimuth_steps": 180}, "surrogate": {"resolution": 0.8}}
+SETTINGS |= {"mounting_errors": {"offset": 0.01, "angle_deg": 0.5}}
+
+
+def trial_of(folder, **changes):
+    path = folder / "grid.yaml"
+    path.write_text(yaml.safe_dump(SETTINGS | changes))
+    (trial,) = make_plan(read_sweep(path)).trials
+    return trial
 
 
 def value_of(task, known):
@@ -39,9 +43,9 @@ def judged(tmp_path):
     log = pd.read_parquet(tmp_path / "log/frames.parquet")
     log["split"] = ["train", "test", "test", "test"]
     log.to_parquet(tmp_path / "log/frames.parquet")
-    (trial,) = make_plan(read_sweep(write_sweep(tmp_path, **SETTINGS))).trials
-    crop = trial.evaluate.params.point_range
-    model = build_detector("pointpillars_tiny", ["Car"], point_range=crop)
+    trial = trial_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
+    points = trial.evaluate.params.point_range
+    model = build_detector("pointpillars_tiny", ["Car"], point_range=points)
     weights = result(state_dict=model.state_dict(), classes=["Car"])
     return trial, {trial.finetune.key: weights}, Store(tmp_path / "store")
 
@@ -62,10 +66,8 @@ def test_metrics_of_all_portions_are_those_of_the_whole(judged):
     truth = next(task for task in trial.evaluate.inputs if task.stage == "ground_truth")
     for task in [*every, truth]:
         store.save(task, value_of(task, known), 0.0)
-    whole, parts = (
-        judged_metrics(store, own, [truth], ["Car"], {}, ()) for own in (every[:1], every[1:])
-    )
-    pd.testing.assert_frame_equal(whole, parts)
+    own = [judged_metrics(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
+    pd.testing.assert_frame_equal(*own)
 
 
 def test_a_log_s_tests_can_be_those_of_another_log(tmp_path):

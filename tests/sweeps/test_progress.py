@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import Running, StageProgress, TimeLeft, about, minutes
-from sweeps.search.trials.progress import TrialProgress
+from sweeps.search.run import TrialProgress
 from sweeps.store.local import Note, Store
 from sweeps.tasks.task import Task
 from tests.forked import GUARD_S

@@ -1,6 +1,5 @@
 """A search whose objective a generalist measures."""
 
-import json
 import math
 
 import numpy as np
@@ -8,13 +7,11 @@ import pandas as pd
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
-from search_files import write_search
+from search_files import run_search, write_search
 from small_log import write_small_log
-from typer.testing import CliRunner
 
-from lidarplace import Lidar, Mount, Placement
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
-from sweeps.commands.search import app
 from sweeps.search.output.terminal import rig_warnings
 from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import read_problem
@@ -22,12 +19,9 @@ from sweeps.search.problem.training_rigs import training_rigs
 from sweeps.search.trials import by_generalist
 from tracking.run_folders.search import SearchFolder
 
-TINY = {
-    "detector": "pointpillars_tiny",
-    "training": {"epochs": 1, "batch_size": 1},
-    "generalist": {"rigs": 4, "rigs_per_frame": 2, "epochs": 1},
-    "lidar": {"azimuth_steps": 180},
-}
+TINY = {"detector": "pointpillars_tiny", "training": {"epochs": 1, "batch_size": 1}}
+TINY |= {"generalist": {"rigs": 4, "rigs_per_frame": 2, "epochs": 1}}
+TINY |= {"lidar": {"azimuth_steps": 180}}
 
 
 def written(folder, **changes):
@@ -35,27 +29,22 @@ def written(folder, **changes):
     for name in ("trials", "choice"):
         if not (folder / name).exists():
             write_small_log(folder / name)
-    traffic = {
-        purpose: {"scene.test_folder": str(folder / name)}
-        for purpose, name in (("search", "trials"), ("choice", "choice"))
-    }
+    names = {"search": "trials", "choice": "choice"}
+    traffic = {key: {"scene.test_folder": str(folder / own)} for key, own in names.items()}
     settings = {"objective": "generalist", "traffic": traffic, "sampler": "random"}
     search = settings | {"trials": 6, "batch_size": 3} | changes.pop("search", {})
     return write_search(folder, **TINY | changes, search=search)
 
 
-def run(path):
-    return CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+@pytest.fixture
+def two_peers(monkeypatch):
+    """Of the paper's eight: each is judged, which takes a second."""
+    peers = {name: PAPER_PLACEMENTS[name] for name in ("line", "center")}
+    monkeypatch.setattr("sweeps.search.problem.problem.PAPER_PLACEMENTS", peers)
 
 
-@pytest.fixture(scope="module")
-def tracking(tmp_path_factory):
-    return {"uri": f"sqlite:///{tmp_path_factory.mktemp('mlflow') / 'mlflow.db'}"}
-
-
-def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
-    tmp_path, tracking, monkeypatch
-):
+@pytest.mark.usefixtures("two_peers")
+def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_path, monkeypatch):
     def height(objective, classes, metrics):  # a tiny training finds nothing
         return float(metrics.attrs["height"])
 
@@ -67,9 +56,8 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
     real = by_generalist.judged_metrics
     monkeypatch.setattr(by_generalist, "judged_metrics", metrics)
     monkeypatch.setattr(by_generalist, "weighted_value", height)
-    path = written(tmp_path, tracking=tracking, search={"constraints": {"distance": 0.8}})
-    result = run(path)
-    assert result.exit_code == 0, result.output
+    path = written(tmp_path, search={"constraints": {"distance": 0.8}})
+    run_search(path)
     store, folder = tmp_path / "runs/store", tmp_path / "runs/small"
     assert len(list(store.glob("pretrain/*"))) == 1
     assert not list(store.glob("finetune/*"))
@@ -83,13 +71,12 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
     assert len(feasible) < len(judged) < by_generalist.PORTIONS * len(feasible)
     before = {p: p.stat().st_mtime_ns for p in store.rglob("*") if p.is_file()}
     (folder / "optuna.journal").unlink()  # a search that lost its trials finds its detections
-    assert run(path).exit_code == 0
+    run_search(path)
     after = {p: p.stat().st_mtime_ns for p in store.rglob("*") if p.is_file()}
     results = {p: t for p, t in before.items() if p.parent != store / "sweeps"}
     assert {p: after.get(p) for p in results} == results
     again = pd.read_parquet(folder / "trials.parquet")
     pd.testing.assert_frame_equal(again.drop(columns="seconds"), table.drop(columns="seconds"))
-
     found = SearchFolder.read(folder)
     assert found.search.baseline is not None
     assert found.chosen is not None
@@ -103,7 +90,8 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
     assert sweep["mounting_errors"] == {"offset": 0.01, "angle_deg": 0.5}
 
 
-def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, tracking, monkeypatch):
+@pytest.mark.usefixtures("two_peers")
+def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, monkeypatch):
     def metrics(store, portions, truths, classes, ious, names):
         table = real(store, portions, truths, classes, ious, names)
         collection = portions[0].params.collection
@@ -115,16 +103,12 @@ def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, trackin
     monkeypatch.setattr(by_generalist, "judged_metrics", metrics)
     write_small_log(tmp_path / "more", seed=1)
     logs = {"search": ["trials", "more"], "choice": ["choice"]}
-    traffic = {
-        purpose: [{"scene.test_folder": str(tmp_path / name)} for name in names]
-        for purpose, names in logs.items()
-    }
+    folders = {key: [str(tmp_path / name) for name in names] for key, names in logs.items()}
+    traffic = {k: [{"scene.test_folder": own} for own in each] for k, each in folders.items()}
     settings = {"traffic": traffic, "vehicles": 2, "over": "worst", "trials": 3}
-    path = written(tmp_path, tracking=tracking, search=settings)
-    result = run(path)
-    assert result.exit_code == 0, result.output
+    printed = run_search(written(tmp_path, search=settings))
     said = "the worst over 2 kinds of traffic with 2 vehicles of a rig"
-    assert f"judged by {said}" in " ".join(result.output.split())
+    assert f"judged by {said}" in " ".join(printed.split())
     assert len(list((tmp_path / "runs/store").glob("pretrain/*"))) == 1
     off = MountingErrors(0.01, math.radians(0.5))
     at_origin = Placement("origin", [Mount(0, 0, 0)], lidar=Lidar.paper())
@@ -134,28 +118,20 @@ def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, trackin
     expected = 10 * (trials["lidar_1.z_m"] + lowest) - 3
     np.testing.assert_allclose(trials["value.generalist.recall"], expected, atol=1e-9)
     assert folder.search.over == said
-    assert (
-        "Each value is the worst over 2 vehicles of a rig."
-        in (tmp_path / "runs/small/search.html").read_text()
-    )
+    page = (folder.path / "search.html").read_text()
+    assert "Each value is the worst over 2 vehicles of a rig." in page
 
 
-def test_several_objectives_and_the_price_make_a_front(tmp_path, tracking):
-    path = written(
-        tmp_path,
-        tracking=tracking,
-        search={
-            "lidars": [1, 2],
-            "objective": ["generalist.AP_R40_BEV.Car", "price"],
-            "models": {"small": {"beams": 4, "azimuth_steps": 180, "price": 2}},
-            "trials": 4,
-            "batch_size": 4,
-        },
-    )
-    result = run(path)
-    assert result.exit_code == 0, result.output
-    about = json.loads((tmp_path / "runs/small/search.json").read_text())
-    assert [o["name"] for o in about["objectives"]] == ["generalist.AP_R40_BEV.Car", "price"]
+@pytest.mark.usefixtures("two_peers")
+def test_several_objectives_and_the_price_make_a_front(tmp_path):
+    names = ["generalist.AP_R40_BEV.Car", "price"]
+    models = {"small": {"beams": 4, "azimuth_steps": 180, "price": 2}}
+    search = {"lidars": [1, 2], "objective": names, "models": models, "trials": 3}
+    run_search(written(tmp_path, search=search))
+    found = SearchFolder.read(tmp_path / "runs/small")
+    assert [own.name for own in found.search.objectives] == names
+    measured = found.trials[[f"value.{name}" for name in names]]
+    assert measured[found.trials["feasible"]].notna().all(axis=None)
 
 
 def test_training_rigs_are_of_the_space_and_of_every_number(tmp_path):
@@ -168,22 +144,6 @@ def test_training_rigs_are_of_the_space_and_of_every_number(tmp_path):
     assert any(mount.roll != 0 for mount in mounts)
     assert rigs == training_rigs(problem.space, problem.models, 9, 0)
     assert rigs != training_rigs(problem.space, problem.models, 9, 1)
-
-
-def test_simulated_traffic_is_of_other_towns_also_where_its_amount_is_told(tmp_path):
-    settings = TINY | {
-        "scene": {"seed": 3},
-        "search": {
-            "zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": [1.6, 1.8]}},
-            "objective": "generalist",
-            "traffic": {"search": {"scene.test_routes": 4}},
-        },
-    }
-    path = tmp_path / "search.yaml"
-    path.write_text(yaml.safe_dump(settings))
-    found = read_problem(path).traffic
-    assert found.search == ({"scene.test_routes": 4, "scene.test_seed": 1004},)
-    assert found.choice == ({"scene.test_seed": 1005},)
 
 
 def simulated(folder, **search):
@@ -201,6 +161,9 @@ def test_each_traffic_is_in_a_town_of_its_own_and_trials_and_choice_have_other_v
     assert [test["scene.test_seed"] for test in tests.search] == [1006, 1006, 1008, 1008]
     assert [test.get("scene.density") for test in tests.search] == [None, None, 120, 120]
     assert tests.choice == tuple({"scene.test_seed": 9, vehicle: v} for v in (3, 4))
+    found = simulated(tmp_path, traffic={"search": {"scene.test_routes": 4}}).traffic
+    assert found.search == ({"scene.test_routes": 4, "scene.test_seed": 1006},)
+    assert found.choice == ({"scene.test_seed": 1007},)
 
 
 def error(mount, exact):
@@ -215,12 +178,8 @@ def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tm
     rigs = {f"judged_{i}": rig for i, rig in enumerate(problem.paper_rigs().values())}
     judged = judged_rigs(problem, trained, rigs, problem.tests.search)
     (generalist,) = trained.values()
-    densities = {
-        scene.params.recording.scene.density
-        for clouds in generalist.inputs
-        for scene in clouds.inputs
-    }
-    assert densities == {80}
+    scenes = [scene for clouds in generalist.inputs for scene in clouds.inputs]
+    assert {scene.params.recording.scene.density for scene in scenes} == {80}
     shifts = []
     for name, (of_seed,) in judged.items():
         exact = [choice.mount for choice in rigs[name]]
@@ -256,9 +215,9 @@ def test_a_dry_run_tells_of_a_rig_beyond_those_that_are_named(tmp_path):
     own = {name: {"mounts": mount} for name, mount in mounts.items()}
     changes = {"placements": own, "generalist": {"rigs": ["low", "middle"]}}
     path = written(tmp_path, search={"start": ["high"]}, **changes)
-    result = CliRunner().invoke(app, [str(path), "--dry-run"], catch_exceptions=False)
+    told = " ".join(run_search(path, "--dry-run").split())
     said = "high is outside of the rigs that the generalist has seen: z by 0.15 m."
-    assert said in " ".join(result.output.split())
+    assert said in told
 
 
 PLACES = {"low": 1.8, "middle": 2.0, "high": 2.15}

@@ -2,10 +2,8 @@
 
 from functools import reduce
 
-import pandas as pd
 import pytest
-from search_files import write_search
-from typer.testing import CliRunner
+from search_files import run_search, searched, write_search
 
 from lidarplace import ExpectedRecall, Mount, Placement, Roi
 from lidarplace.clouds.shade import ends_in_rig
@@ -13,24 +11,14 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from lidarplace.recall.surface_cells import SurfaceCells
-from sweeps.commands.search import app
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.robustness import _cases
 from sweeps.search.output.terminal import greedy_warnings
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
-from tests.mlflow_database import write_database
-from tracking.run_folders.search_json import SearchResult
 
 LIDAR = {"beams": 8, "azimuth_steps": 400, "cloud_share": 0.5}
-
-
-def run(folder, **changes):
-    write_database(folder / "mlflow.db")
-    uri = f"sqlite:///{folder / 'mlflow.db'}"
-    path = write_search(folder, tracking={"uri": uri}, lidar=LIDAR, **changes)
-    return CliRunner().invoke(app, [str(path)], catch_exceptions=False)
 
 
 def objects_of(folder):
@@ -44,24 +32,21 @@ def objects_of(folder):
 
 
 def test_a_search_by_expected_recall(tmp_path):
-    result = run(
-        tmp_path, search={"objective": "expected_recall", "trials": 6}, robustness={"draws": 2}
-    )
-    assert result.exit_code == 0, result.output
-    said = " ".join(result.stdout.split())
+    search = {"objective": "expected_recall", "trials": 6}
+    run, said = searched(tmp_path, search=search, robustness={"draws": 2}, lidar=LIDAR)
+    said = " ".join(said.split())
     assert "expected_recall: 12 objects that count, in 3 of 3 training frames" in said
     assert "of 27 candidate mounts" in said
     assert "upper bound" in said
     assert "azimuth steps" not in said
-    about = SearchResult.read(tmp_path / "runs/small")
-    value = about.rigs["found_1"].values["expected_recall"]
+    value = run.search.rigs["found_1"].values["expected_recall"]
     problem = read_problem(tmp_path / "small.yaml")
-    rig = read_placement(tmp_path / "runs/small/placement.yaml", problem.file.lidar.lidar())
+    rig = read_placement(run.path / "placement.yaml", problem.file.lidar.lidar())
     found = objects_of(tmp_path).of(rig).loc["Car", "expected_recall"]
     assert value == pytest.approx(found, rel=1e-9)
-    assert about.bound.greedy <= about.bound.value <= about.bound.by_gains
-    assert value >= about.bound.greedy * (1 - 1e-9)  # the first trial is greedy's rig, refined
-    table = pd.read_parquet(tmp_path / "runs/small/robustness.parquet")
+    bound, table = run.search.bound, run.robustness
+    assert bound.greedy <= bound.value <= bound.by_gains
+    assert value >= bound.greedy * (1 - 1e-9)  # the first trial is greedy's rig, refined
     failed = table[(table["rig"] == "found_1") & table["case"].str.endswith("fails")]
     assert len(failed) == 2
     assert (failed["share"] < 1).all()
@@ -74,21 +59,20 @@ def test_a_front_of_expected_recall_price_and_a_surrogate_of_the_pog(tmp_path):
     }
     objective = ["expected_recall.Car", "price", "covered_entropy"]
     search = {"objective": objective, "models": models, "sampler": "nsga2", "trials": 6}
-    result = run(tmp_path, search=search, robustness=None)
-    assert result.exit_code == 0, result.output
-    assert "no bound: several objectives" in result.stdout
-    trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
-    values = trials[[f"value.{name}" for name in objective]]
+    run, said = searched(tmp_path, search=search, robustness=None, lidar=LIDAR)
+    assert "no bound: several objectives" in said
+    values = run.trials[[f"value.{name}" for name in objective]]
     assert values.notna().all().all()
     assert values["value.expected_recall.Car"].between(0, 1).all()
     assert set(values["value.price"]) <= {2.0, 10.0, 18.0}
 
 
 def test_a_class_without_objects_is_told_in_one_line(tmp_path):
-    result = run(tmp_path, classes=["Car", "Cyclist"], search={"objective": "expected_recall"})
-    assert result.exit_code == 1
-    assert "expected_recall: no Cyclist counts in the training frames" in result.output
-    assert "Traceback" not in result.output
+    search = {"objective": "expected_recall"}
+    path = write_search(tmp_path, classes=["Car", "Cyclist"], search=search)
+    said = run_search(path, codes=(1,))
+    assert "expected_recall: no Cyclist counts in the training frames" in said
+    assert "Traceback" not in said
 
 
 def test_curves_make_another_search(tmp_path):
@@ -112,18 +96,13 @@ def test_curves_make_another_search(tmp_path):
 )
 def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, objective, said):
     models = {"sized": {"name": "vlp16"}, "unknown": {"beams": 4}}
-    for names, lidars, tells in (
-        (["sized", "unknown"], 2, True),
-        (["unknown"], 2, False),
-        (["sized"], 1, False),
-    ):
+    cases = [(["sized", "unknown"], 2, True), (["unknown"], 2, False), (["sized"], 1, False)]
+    for names, lidars, tells in cases:
         search = {"objective": objective, "lidars": lidars, "azimuth_stride": 1}
         search["models"] = {name: models[name] for name in names}
-        path = str(write_search(tmp_path, search=search))
+        path = write_search(tmp_path, search=search)
         for options in ([], ["--json"]):
-            dry = CliRunner().invoke(app, [path, "--dry-run", *options], catch_exceptions=False)
-            assert dry.exit_code == 0, dry.output
-            told = " ".join(dry.stdout.split())
+            told = " ".join(run_search(path, "--dry-run", *options).split())
             assert ("neglect that LiDARs hide each other by their size" in told) == tells
             assert (said in told) == tells
     # The page has as cautions what this tells.

@@ -4,16 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from search_files import write_search
+from search_files import run_search, write_search
 from small_log import write_small_log
-from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS, Mount
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.recall.expected_recall import ExpectedRecall
-from sweeps.commands.search import app
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
@@ -26,14 +24,8 @@ from tracking.run_folders.search import SearchFolder
 LOW, HIGH = [-2.0, -0.9, 0.2], [2.0, 0.9, 2.3]
 """Of a vehicle that is higher than LiDARs of the paper are mounted."""
 WALL = {"x": [-3.0, 60.0], "y": [1.0, 1.1], "z": [0.0, 6.0]}
-NEAR = {
-    "name": "somebody near",
-    "where": {"distance": [3, 5]},
-    "what": "Pedestrian",
-    "at_least": {"points": 1},
-    "for": 0.2,
-    "step": 1.0,
-}
+NEAR = {"name": "somebody near", "where": {"distance": [3, 5]}, "what": "Pedestrian"}
+NEAR |= {"at_least": {"points": 1}, "for": 0.2, "step": 1.0}
 ROOF = {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.4, 2.8]}}
 
 
@@ -50,14 +42,10 @@ def test_a_copy_of_a_configuration_asks_the_same(tmp_path, monkeypatch, mesh, sh
     search = {"vehicle": vehicle, "zones": ROOF, "greedy": None}
     problem = read_problem(write_search(tmp_path, search=search))
     assert yaml.safe_load((tmp_path / "small.yaml").read_text())["search"]["vehicle"] == vehicle
-    grid = {
-        "scene": {"source": "log", "folder": str(tmp_path / "log")},
-        "name": "grid",
-        "placements": {"high": {"mounts": [{"z": 2.5}]}},
-        "placement": "high",
-        "classes": ["Car"],
-        "grid": {"vehicle": [vehicle, [[LOW, HIGH]]]},
-    }
+    scene = {"source": "log", "folder": str(tmp_path / "log")}
+    grid = {"scene": scene, "name": "grid", "placements": {"high": {"mounts": [{"z": 2.5}]}}}
+    grid |= {"placement": "high", "classes": ["Car"]}
+    grid |= {"grid": {"vehicle": [vehicle, [[LOW, HIGH]]]}}
     (tmp_path / "grid.yaml").write_text(yaml.safe_dump(grid))
     sweep = read_sweep(tmp_path / "grid.yaml")
     elsewhere = tmp_path / "runs" / "copied"
@@ -66,24 +54,19 @@ def test_a_copy_of_a_configuration_asks_the_same(tmp_path, monkeypatch, mesh, sh
         (elsewhere / f"{name}.yaml").write_text(public_yaml(source))
     monkeypatch.chdir("/")
     assert read_problem(elsewhere / "search.yaml").key == problem.key
-    keys = [
-        [task.key for task in make_plan(own).tasks]
-        for own in (sweep, read_sweep(elsewhere / "grid.yaml"))
-    ]
-    assert keys[0] == keys[1]
+    plans = map(make_plan, (sweep, read_sweep(elsewhere / "grid.yaml")))
+    first, again = ([task.key for task in plan.tasks] for plan in plans)
+    assert first == again
 
 
 def test_a_search_goes_on_from_its_run_folder(tmp_path, monkeypatch, mesh):
     search = {"vehicle": mesh, "zones": ROOF, "requirements": [NEAR], "greedy": None, "trials": 4}
     path = write_search(tmp_path, search=search, robustness=None)
     folder = tmp_path / "runs" / "small"
-    first = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
-    assert first.exit_code == 0, first.output
+    run_search(path)
     before = pd.read_parquet(folder / "trials.parquet")
     monkeypatch.chdir("/")
-    more = ["--set", "search.trials=8"]
-    again = CliRunner().invoke(app, [str(folder / "config.yaml"), *more], catch_exceptions=False)
-    assert again.exit_code == 0, again.output
+    run_search(folder / "config.yaml", "--set", "search.trials=8")
     after = pd.read_parquet(folder / "trials.parquet")
     assert len(after) == 8
     pd.testing.assert_frame_equal(after.head(4)[before.columns], before)
@@ -108,8 +91,7 @@ def _compare_with_its_verification(folder, problem):
     (told,) = (c.what for c in SearchFolder.read(folder).search.commands if "sweep.yaml" in c.line)
     of_paper = others & set(PAPER_PLACEMENTS)
     assert f"for {len(of_paper)} of the paper's eight; left out, as they do not fit" in told
-    left_out = set(PAPER_PLACEMENTS) - of_paper
-    assert {*told.rpartition(": ")[2].split(", ")} == left_out
+    assert {*told.rpartition(": ")[2].split(", ")} == set(PAPER_PLACEMENTS) - of_paper
     assert sweep.common.requirements == problem.file.search.requirements
 
 
@@ -163,17 +145,12 @@ def test_a_search_of_a_vehicle_that_bends(tmp_path):
     assert swept.angles == bent.angles
     assert swept.poses.keys() == bent.poses.keys()
     np.testing.assert_array_equal(swept.boxes, bent.boxes)
-    behind = (
-        Choice("lidar", "roof", Mount(0.0, 0.5, 2.5)),
-        Choice("lidar", "side", Mount(-2.3, 2.0, 2.0)),
-    )
-    found = assess(ordered(behind), problem.question, Traffic({}, None))
+    roof = Choice("lidar", "roof", Mount(0.0, 0.5, 2.5))
+    behind = Choice("lidar", "side", Mount(-2.3, 2.0, 2.0))
+    found = assess(ordered([roof, behind]), problem.question, Traffic({}, None))
     assert found.violations["body"] > 0, "there is the trailer at -80 degrees"
-    free = assess(ordered(behind[:1]), problem.question, Traffic({}, None))
-    assert free.violations["body"] <= 0
-    above = write_search(
-        tmp_path, search=search | {"zones": {"on": {"x": [-8, -3], "y": 0, "z": [2.6, 2.7]}}}
-    )
-    done = CliRunner().invoke(app, [str(above)])
-    assert done.exit_code == 2
-    assert done.stderr.splitlines() == [f"{above}: search.zones.on: is inside the vehicle's body"]
+    assert assess((roof,), problem.question, Traffic({}, None)).violations["body"] <= 0
+    zones = {"on": {"x": [-8, -3], "y": 0, "z": [2.6, 2.7]}}
+    above = write_search(tmp_path, search=search | {"zones": zones})
+    told = run_search(above, codes=(2,)).splitlines()
+    assert told == [f"{above}: search.zones.on: is inside the vehicle's body"]

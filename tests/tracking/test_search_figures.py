@@ -37,13 +37,8 @@ def trace(plot: go.Figure, name: str):
 )
 def test_the_best_so_far_counts_feasible_trials_alone(objective, best):
     values = [9.0, 3.0, 2.0, 5.0, 1.0] if objective is GAIN else [0.5, 3.0, 2.0, 5.0, 1.0]
-    trials = pd.DataFrame(
-        {
-            "number": [4, 5, 6, 8, 9],
-            f"value.{objective.name}": values,
-            "feasible": [False, True, True, True, True],
-        }
-    )
+    trials = pd.DataFrame({"number": [4, 5, 6, 8, 9], f"value.{objective.name}": values})
+    trials["feasible"] = trials["number"] > 4
     plot = search_history(trials, objective, None, 4.0, {"line": 3.0, "center": 2.0})
     np.testing.assert_array_equal(trace(plot, "best so far").y, best)
     assert trace(plot, "trial that breaks a constraint").customdata.tolist() == [4]
@@ -56,17 +51,12 @@ def test_maps_share_a_scale_and_the_difference_is_about_zero():
     roi = Roi(x=(0, 2), y=(0, 1), z=(0, 1), resolution=0.5)
     before = np.array([[4.0, 0.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], np.float32)
     after = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], np.float32)
-    first, second, less = (
-        plot.data[0] for plot in unseen(before, after, roi, NO_BODY, ("Car", "a", "b"))
-    )
+    plots = unseen(before, after, roi, NO_BODY, ("Car", "a", "b"))
+    first, second, less = (plot.data[0] for plot in plots)
     assert (first.zmin, first.zmax) == (second.zmin, second.zmax) == (0, 4)
     assert (less.zmin, less.zmax) == (-3, 3)
     np.testing.assert_array_equal(less.z, (after - before).T)
-
-
-def test_equal_maps_have_a_scale():
-    roi = Roi(x=(0, 1), y=(0, 1), z=(0, 1), resolution=0.5)
-    nothing = np.zeros((2, 2), np.float32)
+    nothing = np.zeros((4, 2), np.float32)
     plots = unseen(nothing, nothing, roi, NO_BODY, ("Car", "a", "b"))
     assert [(plot.data[0].zmin, plot.data[0].zmax) for plot in plots] == [(0, 1), (0, 1), (-1, 1)]
 
@@ -82,9 +72,8 @@ def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     buttons = plot.layout.updatemenus[0].buttons
     assert [button.label for button in buttons] == ["a", "b"]
     assert list(buttons[0].args[0]["visible"]) == [t.visible for t in plot.data]
-    shown = [
-        [t for t, on in zip(plot.data, b.args[0]["visible"], strict=True) if on] for b in buttons
-    ]
+    visible = [button.args[0]["visible"] for button in buttons]
+    shown = [[t for t, on in zip(plot.data, own, strict=True) if on] for own in visible]
     assert [len(next(t for t in own if t.name == "LiDAR").x) for own in shown] == [1, 2]
     assert all(any(t.name == "zones" for t in own) for own in shown)
     low, high = plot.layout.scene.zaxis.range
@@ -99,27 +88,16 @@ def test_each_pair_of_objectives_has_a_front_in_order():
         "cheap": rig((0, 0, 2, 0, 0, 0), gain=4, price=1, near=2),
         "line": rig((0, 0, 2, 0, 0, 0), role="paper", gain=3, price=4, near=1),
     }
-    trials = pd.DataFrame(
-        {"number": [0], "feasible": [True], "value.gain": [1.0], "value.price": [2.0]}
-        | {"value.near": [1.0]}
-    )
+    trials = pd.DataFrame({"number": [0], "feasible": [True], "value.near": [1.0]})
+    trials = trials.assign(**{"value.gain": 1.0, "value.price": 2.0})
     plots = pareto_fronts(trials, (GAIN, PRICE, other), rigs, ["dear", "cheap"])
     assert len(plots) == 3
     front = trace(plots[0], "Pareto front")
     assert [*front.text] == ["cheap", "dear"]
     assert ([*front.x], [*front.y]) == ([4, 9], [1, 5])
     assert [*trace(plots[0], "the paper's eight").text] == ["line"]
-
-
-def test_a_rig_without_a_price_is_not_in_a_figure_of_prices():
-    rigs = {
-        "new": rig((0, 0, 2, 0, 0, 0), gain=4, price=1),
-        "line": rig((0, 0, 2, 0, 0, 0), role="paper", gain=3),
-    }
-    trials = pd.DataFrame(
-        {"number": [0], "feasible": [True], "value.gain": [4.0], "value.price": [1.0]}
-    )
-    plot = pareto_fronts(trials, (GAIN, PRICE), rigs, ["new"])[0]
+    rigs["line"] = rig((0, 0, 2, 0, 0, 0), role="paper", gain=3)  # without a price
+    plot = pareto_fronts(trials, (GAIN, PRICE), rigs, ["dear"])[0]
     assert "the paper's eight" not in [t.name for t in plot.data]
     assert plot.layout.yaxis.title.text == "price (€), less is better"
 
@@ -156,12 +134,10 @@ def test_edges_of_zones_and_of_the_angles_that_were_allowed():
     assert at_the_edge(inside, (point,)) == []
     backwards = ROOF.model_copy(update={"yaw_deg": (170, 190)})
     assert at_the_edge(inside, (backwards,)) == []
-    assert at_the_edge(rig((0.2, 0.2, 1.7, 0, 0, np.radians(-170.0))), (backwards,)) == [
-        "LiDAR 1: yaw"
-    ]
+    turned = rig((0.2, 0.2, 1.7, 0, 0, np.radians(-170.0)))
+    assert at_the_edge(turned, (backwards,)) == ["LiDAR 1: yaw"]
 
 
 def test_a_lidar_that_was_not_searched_is_at_no_edge():
     assert at_the_edge(rig((0.5, 0.499, 2.0, 0.0, 0.0, 0.0)), ()) == []
-    mirror_image = rig((0.2, -0.2, 2.0, 0.0, 0.0, 0.0))
-    assert at_the_edge(mirror_image, (ROOF,)) == []
+    assert at_the_edge(rig((0.2, -0.2, 2.0, 0.0, 0.0, 0.0)), (ROOF,)) == []  # a mirror image

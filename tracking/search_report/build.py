@@ -1,6 +1,7 @@
 """Build `search.html` from the run folder of a search."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from tracking.figures.of_searches.search_history import (
     pareto_fronts,
     search_history,
 )
-from tracking.labels import digits, number
+from tracking.labels import DASH, digits, number
 from tracking.pages.page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
@@ -45,28 +46,14 @@ MOST_BEST = 4
 
 
 def build_search_report(folder: Path) -> Path:
-    """Write `search.html` into the run folder of a search and return its path.
-
-    One file that loads nothing from a network, see `tracking.pages.page`. What the search did
-    not make is left out.
-
-    Raises:
-        ValueError: `folder` is no folder of a search, see `SearchFolder.read`.
-    """
+    """Write `search.html` into the run folder of a search and return its path. One file that loads
+    nothing from a network, see `tracking.pages.page`. What the search did not make is left out.
+    Raises ValueError: `folder` is no folder of a search, see `SearchFolder.read`."""
     run = SearchFolder.read(folder)
     search = run.search
-    sections = [
-        _mounts(run),
-        _chosen(run),
-        _unseen(run),
-        _history(run),
-        _pareto(run),
-        _constraints(run),
-        _requirements(run),
-        _robustness(run),
-        _verified(run),
-        _parameters(run),
-    ]
+    parts: list[Callable[[SearchFolder], Section | None]]
+    parts = [_picture, _mounts, _chosen, _unseen, _history, _pareto, _constraints]
+    parts += [_requirements, _robustness, _verified, _parameters]
     return write_page(
         run.path / "search.html",
         Path(__file__).with_name("search.html"),
@@ -76,22 +63,21 @@ def build_search_report(folder: Path) -> Path:
         answer=answer(run),
         next_steps=next_steps(run),
         warnings=cautions(run),
-        sections=[_picture(run), *(section for section in sections if section is not None)],
+        sections=[section for part in parts if (section := part(run)) is not None],
         config=run.config,
         facts=json.dumps(search.model_dump(exclude={"rigs", "commands"}), indent=2),
     )
 
 
 def _mounts(run: SearchFolder) -> Section | None:
-    search = run.search
-    section = Section("Where the LiDARs sit")
-    shown = _best(run)
+    search, shown = run.search, _best(run)
     if not shown:
         return None
+    section = Section("Where the LiDARs sit")
     for name, rig in list(shown.items())[:MOST_RIGS]:
         values = [(o, rig.value(o)) for o in search.objectives]
         known = [f"{o.name} {with_unit(o, value)}" for o, value in values if not np.isnan(value)]
-        caption = f"{name} · {', '.join(known)}" if known else name
+        caption = " · ".join(filter(None, (name, ", ".join(known))))
         section.tables.append(mount_table(caption, rig))
     if len(search.best) > MOST_RIGS:
         section.notes.append(
@@ -110,8 +96,7 @@ def _best(run: SearchFolder) -> dict[str, Rig]:
     if run.search.best:
         return {name: run.search.rigs[name] for name in run.search.best}
     trial = nearest_trial(run)
-    rig = None if trial is None else run.rig_of(trial)
-    if trial is None or rig is None:
+    if trial is None or (rig := run.rig_of(trial)) is None:
         return {}
     return {f"trial {trial['number']}, {'without a value' if rig.feasible else 'infeasible'}": rig}
 
@@ -121,32 +106,26 @@ def _picture(run: SearchFolder) -> Section:
     rigs, best = run.search.rigs, _best(run)
     shown = dict(list(best.items())[:MOST_BEST])
     first = f"{len(shown)} of the front" if len(best) > len(shown) else "the best"
-    kinds = {
-        first if run.search.best else "the nearest trial": shown,
-        "greedy's": {name: rig for name, rig in rigs.items() if rig.role == "greedy"},
-        "the paper's": {name: rig for name, rig in rigs.items() if rig.role == "paper"},
-    }
+    kinds = {first if run.search.best else "the nearest trial": shown}
+    for role, kind in {"greedy": "greedy's", "paper": "the paper's"}.items():
+        kinds[kind] = {name: rig for name, rig in rigs.items() if rig.role == role}
     menu = {name: rig for kind in kinds.values() for name, rig in kind.items()}
-    further = {name: rig for name, rig in rigs.items() if name not in menu}
-    kinds["others that were found"] = dict(list(further.items())[: max(0, MOST_RIGS - len(menu))])
+    further = [(name, rig) for name, rig in rigs.items() if name not in menu]
+    kinds["others that were found"] = dict(further[: max(0, MOST_RIGS - len(menu))])
     menu |= kinds["others that were found"]
-    section = Section("The rigs", top=True)
     if not menu:
-        return section
+        return Section("The rigs", top=True)
     named = ", ".join(kind for kind, own in kinds.items() if own)
-    section.notes.append(f"The menu has {named}. {AXES_AND_POSTS}")
     pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
-    search = run.search
-    section.figures.append(rig_picture(pictured, search.body, search.zones))
-    return section
+    picture = rig_picture(pictured, run.search.body, run.search.zones)
+    return Section("The rigs", [f"The menu has {named}. {AXES_AND_POSTS}"], [picture], top=True)
 
 
 def _unseen(run: SearchFolder) -> Section | None:
     before, after = run.search.baseline, run.search.best[0] if run.search.best else None
     if before is None or after is None or before == after:
         return None
-    section = Section("What stays unseen")
-    rows = []
+    section, rows = Section("What stays unseen"), []
     for name, maps in run.unseen.items():
         if before not in maps or after not in maps:
             continue
@@ -155,14 +134,9 @@ def _unseen(run: SearchFolder) -> Section | None:
         )
         whole = float(run.pog[name].sum(dtype=float)) if name in run.pog else float("nan")
         left = [float(maps[rig].sum(dtype=float)) for rig in (before, after)]
-        rows.append(
-            (
-                name,
-                number(whole),
-                *(_part(value, whole) for value in left),
-                f"{digits(100 * (left[1] / left[0] - 1), '+.1f')} %" if left[0] else "–",
-            )
-        )
+        change = f"{digits(100 * (left[1] / left[0] - 1), '+.1f')} %" if left[0] else DASH
+        shares = [f"{number(v)} ({100 * v / whole:.1f} %)" if whole > 0 else DASH for v in left]
+        rows.append((name, number(whole), *shares, change))
     if not rows:
         return None
     section.notes.append(
@@ -175,11 +149,6 @@ def _unseen(run: SearchFolder) -> Section | None:
     return section
 
 
-def _part(value: float, whole: float) -> str:
-    """A value and its share; a dash where there is no whole."""
-    return f"{number(value)} ({100 * value / whole:.1f} %)" if whole > 0 else "–"
-
-
 def _history(run: SearchFolder) -> Section:
     search = run.search
     section = Section("How the search went", [effort(search)], columns=2)
@@ -188,24 +157,16 @@ def _history(run: SearchFolder) -> Section:
         section.notes.append(
             f"All figures here are as searched, with {rays}; the table of rigs is with all rays."
         )
+    paper = {name: rig for name, rig in search.rigs.items() if rig.role == "paper"}
     for objective in search.objectives:
-        known = {
-            name: rig
-            for name, rig in search.rigs.items()
-            if rig.role == "paper" and not np.isnan(rig.searched_value(objective))
-        }
+        values = {name: rig.searched_value(objective) for name, rig in paper.items()}
+        known = [name for name, value in values.items() if not np.isnan(value)]
         # In the order of exact values, as the baseline is chosen.
-        ranked = sorted(known, key=lambda name: -objective.sign * known[name].value(objective))
+        known.sort(key=lambda name: -objective.sign * paper[name].value(objective))
         own = bound if objective is search.first else None
-        section.figures.append(
-            search_history(
-                run.evaluated,
-                objective,
-                own.value if own else None,
-                own.greedy if own else None,
-                {name: known[name].searched_value(objective) for name in ranked},
-            )
-        )
+        limits = (own.value, own.greedy) if own else (None, None)
+        ranked = {name: values[name] for name in known}
+        section.figures.append(search_history(run.evaluated, objective, *limits, ranked))
     if run.bound is not None and len(run.bound):
         best = search.rigs[search.best[0]].searched_value(search.first) if search.best else None
         section.figures.append(bound_over_seconds(run.bound, search.first, best))
@@ -221,9 +182,8 @@ def _pareto(run: SearchFolder) -> Section | None:
     if len(search.objectives) < 2:
         return None
     notes = [f"{of_front(search)}: none of them is better than another in every objective."]
-    rays = search.strided
-    if rays:
-        notes.append(f"All values here are as searched, with {rays}.")
+    if search.strided:
+        notes.append(f"All values here are as searched, with {search.strided}.")
     plots = pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)
     return Section("Pareto front", notes, plots, columns=2)
 
@@ -248,16 +208,15 @@ def _constraints(run: SearchFolder) -> Section | None:
 
 
 def _robustness(run: SearchFolder) -> Section | None:
-    rows = run.robustness
+    rows, search = run.robustness, run.search
     if rows is None or rows.empty:
         return None
-    section = Section("Robustness", columns=1)
-    search = run.search
     reference = search.baseline or str(rows["rig"].iloc[0])
-    section.notes.append(
+    note = (
         f"The same rigs in other cases: the mean over draws, in percent of what {reference} is "
         "worth as designed, for every rig; the bar ends at the worst draw."
     )
+    section = Section("Robustness", [note], columns=1)
     for objective in search.objectives:
         own = rows[rows["objective"] == objective.name]
         if len(own):
@@ -281,10 +240,8 @@ def _chosen(run: SearchFolder) -> Section | None:
     if search.chosen_over:
         section.notes.append(f"Each value is {search.chosen_over}.")
     own = of_objective(rows, search.first)
-    others = rows.drop(own.index)
-    for part in (own, others):
-        if len(part):
-            section.tables.append(verified_table(part, search.baseline, search.first))
+    parts = [part for part in (own, rows.drop(own.index)) if len(part)]
+    section.tables += [verified_table(part, search.baseline, search.first) for part in parts]
     return section
 
 
@@ -292,20 +249,16 @@ def _verified(run: SearchFolder) -> Section | None:
     rows, search = run.verified, run.search
     if rows is None or rows.empty or search.baseline is None:
         return None
-    section = Section("Did the gain become AP?")
-    section.tables.append(verified_table(rows, search.baseline, search.first))
-    if search.baseline not in set(rows["rig"]):
-        section.notes.append(
-            f"No detector evaluated {search.baseline}, the baseline of this comparison: the "
-            "vehicle does not carry it, or its trainings failed."
-        )
-        return section
-    section.notes.append(
+    note = (
         f"Differences to {search.baseline} have 95 % intervals that hold for all pairs of rigs at "
         "once, over seeds and, where they are known, over the routes and individuals of the test "
         "frames, as in the report of the sweep."
+        if search.baseline in set(rows["rig"])
+        else f"No detector evaluated {search.baseline}, the baseline of this comparison: the "
+        "vehicle does not carry it, or its trainings failed."
     )
-    return section
+    tables = [verified_table(rows, search.baseline, search.first)]
+    return Section("Did the gain become AP?", [note], tables=tables)
 
 
 def _parameters(run: SearchFolder) -> Section | None:

@@ -17,15 +17,20 @@ _SHARE = 0.01
 
 def cautions(run: SearchFolder) -> list[str]:
     """Sentences, none if there is nothing to say."""
-    search = run.search
-    found = [*_bound(run), *_against_baseline(run), *_other_cases(run)]
-    if search.best:
-        edges = at_the_edge(search.rigs[search.best[0]], search.zones)
-        if edges:
-            found.append(
-                f"{search.best[0]} is at the edge of what was allowed ("
-                f"{'; '.join(edges)}): wider ranges may hold a better rig."
-            )
+    search, bound = run.search, run.search.bound
+    best, most = (bound.best_value, bound.value) if bound else (None, None)
+    found = []
+    if best is not None and most is not None and best > most:
+        found.append(
+            "The best rig is above the upper bound. The bound holds only for the grid of candidate "
+            "mounts, and the search places LiDARs between them. A finer grid raises the bound."
+        )
+    found += [*_against_baseline(run), *_other_cases(run)]
+    if search.best and (edges := at_the_edge(search.rigs[search.best[0]], search.zones)):
+        found.append(
+            f"{search.best[0]} is at the edge of what was allowed ({'; '.join(edges)}): wider "
+            "ranges may hold a better rig."
+        )
     if search.evaluations < FEW_PER_PARAMETER * search.parameters:
         found.append(
             f"{search.evaluations:,} evaluations are few for {search.parameters} parameters: "
@@ -40,31 +45,17 @@ def cautions(run: SearchFolder) -> list[str]:
     return found
 
 
-def _bound(run: SearchFolder) -> list[str]:
-    bound = run.search.bound
-    if bound is None or bound.value is None or bound.best_value is None:
-        return []
-    if bound.best_value <= bound.value:
-        return []
-    return [
-        "The best rig is above the upper bound. The bound holds only for the "
-        "grid of candidate mounts, and the search places LiDARs between them. A finer grid "
-        "raises the bound."
-    ]
-
-
 def _against_baseline(run: SearchFolder) -> list[str]:
     search = run.search
     if not search.best or not search.baseline:
         return []
     base, best = (search.rigs[n].value(search.first) for n in (search.baseline, search.best[0]))
-    gain = search.first.sign * (best - base)
-    if gain <= 0:
-        most = max((zone.z[1] for zone in search.zones), default=np.inf)
-        high = any(mount.z > most for mount in search.rigs[search.baseline].placed)
-        rack = ", whose LiDARs are higher than the zones allow" if high else ""
-        return [f"The best rig is not better than {search.baseline}{best_of_paper(search)}{rack}."]
-    return []
+    if not search.first.sign * (best - base) <= 0:
+        return []
+    most = max((zone.z[1] for zone in search.zones), default=np.inf)
+    high = any(mount.z > most for mount in search.rigs[search.baseline].placed)
+    rack = ", whose LiDARs are higher than the zones allow" if high else ""
+    return [f"The best rig is not better than {search.baseline}{best_of_paper(search)}{rack}."]
 
 
 def _other_cases(run: SearchFolder) -> list[str]:
@@ -90,11 +81,9 @@ def _other_cases(run: SearchFolder) -> list[str]:
 
 
 def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
-    """What of the rig lies at the edge, for example "LiDAR 2: z, roll".
-
-    LiDARs outside of `zones` were not searched, or are mirror images of one within. A range without
-    width has no edge, and neither has a full turn.
-    """
+    """What of the rig lies at the edge, for example "LiDAR 2: z, roll". LiDARs outside of `zones`
+    were not searched, or are mirror images of one within. A range without width has no edge, and
+    neither has a full turn."""
     by_name = {zone.name: zone for zone in zones}
     found = []
     for i, (mount, name) in enumerate(zip(rig.placed, rig.zones, strict=True), start=1):

@@ -51,7 +51,7 @@ def nothing_found(run: SearchFolder) -> str:
 
 def infeasible_sentences(run: SearchFolder) -> list[str]:
     """Why no rig was found: LiDARs in one place, the nearest trial, what it breaks."""
-    trials, count = run.trials, len(run.trials)
+    trials, count, limits = run.trials, len(run.trials), run.search.constraints
     possible = trials[trials["possible"].astype(bool)]
     clashes = count - len(possible)
     kept = int(trials["feasible"].astype(bool).sum())
@@ -61,35 +61,33 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
         return [f"All {count:,} trials put two LiDARs in one place."]
     if kept:
         return [f"{kept:,} of {count:,} trials kept every constraint, but none has a value."]
-    said = [f"None of {count:,} trials kept every constraint."]
-    if clashes:
-        said = [
-            f"{clashes:,} of {count:,} trials put two LiDARs in one place, and none of the others "
-            "kept every constraint."
-        ]
+    said = [
+        f"{clashes:,} of {count:,} trials put two LiDARs in one place, and none of the others kept "
+        "every constraint."
+        if clashes
+        else f"None of {count:,} trials kept every constraint."
+    ]
     nearest = nearest_trial(run)
     if nearest is None:
         return said
     over = excess(run).loc[[nearest.name]].iloc[0].sort_values()
-    by_name = {constraint.name: constraint for constraint in run.search.constraints}
-    broken = [by_name[str(name)] for name in over.index[over > 0]]
-    if broken:
-        parts = [
-            f"{c.name} by {_amount(nearest[f'violation.{c.name}'], c.unit)} "
-            f"({c.sense} {_amount(c.limit, c.unit)})"
-            for c in broken
-        ]
+    by_name = {constraint.name: constraint for constraint in limits}
+    parts = [
+        f"{c.name} by {_amount(nearest[f'violation.{c.name}'], c.unit)} "
+        f"({c.sense} {_amount(c.limit, c.unit)})"
+        for c in (by_name[str(name)] for name in over.index[over > 0])
+    ]
+    if parts:
         said.append(
             f"Nearest, in shares of the limits, is trial {nearest['number']}. It breaks "
             f"{', '.join(parts)}{'; the least broken first' if len(parts) > 1 else ''}."
         )
-    never = [c for c in run.search.constraints if possible[f"violation.{c.name}"].min() > 0]
-    if never:
-        parts = [
-            f"{c.name}, which the best of them broke by "
-            f"{_amount(possible[f'violation.{c.name}'].min(), c.unit)}"
-            for c in never
-        ]
+    parts = [
+        f"{c.name}, which the best of them broke by {_amount(least, c.unit)}"
+        for c in limits
+        if (least := possible[f"violation.{c.name}"].min()) > 0
+    ]
+    if parts:
         said.append(f"No {'other ' if clashes else ''}trial at all kept {', nor '.join(parts)}.")
     else:
         said.append("Some trial kept each of them: it is all together that none kept.")
@@ -99,7 +97,7 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
 def constraint_table(run: SearchFolder) -> Table:
     """Limits, what the best rig and the baseline measure, and how often trials broke them."""
     search = run.search
-    shown = list(dict.fromkeys([*search.best[:1], *([search.baseline] if search.baseline else [])]))
+    shown = list(dict.fromkeys(filter(None, (*search.best[:1], search.baseline))))
     head = ("constraint", "limit", *shown, "broken by trials")
     rows = tuple(
         (
@@ -115,7 +113,7 @@ def constraint_table(run: SearchFolder) -> Table:
 
 def _broken(violation: pd.Series) -> str:
     if violation.empty:
-        return "–"
+        return DASH
     count = int((violation > 0).sum())
     return f"{count:,} of {len(violation):,} ({100 * count / len(violation):.0f} %)"
 

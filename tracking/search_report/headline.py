@@ -45,11 +45,8 @@ def next_steps(run: SearchFolder) -> list[Command]:
     few = _few_seeds(run)
     if not few or "pretrained" in run.search.first.name.split("."):  # of which there is one
         return [*run.search.commands]
-    more = Command(
-        what="too little is known to choose a rig: judge with more generalists",
-        line=remedy(run.search.command, few),
-    )
-    return [more, *run.search.commands]
+    what = "too little is known to choose a rig: judge with more generalists"
+    return [Command(what=what, line=remedy(run.search.command, few)), *run.search.commands]
 
 
 def change(objective: Objective, value: float, base: float) -> str:
@@ -72,37 +69,31 @@ def shown(objective: Objective, value: float) -> str:
 
 
 def _found(run: SearchFolder) -> Card:
-    search = run.search
-    name = search.best[0]
-    rig = search.rigs[name]
-    lines = [_against_baseline(search, objective, rig) for objective in search.objectives]
-    few = _few_seeds(run)
-    lines = [line for line in lines if line] + _how_sure(run) + ([grade(few)] if few else [])
-    lines += _models_of_peers(search)
+    search, name = run.search, run.search.best[0]
+    rig, few = search.rigs[name], _few_seeds(run)
+    compared = (_against_baseline(search, objective, rig) for objective in search.objectives)
+    lines = [*filter(None, compared), *_how_sure(run), *([grade(few)] if few else [])]
+    if search.baseline is not None and len(search.models) > 1:
+        peers = sorted({*search.rigs[search.baseline].models})
+        lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
     lines += _against_bound(search)
-    if search.constraints:
-        lines.append(f"Feasible: it keeps all {len(search.constraints)} constraints.")
-    else:
-        lines.append("Feasible: there were no constraints.")
-    models = sorted({*rig.models})
+    count, models = len(search.constraints), sorted({*rig.models})
+    kept = f"it keeps all {count} constraints" if count else "there were no constraints"
+    lines.append(f"Feasible: {kept}.")
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
-    return Card(
-        f"{of_front(search)}, the first is {name}"
-        if search.front
-        else f"Best of the search: {name}",
-        f"{search.first.name} {with_unit(search.first, rig.value(search.first))}",
-        tuple(lines),
-    )
+    first = f"{of_front(search)}, the first is" if search.front else "Best of the search:"
+    value = f"{search.first.name} {with_unit(search.first, rig.value(search.first))}"
+    return Card(f"{first} {name}", value, tuple(lines))
 
 
 def best_of_paper(search: SearchResult) -> str:
     """What the baseline is, to follow its name."""
-    base = search.rigs[search.baseline] if search.baseline is not None else None
+    base = search.rigs.get(search.baseline or "")
     best = search.rigs[search.best[0]] if search.best else base
     broken = "" if base is not None and base.feasible else ", which breaks a constraint"
-    if base is None or best is None or len(base.mounts) == len(best.mounts):
-        return f", the best of the paper's eight{broken}"
-    return f", the best of the paper's eight, with {len(base.mounts)} LiDARs{broken}"
+    other = base is not None and best is not None and len(base.mounts) != len(best.mounts)
+    lidars = f", with {len(base.mounts)} LiDARs" if base is not None and other else ""
+    return f", the best of the paper's eight{lidars}{broken}"
 
 
 def of_front(search: SearchResult) -> str:
@@ -113,27 +104,18 @@ def of_front(search: SearchResult) -> str:
     return f"Pareto front of {shown:,}"
 
 
-def _models_of_peers(search: SearchResult) -> list[str]:
-    """What the paper's rigs are made of, where LiDARs were to choose from."""
-    if search.baseline is None or len(search.models) < 2:
-        return []
-    models = sorted({*search.rigs[search.baseline].models})
-    return [f"The paper's rigs are of LiDAR {', '.join(models)}."]
-
-
 def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> str:
     """The value of a further objective, and of each how it compares; "" if nothing is to say."""
-    first = objective is search.first
-    own = "" if first else f"{objective.name} {with_unit(objective, rig.value(objective))}"
+    first, value = objective is search.first, rig.value(objective)
+    own = "" if first else f"{objective.name} {with_unit(objective, value)}"
     if not search.baseline:
-        return f"{own}." if own else ""
+        return own and f"{own}."
     base = search.rigs[search.baseline].value(objective)
     if np.isnan(base):
-        unknown = f"{objective.name} of {search.baseline} is unknown."
-        return f"{own}; {unknown}" if own else unknown
-    compared = f"{change(objective, rig.value(objective), base)} against {search.baseline}"
+        return f"{own and f'{own}; '}{objective.name} of {search.baseline} is unknown."
+    compared = f"{change(objective, value, base)} against {search.baseline}"
     compared += f"{best_of_paper(search) if first else ''} ({with_unit(objective, base)})."
-    return f"{own}, {compared}" if own else compared
+    return f"{own and f'{own}, '}{compared}"
 
 
 def _how_sure(run: SearchFolder) -> list[str]:
@@ -207,13 +189,9 @@ def effort(search: SearchResult) -> str:
             f"{search.evaluation_seconds:,.1f} s: the sampler's share is "
             f"{100 * search.sampler_seconds / busy:.0f} %."
         )
-    rays = search.strided
-    if search.stride is not None and rays:
-        error = search.stride.relative_error
-        known = (
-            ""
-            if error is None
-            else f": the error is at most {100 * error:.2g} % of one rig's value"
-        )
-        lines.append(f"It fired {rays}, with weight{known}.")
+    if search.stride is not None and search.strided:
+        error, known = search.stride.relative_error, ""
+        if error is not None:
+            known = f": the error is at most {100 * error:.2g} % of one rig's value"
+        lines.append(f"It fired {search.strided}, with weight{known}.")
     return " ".join(lines)

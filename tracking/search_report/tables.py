@@ -6,64 +6,44 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tracking.labels import digits, not_significant, number, span
+from tracking.labels import DASH, digits, not_significant, number, span
 from tracking.pages.section import Column, Table, numbers, words
 from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.headline import shown
 
-_MOUNT_HEAD = (
-    *("LiDAR", "model", "zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"),
-)
-
 
 def mount_table(caption: str, rig: Rig) -> Table:
     """Where the LiDARs of a rig sit, metres and degrees."""
-    rows = tuple(
-        (
-            str(i),
-            model,
-            zone or "–",
-            *(digits(value, "z.3f") for value in mount[:3]),
-            *(digits(value, "z.2f") for value in np.degrees(mount[3:])),
-        )
-        for i, (model, zone, mount) in enumerate(
-            zip(rig.models, rig.zones, rig.mounts, strict=True), start=1
-        )
-    )
-    return Table(caption, _MOUNT_HEAD, rows, words=frozenset({0, 1, 2}), wide=True)
+    head = ("LiDAR", "model", "zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)")
+    lidars, rows = zip(rig.models, rig.zones, rig.mounts, strict=True), []
+    for i, (model, zone, mount) in enumerate(lidars, start=1):
+        place = (digits(value, "z.3f") for value in mount[:3])
+        angles = (digits(value, "z.2f") for value in np.degrees(mount[3:]))
+        rows.append((str(i), model, zone or DASH, *place, *angles))
+    return Table(caption, head, tuple(rows), words=frozenset({0, 1, 2}), wide=True)
 
 
 def rig_table(
     caption: str, rigs: Mapping[str, Rig], objectives: Sequence[Objective], first: Objective
 ) -> Table:
-    """Values of rigs with all rays, feasible ones first, the best by `first` on top.
-
-    The best feasible value of each column is bold.
-    """
+    """Values of rigs with all rays, feasible ones first, the best by `first` on top. The best
+    feasible value of each column is bold."""
 
     def rank(name: str) -> tuple[bool, bool, float]:
         value = -first.sign * rigs[name].value(first)
         return not rigs[name].feasible, bool(np.isnan(value)), value
 
-    names = sorted(rigs, key=rank)
     head = ("rig", "role", "feasible", "LiDARs", *(objective.label for objective in objectives))
-    rows = tuple(
-        (
-            name,
-            rigs[name].role,
-            "yes" if rigs[name].feasible else "not feasible",
-            str(len(rigs[name].mounts)),
-            *(shown(objective, rigs[name].value(objective)) for objective in objectives),
-        )
-        for name in names
-    )
+    rows, ranked = [], {name: rigs[name] for name in sorted(rigs, key=rank)}
+    for name, rig in ranked.items():
+        cells = (rig.role, "yes" if rig.feasible else "not feasible", str(len(rig.mounts)))
+        rows.append((name, *cells, *(shown(o, rig.value(o)) for o in objectives)))
     best = set()
-    feasible = [name for name in names if rigs[name].feasible]
-    for column, objective in enumerate(objectives, start=4):
-        values = np.array([objective.sign * rigs[name].value(objective) for name in feasible])
+    for column, o in enumerate(objectives, start=4):
+        values = np.array([o.sign * rig.value(o) for rig in ranked.values() if rig.feasible])
         if np.isfinite(values).any():
             best.add((int(np.nanargmax(values)), column))
-    return Table(caption, head, rows, frozenset(best), words=frozenset({0, 1, 2}))
+    return Table(caption, head, tuple(rows), frozenset(best), words=frozenset({0, 1, 2}))
 
 
 def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
@@ -79,44 +59,37 @@ def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
 
 def robustness_table(rows: pd.DataFrame) -> Table:
     """`robustness.parquet` as text."""
+    rows = rows.assign(percent=100 * rows["share"])
     columns = [
-        words("rig"),
-        words("case"),
-        words("objective"),
+        *(words(name) for name in ("rig", "case", "objective")),
         numbers("draws", "draws", ","),
         numbers("mean", "value", number),
         numbers("worst", "worst", number),
-        numbers(
-            "mean of its own as designed (%)", "share", lambda share: digits(100 * share, ".2f")
-        ),
+        numbers("mean of its own as designed (%)", "percent", ".2f"),
     ]
     return Table.of("Mean and worst over draws", rows, columns, wide=True)
 
 
 def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> Table:
     """`verified.parquet` as text."""
-
-    differing = ["difference", "difference_low", "difference_high"]
+    low, high = "difference_low", "difference_high"
+    differing = ["difference", low, high]
     rows = rows.copy()
     rows.loc[(rows["rig"] == baseline) | rows["difference"].isna(), differing] = np.nan
     columns = [
-        words("rig"),
-        words("role"),
-        words("class"),
+        *(words(name) for name in ("rig", "role", "class")),
         Column("metric", lambda row: f"{row['metric']} @ {row['iou']:g}", words=True),
         numbers("seeds", "seeds", ""),
         numbers(objective.label, "surrogate", lambda value: shown(objective, value)),
         numbers("value (%)", "value", ".1f"),
         Column("95 % CI", lambda row: span(row["low"], row["high"], ".1f")),
         numbers(f"difference to {baseline}", "difference", "+z.1f"),
-        Column("95 % CI", _interval_of_difference),
+        Column(
+            "95 % CI",
+            lambda row: span(row[low], row[high], "+.1f") + not_significant(row[low], row[high]),
+        ),
     ]
     return Table.of("Means over seeds", rows, columns, wide=True)
-
-
-def _interval_of_difference(row: Mapping[Any, Any]) -> str:
-    low, high = row["difference_low"], row["difference_high"]
-    return f"{span(low, high, '+.1f')}{not_significant(low, high)}"
 
 
 def _cell(value: Any) -> str:

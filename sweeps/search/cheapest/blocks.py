@@ -38,8 +38,7 @@ class Block:
     sums and unions of these numbers are never below what a rig has.
 
     Attributes:
-        key: tells it from others.
-        name: of the constraint.
+        key, name: of the requirement and case, and of the constraint.
         alone: what each of L LiDARs has of each object, a share of what is needed, shape (L, R).
         missed: probability in 255ths that it misses each of C parts of the object, rounded down,
             shape (L, R, C); None where numbers of LiDARs simply add up.
@@ -102,21 +101,23 @@ class Block:
 
 
 def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
-    """Look at each LiDAR by itself, as built and in every case but mounts that are off.
-
-    What a drawn rig has depends on the order of its LiDARs, so the judge alone knows it.
-
-    Raises ValueError: the numbers need too much memory.
-    """
-    carrier = question.carrier
+    """Look at each LiDAR by itself, as built and in every case but mounts that are off. What a
+    drawn rig has depends on the order of its LiDARs, so the judge alone knows it. Raises
+    ValueError: the numbers need too much memory."""
+    carrier, number = question.carrier, len(lidars)
     found: dict[tuple[int, str, str], list[NDArray[Any]]] = {}
     asked = list(filter(_adds_up, carrier.requirements))
-    for number, lidar in enumerate(lidars):
+    for lidar in lidars:
         rig = placement_of((lidar,), carrier.models)
         for key, values in _of_one(rig, asked, carrier.vehicle):
             found.setdefault(key, []).append(values)
-        if number == 0:
-            _check_size(found.values(), len(lidars))
+        size = number * sum(own[0].nbytes for own in found.values())
+        if size > _MOST_BYTES:
+            raise ValueError(
+                f"search.greedy: too many candidates; expected numbers of at most "
+                f"{_MOST_BYTES / 1e9:.0f} GB, found {size / 1e9:.0f} GB of {number:,} LiDARs; "
+                "enlarge position_step or angle_step_deg, or step of the requirements"
+            )
     return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
 
 
@@ -132,29 +133,27 @@ def _of_one(
 ) -> Iterator[tuple[tuple[int, str, str], NDArray[Any]]]:
     """Requirement, case, and what a single LiDAR has of objects, or misses of their parts."""
     sights: dict[tuple[Placement, str], list[Sight]] = {}
+    poses = poses_of(vehicle).items()
     for number, own in enumerate(asked):
         wanted = own.requirement
         variants = replace(wanted.also_when, mounts_off=None).variants(rig).items()
-        for pose, (case, variant) in itertools.product(poses_of(vehicle), variants):
+        for (pose, body), (case, variant) in itertools.product(poses, variants):
             key = number, pose, case
             if own.roi is not None:
-                inside = voxels_in_body(poses_of(vehicle)[pose], own.roi)[own.positions.held]
-                if inside.all():
-                    continue
-                seen = seen_voxels(variant, poses_of(vehicle)[pose], own.roi)[own.positions.held]
-                yield key, np.where(seen.reshape(1, -1), 0, _WHOLE).astype(np.uint8)
+                inside = voxels_in_body(body, own.roi)[own.positions.held]
+                if not inside.all():
+                    seen = seen_voxels(variant, body, own.roi)[own.positions.held]
+                    yield key, np.where(seen.reshape(1, -1), 0, _WHOLE).astype(np.uint8)
                 continue
             assert wanted.placed is not None
             if (variant, pose) not in sights:
-                sights[variant, pose] = sights_of(variant, poses_of(vehicle)[pose])
+                sights[variant, pose] = sights_of(variant, body)
             at = at_class(sights[variant, pose], variant, wanted.placed.object_class)
             boxes, light = own.boxes_in(pose), wanted.placed.reflectivity
             boxes = boxes[~np.isnan(boxes[:, :, 0])]
-            if not len(boxes):
-                continue
-            if wanted.measure == "points":
+            if len(boxes) and wanted.measure == "points":
                 yield key, count_points(at, boxes, light).all.astype(np.float32)
-            else:
+            elif len(boxes):
                 missed = missed_cells(at, boxes, wanted.cell, light)
                 yield key, np.floor(missed * _WHOLE).astype(np.uint8)
 
@@ -180,13 +179,3 @@ def _block(key: tuple[int, str, str], own: Laid, values: NDArray[Any], carrier: 
     fails = may_fail(wanted.share, positions)
     name, alone = requirement_name(wanted.name), np.asarray(alone, np.float32)
     return Block(key, name, alone, missed, needed, objects, fails, dead, sensors)
-
-
-def _check_size(found: Iterable[Sequence[NDArray[Any]]], lidars: int) -> None:
-    size = lidars * sum(own.nbytes for values in found for own in values)
-    if size > _MOST_BYTES:
-        raise ValueError(
-            f"search.greedy: too many candidates; expected numbers of at most "
-            f"{_MOST_BYTES / 1e9:.0f} GB, found {size / 1e9:.0f} GB of {lidars:,} LiDARs; enlarge "
-            "position_step or angle_step_deg, or step of the requirements"
-        )

@@ -34,7 +34,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.requirements.judge import Outcome, judge
+from lidarplace.requirements.judge import Outcome
 from sweeps.configuration.search import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
 from sweeps.search.cheapest.programme import Position, Programme, Row
@@ -45,7 +45,7 @@ from sweeps.search.greedy.candidates import (
     limits_of,
     number_of_candidates,
 )
-from sweeps.search.problem.choice import Choices, is_possible, ordered, placement_of
+from sweeps.search.problem.choice import Choices, is_possible, ordered
 from sweeps.search.problem.constraints import Constraint, measures_of, requirement_name
 from sweeps.search.problem.problem import Problem
 
@@ -60,22 +60,12 @@ _GROWING = ("blind_lidars", "body_share")
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the judge says of a rig.
-
-    Attributes:
-        broken: constraints that it breaks.
-        outcomes: of requirements.
-        margin: the least that a requirement has of what it needs; infinite without any.
-    """
+    """What the judge says of a rig: constraints that it breaks, outcomes of requirements, and the
+    least that one of these has of what it needs; infinite without any."""
 
     broken: tuple[Constraint, ...]
     outcomes: tuple[Outcome, ...]
     margin: float
-
-    @property
-    def closeness(self) -> tuple[int, float]:
-        """Larger for rigs that lack less."""
-        return -len(self.broken), self.margin
 
 
 def verdict_of(rig: Choices, problem: Problem) -> Verdict:
@@ -83,8 +73,7 @@ def verdict_of(rig: Choices, problem: Problem) -> Verdict:
     question, carrier = problem.question, problem.question.carrier
     if not is_possible(rig):
         return Verdict(question.constraints, (), 0.0)
-    placement = placement_of(rig, problem.models)
-    outcomes = judge(carrier.requirements, placement, carrier.vehicle, carrier.further)
+    outcomes = carrier.judged(rig)
     values = {requirement_name(own.requirement.name): own.worst.value for own in outcomes}
     others = [c for c in question.constraints if c.name not in values]
     values |= measures_of(rig, others, carrier)
@@ -95,14 +84,12 @@ def verdict_of(rig: Choices, problem: Problem) -> Verdict:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The cheapest rig that was found.
+    """The cheapest rig that was found; None: there is none.
 
     Attributes:
-        rig: None: none was found.
         cost, bound: what it costs, and what every rig of the grid costs at least; infinite where
             none meets everything.
-        closest: where there is no rig: the one that was judged to lack least.
-        seconds: in all.
+        closest: the rig that was judged to lack least.
         value: of the detector, percent; None if it was not asked.
         counts: of candidates, objects, rounds, rows, cuts and rigs judged.
     """
@@ -118,9 +105,14 @@ class Chosen:
     @property
     def gap(self) -> float:
         """By which share of its cost the rig may be dearer than the cheapest; 0: proven."""
-        if self.bound >= self.cost - _TOLERANCE * max(1.0, abs(self.cost)):
+        if _reaches(self.bound, self.cost):
             return 0.0
         return 1.0 - max(self.bound, 0.0) / self.cost if self.cost < math.inf else math.inf
+
+
+def _reaches(bound: float, cost: float) -> bool:
+    """Whether no rig is cheaper."""
+    return bound >= cost - _TOLERANCE * max(1.0, abs(cost))
 
 
 Recall = Callable[[Choices], float]
@@ -128,11 +120,9 @@ Recall = Callable[[Choices], float]
 
 
 def check(problem: Problem) -> str:
-    """Whether there is something to choose from. Returns what will be chosen, a line.
-
-    Raises ValueError: the search has no grid or too large a one, no requirement, or what its LiDARs
-    cost is not known.
-    """
+    """Whether there is something to choose from. Returns what will be chosen, a line. Raises
+    ValueError: the search has no grid or too large a one, no requirement, or what its LiDARs cost
+    is not known."""
     search, carrier, file = problem.file.search, problem.question.carrier, problem.path
     if search.greedy is None:
         raise ValueError(
@@ -159,20 +149,16 @@ def check(problem: Problem) -> str:
 
 
 def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
-    """Choose from the grid of the search, for at most `search.cheapest.seconds`.
-
-    Args:
-        recall: has to be at least `search.cheapest.recall`; None: it is not asked for.
-
-    Raises ValueError: the grid is too large.
-    """
+    """Choose from the grid of the search, for at most `search.cheapest.seconds`. `recall`: has to
+    be at least `search.cheapest.recall`; None: it is not asked for. Raises ValueError: the grid is
+    too large."""
     start = time.monotonic()
     candidates = candidates_of(problem)
     if not candidates:
         return Chosen(None, math.inf, math.inf, None, time.monotonic() - start)
     work = _Work(problem, candidates, recall)
     work.run()
-    best, closest = work.best, work.closest
+    rig, closest = (None if own is None else work.rig(own) for own in (work.best, work.closest))
     counts = {
         "candidates": len(candidates),
         "objects": sum(block.alone.shape[1] for block in work.blocks),
@@ -181,15 +167,9 @@ def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
         "cuts": len(work.programme.cuts),
         "judged": len(work.judged),
     }
-    return Chosen(
-        None if best is None else work.rig(best),
-        work.cost,
-        work.bound,
-        None if closest is None else work.rig(closest),
-        time.monotonic() - start,
-        None if best is None else work.values.get(best),
-        counts,
-    )
+    seconds = time.monotonic() - start
+    value = None if work.best is None else work.values.get(work.best)
+    return Chosen(rig, work.cost, work.bound, closest, seconds, value, counts)
 
 
 @dataclass(eq=False)
@@ -208,9 +188,9 @@ class _Work:
     known: set[tuple[object, ...]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        problem, settings = self.problem, self.problem.file.search.cheapest
+        problem, by = self.problem, self.problem.file.search.cheapest.by
         lidars = [lidar for rig in self.candidates for lidar in rig]
-        sizes = [len(rig) for rig in self.candidates]
+        sizes = np.array([len(rig) for rig in self.candidates])
         self.owner = np.repeat(np.arange(len(sizes)), sizes)
         spots = np.array([lidar.mount.position for lidar in lidars])
         self.place = np.unique(spots, axis=0, return_inverse=True)[1].ravel()
@@ -219,24 +199,22 @@ class _Work:
         assert limits.compatible is not None
         self.compatible = limits.compatible
         fixed = ordered(problem.space.fixed)
-        by = settings.by
         base = problem.question.carrier.beside[by] if by in TOTALS else 0.0
         self.programme = Programme(
             np.array([cost_of(rig, problem) - base for rig in self.candidates]),
-            np.array(sizes, float),
+            sizes.astype(float),
             limits.used,
             least_of(problem),
             limits.budgets,
-            np.array([bool(fixed) and rig == fixed for rig in self.candidates]),
+            np.array([rig == fixed for rig in self.candidates]),
             of_highest=by == "height",
             base=base,
         )
-        self.deadline = time.monotonic() + settings.seconds
+        self.deadline = time.monotonic() + problem.file.search.cheapest.seconds
         self.most_lidars = int(problem.space.numbers[-1]) + len(fixed)
 
     @property
     def cost(self) -> float:
-        """Of the best rig; infinite without one."""
         return math.inf if self.best is None else self.programme.cost(self.best)
 
     @property
@@ -245,7 +223,6 @@ class _Work:
         return self.deadline - time.monotonic()
 
     def rig(self, chosen: Iterable[int]) -> Choices:
-        """The rig of these candidates."""
         return ordered(lidar for i in chosen for lidar in self.candidates[i])
 
     def lidars(self, chosen: Sequence[int]) -> list[int]:
@@ -257,11 +234,11 @@ class _Work:
         self.add_rows(())
         if not self.greedy(by_cost=True):
             self.greedy(by_cost=False)
-        while self.left > 0 and not self.is_proven():
+        while self.left > 0 and not _reaches(self.bound, self.cost):
             self.rounds += 1
             found = self.programme.solve(self.left)
             self.bound = max(self.bound, found.bound)
-            if self.is_proven() or found.chosen is None:
+            if _reaches(self.bound, self.cost) or found.chosen is None:
                 break
             if self.add_rows(found.chosen, found.failing):
                 continue
@@ -271,16 +248,10 @@ class _Work:
                 self.try_others(self.programme.cost(found.chosen))
         self.bound = min(self.bound, self.cost)
 
-    def is_proven(self) -> bool:
-        """Whether no rig is cheaper than the best one."""
-        return self.bound >= self.cost - _TOLERANCE * max(1.0, abs(self.cost))
-
     def greedy(self, by_cost: bool) -> bool:
         """A rig to begin with: one candidate after the other, the one that adds most, for its cost
-        or whatever it costs. Returns whether the judge accepts it.
-
-        Of an object a LiDAR counts up to what is needed, and as many as may be dead and one more.
-        """
+        or whatever it costs. Returns whether the judge accepts it. Of an object a LiDAR counts up
+        to what is needed, and as many as may be dead and one more."""
         own, chosen = self.programme, np.flatnonzero(self.programme.fixed).tolist()
         parts = [np.minimum(block.alone, 1.0) for block in self.blocks]
         may = ~own.fixed & self.compatible[chosen].all(axis=0)
@@ -366,10 +337,8 @@ class _Work:
         failing: Collection[Position],
     ) -> bool:
         """Rows of objects of which LiDARs that are kept have too little. Returns whether some are
-        new.
-
-        They hold without any LiDAR at the places of those that are lost: there is one at most.
-        """
+        new. They hold without any LiDAR at the places of those that are lost: there is one at
+        most."""
         added, gone = False, np.isin(self.place, self.place[list(lost)])
         whole = (block.key, *np.unique(self.place[list(lost)]).tolist())
         for row in rows:
@@ -403,7 +372,7 @@ class _Work:
         """Some objects with the least, of equal ones those that candidates see least of; one a
         position."""
         ease = np.minimum(block.alone[:, rows], 1.0).sum(axis=0)
-        order = np.lexsort((ease, shares)) if len(shares) else np.argsort(ease)
+        order = np.lexsort((ease, shares))
         first = np.unique(block.position[rows][order], return_index=True)[1]
         return [int(rows[order[i]]) for i in np.sort(first)[: _AT_ONCE + block.may_fail]]
 
@@ -414,15 +383,11 @@ class _Work:
         inside |= {i for i in alike.tolist() if len(self.candidates[i]) == 1}
         ease = self.by_candidate(np.minimum(block.alone, 1.0).sum(axis=1))
         for i in np.argsort(ease).tolist():
-            more = block.plus(
-                state, [] if i in inside else np.flatnonzero(self.owner == i).tolist()
-            )
+            more = block.plus(state, () if i in inside else self.lidars((i,)))
             if len(block.short(block.shares(more), 1.0 - _TOLERANCE)):
                 state = more
                 inside.add(i)
-        others = np.ones(len(self.candidates))
-        others[list(inside)] = 0.0
-        self.programme.cut(others, 1.0)
+        self.programme.cut(1.0 - self.marked(list(inside)), 1.0)
 
     def by_candidate(self, of_lidars: NDArray[np.floating]) -> NDArray[np.float64]:
         """Sums over the LiDARs of each candidate."""
@@ -441,16 +406,17 @@ class _Work:
         chosen, own = tuple(sorted(choice)), self.programme
         if chosen not in self.judged:
             self.judged[chosen] = verdict_of(self.rig(chosen), self.problem)
-            self.closest = max(self.judged, key=lambda known: self.judged[known].closeness)
-        verdict = self.judged[chosen]
+            lack = {rig: (len(own.broken), -own.margin) for rig, own in self.judged.items()}
+            self.closest = min(lack, key=lambda rig: lack[rig])
+        broken = self.judged[chosen].broken
         if (own.used[:, list(chosen)].sum(axis=1) < own.least - 1e-9).any():
             return False  # greedy choice alone tries rigs of too few LiDARs
-        if not verdict.broken and self.finds_enough(chosen):
+        if not broken and self.finds_enough(chosen):
             self.best = chosen if own.cost(chosen) < self.cost else self.best
             return True
-        if not verdict.broken or not chosen:
-            self.exclude(chosen, [i for i in range(len(self.candidates)) if i not in chosen])
-        for constraint in verdict.broken if chosen else ():
+        if not broken or not chosen:
+            self.exclude(chosen)
+        for constraint in broken if chosen else ():
             self.exclude_broken(chosen, constraint)
         return False
 
@@ -463,13 +429,13 @@ class _Work:
             self.values[chosen] = self.recall(self.rig(chosen))
         return self.values[chosen] >= least
 
-    def exclude(self, chosen: Sequence[int], unless: Sequence[int]) -> None:
-        """No rig holds all of these, unless it holds one of the others, too."""
-        self.programme.cut(self.marked(unless) - self.marked(chosen), 1.0 - len(chosen))
+    def exclude(self, chosen: Sequence[int], unless: Sequence[int] | None = None) -> None:
+        """No rig holds all of these, unless it holds one of `unless`, by default of all others."""
+        others = 1.0 - self.marked(chosen) if unless is None else self.marked(unless)
+        self.programme.cut(others - self.marked(chosen), 1.0 - len(chosen))
 
     def exclude_broken(self, chosen: tuple[int, ...], broken: Constraint) -> None:
         """What no rig can hold that keeps a constraint which this one breaks."""
-        others = [i for i in range(len(self.candidates)) if i not in chosen]
         if broken.name in _GROWING:
             held = list(chosen)
             for i in chosen:
@@ -484,7 +450,7 @@ class _Work:
         # What the judge alone knows, and what depends on the order of LiDARs.
         wanted = outcome.requirement if outcome and blocks else None
         if outcome is None or wanted is None or not wanted.placed or wanted.also_when.mounts_off:
-            self.exclude(chosen, others)
+            self.exclude(chosen)
             return
         short = outcome.least_of < wanted.least
         if not blocks[0].may_fail:  # one place is enough
@@ -498,8 +464,8 @@ def _position(
     block: Block, row: int, of: tuple[object, ...], of_each: bool = False
 ) -> Position | None:
     """The position of an object in a case of a requirement; None if none may fail."""
-    number = int(block.position[row])
-    return Position(of, number, block.may_fail, of_each) if block.may_fail else None
+    fails = block.may_fail
+    return Position(of, int(block.position[row]), fails, of_each) if fails else None
 
 
 def cost_of(rig: Choices, problem: Problem) -> float:

@@ -11,15 +11,13 @@ from sweeps.search.greedy.refine import neighbours
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.constraints import requirement_name
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.slots import Placed, rig_of
+from sweeps.search.problem.space import Placed, rig_of
 from tracking.labels import digits
 
 _HOPELESS = 0.5
 """A rig with a smaller margin than that is not moved to see whether it can meet all."""
 _PLENTY = 2.0
 """Of what is needed; more is no better."""
-
-_Value = tuple[float, float, float]
 
 
 def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
@@ -28,13 +26,10 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
     Cheaper rigs are tried first: without one of its LiDARs, or with a cheaper model in its place.
     Each coordinate of each LiDAR moves by half a step of the grid while that helps, then by a
     quarter, and so on, as `search.greedy.refine` says. It takes no longer than the choice may.
-
-    Args:
-        recall: as of `cheapest`; a rig that it rejects is not taken.
     """
-    settings, search = problem.file.search.greedy, problem.file.search
+    settings, least = problem.file.search.greedy, problem.file.search.cheapest.recall
     assert settings is not None
-    until = time.monotonic() + search.cheapest.seconds
+    until = time.monotonic() + problem.file.search.cheapest.seconds
     best, starts = rig, sorted(_cheaper(problem, rig), key=lambda own: cost_of(own, problem))
     for start in [*starts, rig]:
         if cost_of(start, problem) > cost_of(best, problem):
@@ -43,12 +38,9 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
         if placed is None or _value(problem, placed)[0] < _HOPELESS:
             continue
         for level in range(1, settings.refine + 1):
-            length = settings.position_step / 2**level
-            placed = _moved(
-                problem, placed, length, math.radians(settings.angle_step_deg) / 2**level, until
-            )
+            length, angle = settings.position_step, math.radians(settings.angle_step_deg)
+            placed = _moved(problem, placed, length / 2**level, angle / 2**level, until)
         moved = rig_of(placed, problem.space)
-        least = search.cheapest.recall
         found = recall is None or least is None or recall(moved) >= least
         if found and not verdict_of(moved, problem).broken:
             best = moved
@@ -59,12 +51,9 @@ def _cheaper(problem: Problem, rig: Choices) -> Iterator[Choices]:
     """The rig without one of its LiDARs, or mirrored pairs, and with a cheaper model."""
     placed = slots_of(rig, problem) or []
     for i, place in enumerate(placed):
-        others = [*placed[:i], *placed[i + 1 :]]
-        models = [
-            [replace(place, lidar=replace(place.lidar, model=model))] for model in place.slot.models
-        ]
-        for own in [[], *models]:
-            new = rig_of([*others, *own], problem.space)
+        models = (replace(place.lidar, model=model) for model in place.slot.models)
+        for own in [[], *([replace(place, lidar=lidar)] for lidar in models)]:
+            new = rig_of([*placed[:i], *placed[i + 1 :], *own], problem.space)
             if new and cost_of(new, problem) < cost_of(rig, problem) and slots_of(new, problem):
                 yield new
 
@@ -84,7 +73,7 @@ def _moved(
     return placed
 
 
-def _value(problem: Problem, placed: Sequence[Placed]) -> _Value:
+def _value(problem: Problem, placed: Sequence[Placed]) -> tuple[float, float, float]:
     """First requirements are met, then it is cheap, then there is something to spare."""
     rig = rig_of(placed, problem.space)
     verdict = verdict_of(rig, problem)

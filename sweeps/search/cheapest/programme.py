@@ -15,14 +15,8 @@ _INFEASIBLE = 2
 
 
 class Position(NamedTuple):
-    """Where a requirement may fail in a case.
-
-    Attributes:
-        of: requirement and case.
-        number: of the position.
-        may_fail: so many of them may.
-        of_each: so many for each LiDAR of the rig.
-    """
+    """Where a requirement may fail in a case, `of`, which identifies both: so many of its positions
+    may, or so many `of_each` LiDAR of the rig."""
 
     of: tuple[object, ...]
     number: int
@@ -32,13 +26,8 @@ class Position(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """`gains · x + base` is at least what is needed, 1, or as much as `position` has to have.
-
-    Attributes:
-        gains: what each candidate adds at most, shares of what is needed.
-        base: what is there without them.
-        position: where some may fail; None: it may not.
-    """
+    """`gains · x + base`, shares of what is needed, is at least 1, or as much as `position` has to
+    have, where some may fail."""
 
     gains: NDArray[np.float64]
     base: float
@@ -47,13 +36,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver found.
-
-    Attributes:
-        chosen: numbers of the candidates; None where it found none in time, or there is none.
-        bound: no choice that keeps the rows costs less; infinite where none keeps them.
-        failing: positions that are given up.
-    """
+    """What the solver found: numbers of candidates, None where it found none in time, or there is
+    none; what no choice that keeps the rows costs less than, infinite where none keeps them; and
+    positions that are given up."""
 
     chosen: tuple[int, ...] | None
     bound: float
@@ -91,8 +76,8 @@ class Programme:
     def __post_init__(self) -> None:
         whole = np.round(1000 * self.costs)
         even = (abs(1000 * self.costs - whole) < 1e-6).all()
-        self.grain = float(np.gcd.reduce(whole.astype(np.int64))) / 1000 if even else 1e-9
-        self.grain = max(self.grain, 1e-9)
+        grain = float(np.gcd.reduce(whole.astype(np.int64))) / 1000 if even else 0.0
+        self.grain = max(grain, 1e-9)
         self.last = 0.0
 
     def cut(self, weights: NDArray[np.float64], least: float, most: float = math.inf) -> None:
@@ -100,18 +85,12 @@ class Programme:
         self.cuts.append((weights, least, most))
 
     def cost(self, chosen: Sequence[int]) -> float:
-        """What these candidates cost."""
         own = self.costs[list(chosen)]
         return self.base + float(own.max(initial=0.0) if self.of_highest else math.fsum(own))
 
     def solve(self, seconds: float, most: float | None = None, reach: float = 0.0) -> Solution:
-        """The cheapest choice.
-
-        Args:
-            seconds: that the solver may take.
-            most: look, of those that cost no more, for the one with most to spare in the row that
-                has least, up to `reach` times what is needed.
-        """
+        """The cheapest choice in so many seconds; or, of those that cost no more than `most`, the
+        one with most to spare in the row that has least, up to `reach` times what is needed."""
         n = len(self.costs)
         positions = list(dict.fromkeys(row.position for row in self.rows if row.position))
         at = {position: n + 2 + number for number, position in enumerate(positions)}
@@ -157,13 +136,9 @@ class Programme:
         low[:n] = self.fixed
         kinds = np.ones(width)
         kinds[n : n + 2] = 0
-        found = milp(
-            goal,
-            integrality=kinds,
-            bounds=Bounds(low, high),
-            constraints=lines,
-            options={"time_limit": max(seconds, 0.1), "mip_rel_gap": self._gap(most)},
-        )
+        options = {"time_limit": max(seconds, 0.1), "mip_rel_gap": self._gap(most)}
+        bounds = Bounds(low, high)
+        found = milp(goal, integrality=kinds, bounds=bounds, constraints=lines, options=options)
         if found.status == _INFEASIBLE:
             return Solution(None, math.inf)
         bound = -math.inf if found.mip_dual_bound is None else float(found.mip_dual_bound)

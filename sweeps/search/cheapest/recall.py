@@ -17,16 +17,12 @@ from sweeps.tasks.task import with_inputs
 
 def recall_of(console: Console, problem: Problem, store: AnyStore) -> Recall | None:
     """Ask the first objective of a rig, percent; None where `search.cheapest.recall` is null.
-
     Results are kept in the store. The returned function raises BackendLost if a rig cannot be
-    judged.
-
-    Raises ValueError: the objective is not of the generalist of the package.
-    """
+    judged. Raises ValueError: the objective is not of the generalist of the package."""
     search = problem.file.search
     if search.cheapest.recall is None:
         return None
-    objective = search.objective[0]
+    objective, classes = search.objective[0], problem.file.classes
     if not problem.pretrained:
         raise ValueError(
             f"{problem.path}: search.cheapest.recall: no generalist judges rigs; expected "
@@ -37,15 +33,12 @@ def recall_of(console: Console, problem: Problem, store: AnyStore) -> Recall | N
         if (outside := problem.outside(rig)) is not None:
             console.print(f"not judged: {outside}", soft_wrap=True)
             return -math.inf
-        (tests,) = judged_rigs(problem, {}, {"cheapest_rig": rig}, problem.tests.choice)[
-            "cheapest_rig"
-        ]
+        judged = judged_rigs(problem, {}, {"cheapest_rig": rig}, problem.tests.choice)
+        (tests,) = judged["cheapest_rig"]
         tasks = with_inputs(trial.evaluate for trial in tests)
         for failure in run_tasks(console, problem.file, store, tasks).values():
             raise BackendLost(f"a rig could not be judged: {failure.reason}")
         found = [store.read(trial.evaluate, lambda own: own.metrics) for trial in tests]
-        return weighted_value(
-            objective, problem.file.classes, metrics_over_tests(found, search.over)
-        )
+        return weighted_value(objective, classes, metrics_over_tests(found, search.over))
 
     return recall

@@ -24,9 +24,8 @@ _UNITS = {"lidars": "LiDARs", "price": "", "power": "W", "height": "m"}
 def proof(problem: Problem, chosen: Chosen) -> str:
     """What is known of all rigs of the grid, a sentence."""
     settings = problem.file.search.cheapest
-    counts = chosen.counts
     done = {"rigs judged": "judged", "rows": "rows", "cuts": "cuts"}
-    told = ", ".join(f"{name}: {counts.get(key, 0):,}" for name, key in done.items())
+    told = ", ".join(f"{name}: {chosen.counts.get(key, 0):,}" for name, key in done.items())
     work = f"{told}; {chosen.seconds:.0f} s"
     if chosen.rig is None:
         if chosen.bound == math.inf:
@@ -92,9 +91,8 @@ def _lidars(problem: Problem, rig: Choices, is_met: bool) -> Table:
     rows = []
     for lidar, reason in zip(rig, why, strict=True):
         own = lidar.mount
-        angles = (math.degrees(angle) for angle in (own.roll, own.pitch, own.yaw))
         places = (digits(value, "z.3f") for value in own.position.tolist())
-        turns = (digits(angle, "z.1f") for angle in angles)
+        turns = (digits(math.degrees(a), "z.1f") for a in (own.roll, own.pitch, own.yaw))
         rows.append([lidar.model, lidar.zone or "fixed", *places, *turns, reason])
     head = ["model", "zone", "x", "y", "z", "roll °", "pitch °", "yaw °", "without it fails"]
     return table("LiDARs", head, rows, words={"zone", head[-1]})
@@ -105,9 +103,8 @@ def write_chosen(problem: Problem, chosen: Chosen, rig: Choices | None, command:
     folder = problem.folder / "cheapest"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "placement.yaml").unlink(missing_ok=True)
-    write_text(
-        folder / "cheapest.json", json.dumps(as_json(problem, chosen, rig, command), indent=1)
-    )
+    content = as_json(problem, chosen, rig, command)
+    write_text(folder / "cheapest.json", json.dumps(content, indent=1))
     if rig is not None:
         write_text(folder / "placement.yaml", problem.placement_text(rig))
     return folder

@@ -1,8 +1,9 @@
-"""The grid of candidate mounts of a search, and which of them may be chosen together."""
+"""The grid of candidate mounts: which of them may be chosen together, and what sets are worth."""
 
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from typing import cast
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -13,52 +14,47 @@ from lidarplace.configuration.mounting import Pair
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.facing import least_distance
 from lidarplace.mounting.zone import Zone, grid
-from lidarplace.pog.selection import Limits
+from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
+from lidarplace.pog.selection.tracing import OBJECTIVES, Objective
+from lidarplace.recall.choice import RecallChoice
 from sweeps.configuration.search import TOTALS, GreedySettings, SearchSettings
+from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import (
     Choice,
     Choices,
     is_possible,
-    mirrored,
     ordered,
     placement_of,
     rounded,
 )
 from sweeps.search.problem.constraints import ROUNDING
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.space import Slot, Space
+from sweeps.search.problem.space import Placed, Slot, Space
+
+SUBMODULAR = (*OBJECTIVES, "expected_recall")
+"""Objectives that have greedy choice and a bound."""
 
 
 def candidates_of(problem: Problem) -> list[Choices]:
-    """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
-
-    Those that can be part of no rig are left out: inside of the body, too much of it in view,
-    nothing of the ROI in view, or the two of a pair, or one of the fixed LiDARs, too near.
-    """
-    space = problem.space
-    fixed = ordered(space.fixed)
-    found: dict[Choices, None] = {}
-    for slot, model, zone, mount in grid_points(problem):
-        lidars = [Choice(model, zone.name, mount)]
-        if slot.pair:
-            lidars.append(Choice(model, zone.name, mirrored(mount)))
-        rig = ordered(lidars)
-        if _may_be(rig, fixed, problem):
-            found[rig] = None
+    """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate. Those that
+    can be part of no rig are left out: inside of the body, too much of it in view, nothing of the
+    ROI in view, or the two of a pair, or one of the fixed LiDARs, too near."""
+    fixed = ordered(problem.space.fixed)
+    points = grid_points(problem)
+    rigs = (Placed(slot, Choice(model, zone.name, m)).rig for slot, model, zone, m in points)
+    found = dict.fromkeys(rig for rig in rigs if _may_be(rig, fixed, problem))
     return [*([fixed] if fixed else []), *found]
 
 
 def number_of_candidates(problem: Problem) -> int:
-    """How many mounts the grid has, before those that can be part of no rig are left out.
-
-    By extents first: a grid of a million points need not be made to be refused.
-    """
+    """How many mounts the grid has, before those that can be part of no rig are left out. By
+    extents first: a grid of a million points need not be made to be refused."""
     settings = problem.file.search.greedy
     assert settings is not None
     about = sum(
         len(slot.models)
         * _about(zone, settings)
-        * math.prod(_count(span, settings) for span in slot.spans.values())
+        * math.prod(2 * _reach(span, settings) + 1 for span in slot.spans.values())
         for slot in _kinds(problem.space)
         for zone in slot.zones
     )
@@ -83,8 +79,9 @@ def _about(zone: Zone, settings: GreedySettings) -> int:
     return math.prod(int((high - low) / settings.position_step) + 1 for low, high in spans)
 
 
-def _count(span: Pair, settings: GreedySettings) -> int:
-    return 2 * math.floor((span[1] - span[0]) / (2 * settings.angle_step_deg) + 1e-9) + 1
+def _reach(span: Pair, settings: GreedySettings) -> int:
+    """Steps from the middle of a span to its ends."""
+    return math.floor((span[1] - span[0]) / (2 * settings.angle_step_deg) + 1e-9)
 
 
 def grid_points(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
@@ -92,11 +89,11 @@ def grid_points(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
     settings, space = problem.file.search.greedy, problem.space
     assert settings is not None
     for slot in _kinds(space):
-        turns = _turns(slot, settings)
+        levels = (_levels(span, settings) for span in slot.spans.values())
+        turns = [tuple(map(math.radians, turn)) for turn in itertools.product(*levels)]
         for model, zone in itertools.product(slot.models, slot.zones):
-            for place, turn in itertools.product(
-                grid(zone, settings.position_step).tolist(), turns
-            ):
+            places = grid(zone, settings.position_step).tolist()
+            for place, turn in itertools.product(places, turns):
                 yield slot, model, zone, rounded(*place, *turn)
 
 
@@ -109,46 +106,34 @@ def _kinds(space: Space) -> list[Slot]:
     return list(slots.values())
 
 
-def _turns(slot: Slot, settings: GreedySettings) -> list[tuple[float, ...]]:
-    """Roll, pitch and yaw, radians."""
-    angles = (_levels(span, settings.angle_step_deg) for span in slot.spans.values())
-    return [tuple(map(math.radians, turn)) for turn in itertools.product(*angles)]
-
-
-def _levels(span: Pair, step: float) -> list[float]:
-    """Multiples of `step` from the middle of the span."""
-    low, high = span
-    reach = math.floor((high - low) / (2 * step) + 1e-9)
-    return [(low + high) / 2 + i * step for i in range(-reach, reach + 1)]
+def _levels(span: Pair, settings: GreedySettings) -> list[float]:
+    """Multiples of the step from the middle of the span, degrees."""
+    reach = _reach(span, settings)
+    return [sum(span) / 2 + i * settings.angle_step_deg for i in range(-reach, reach + 1)]
 
 
 def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
-    limits = problem.file.search.constraints
-    both = rig + fixed
+    models, limits = problem.models, problem.file.search.constraints
+    both, carrier, most = rig + fixed, problem.question.carrier, limits.body_share
     if not is_possible(both):
         return False
-    if least_distance(placement_of(both, problem.models)) < limits.distance - ROUNDING:
+    if least_distance(placement_of(both, models)) < limits.distance - ROUNDING:
         return False
-    carrier = problem.question.carrier
     if max(carrier.depths_of(rig).values()) > 0:
         return False
-    sees = problem.file.allow_blind_lidars or not blind_lidars(
-        placement_of(rig, problem.models), carrier.roi, carrier.vehicle
-    )
-    return sees and (
-        limits.body_share is None
-        or all(
-            body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle)
-            <= limits.body_share
-            for lidar in rig
-        )
-    )
+    placement = placement_of(rig, models)
+    if not problem.file.allow_blind_lidars and blind_lidars(
+        placement, carrier.roi, carrier.vehicle
+    ):
+        return False
+    shares = (body_share(c.mount, models[c.model], carrier.vehicle) for c in rig)
+    return most is None or all(share <= most for share in shares)
 
 
 def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
     """Number of LiDARs, in all, in each zone and of single ones next to pairs, totals,
     distances."""
-    space, search = problem.space, problem.file.search
+    space, search, carrier = problem.space, problem.file.search, problem.question.carrier
     fixed = ordered(space.fixed)
     sizes = np.array([0 if rig == fixed else len(rig) for rig in candidates], float)
     used, budgets = [sizes], [float(space.numbers[-1])]
@@ -162,14 +147,9 @@ def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
             budgets.append(float(zone.lidars[1]))
     for total in TOTALS:
         most = getattr(search.constraints, total)
-        if most is not None:
-            carrier = problem.question.carrier
-            # What every rig has is paid for first.
-            beside = carrier.beside[total]
-            own = [
-                0.0 if rig == fixed else carrier.total_of(total, rig) - beside for rig in candidates
-            ]
-            used.append(np.array(own))
+        if most is not None:  # what every rig has is paid for first
+            own = np.array([carrier.total_of(total, rig) for rig in candidates])
+            used.append(np.where(sizes > 0, own - carrier.beside[total], 0.0))
             budgets.append(max(0.0, most - carrier.total_of(total, fixed)))
     return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
 
@@ -191,3 +171,19 @@ def _compatible(candidates: Sequence[Choices], search: SearchSettings) -> np.nda
     apart = ~np.logical_or.reduceat(by_row, first, axis=1)
     np.fill_diagonal(apart, True)
     return apart
+
+
+def worth_of(
+    rigs: Sequence[Choices], problem: Problem, traffic: Traffic
+) -> RecallChoice | VoxelChoice:
+    """The value of every set of `rigs`, parts of a whole, as the search computes it."""
+    question, objective = problem.question, problem.question.objectives[0]
+    weights = objective.weights_of(traffic.grids)
+    placements = [placement_of(rig, problem.models) for rig in rigs]
+    if objective.by == "expected_recall":
+        model = traffic.objects
+        assert model is not None
+        return RecallChoice(model, model.objects.seen_by(placements), weights)
+    by, q = cast(Objective, objective.by), question.detection_probability
+    how = (by, question.method, q, question.occlusion, question.azimuth_stride)
+    return VoxelChoice(Exposure.of_candidates(traffic.grids, weights, placements, *how))

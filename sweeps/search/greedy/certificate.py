@@ -13,14 +13,19 @@ from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import candidates_of, check_grid, limits_of
-from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
+from sweeps.search.greedy.candidates import (
+    SUBMODULAR,
+    candidates_of,
+    check_grid,
+    limits_of,
+    worth_of,
+)
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, ordered
 from sweeps.search.problem.families import family_params
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
+from sweeps.search.problem.space import Placed, placed_in, rig_of
 
 
 @dataclass(frozen=True)
@@ -35,19 +40,14 @@ class Certificate(_Keyed):
     """What is known of all placements from a grid of candidate mounts.
 
     Attributes:
-        candidates: how many there are: single LiDARs, or mirrored pairs.
-        chosen: what greedy choice took, in order; the LiDARs that every rig has may be one.
-        gains: what each of them added.
-        value: of all of them together.
+        chosen, gains: what greedy choice took, in order, the LiDARs that every rig has as one; and
+            what each of them added.
         by_gains: upper bound from marginal gains alone.
-        bound: the upper bound.
-        history: columns seconds, bound, kind: how it fell.
+        history: how `bound` fell: columns seconds, bound, kind.
         evaluations: marginal gains that greedy choice looked at.
         refined: the best of greedy's rig and of `start` that keep the constraints, each LiDAR moved
             to a better place around its own; None if there is none, or it was not asked for.
-        refined_value, refined_from: its value, and what it was before: "greedy" or a placement.
-        greedy_seconds, bound_seconds, refine_seconds: for tracing the candidates and choosing, for
-            the bound, and for the moves.
+        refined_from: what it was before: "greedy" or a placement.
     """
 
     candidates: int
@@ -101,23 +101,15 @@ def _weights(problem: Problem) -> set[float]:
     return {ray_weight(Placement(name, one, problem.models[name]), stride) for name in names}
 
 
-def _with_fixed(chosen: tuple[Choices, ...], problem: Problem) -> tuple[Choices, ...]:
-    """Greedy leaves out what adds nothing, but every rig has the fixed LiDARs."""
-    fixed = ordered(problem.space.fixed)
-    return chosen if not fixed or fixed in chosen else (*chosen, fixed)
-
-
 def check_candidates(problem: Problem) -> None:
     """Raise ValueError if the grid is finer than the settings allow."""
-    if problem.file.search.greedy is not None and why_none(problem) is None:
+    if why_none(problem) is None:
         check_grid(problem)
 
 
 def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
-    """Greedy choice and upper bound for the objective as the search computes it.
-
-    None if no candidate keeps the constraints.
-    """
+    """Greedy choice and upper bound for the objective as the search computes it. None if no
+    candidate keeps the constraints."""
     start = time.perf_counter()
     settings = problem.file.search.greedy
     assert settings is not None
@@ -133,8 +125,9 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     chosen = tuple(candidates[i] for i in choice.chosen)
     del worth  # a grid of candidates takes much memory
     starts = dict(problem.start) if settings.refine else {}
-    if chosen:
-        chosen = _with_fixed(chosen, problem)
+    # Greedy leaves out what adds nothing, but every rig has the fixed LiDARs.
+    fixed = ordered(problem.space.fixed)
+    chosen += (fixed,) if chosen and fixed and fixed not in chosen else ()
     by_greedy = slots_of(rig_of_parts(chosen), problem)
     if by_greedy is not None and settings.refine:
         starts["greedy"] = by_greedy
@@ -165,10 +158,8 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
 
 
 def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certificate | None:
-    """The certificate in `path`, if it is of this problem; else a new one, kept there.
-
-    Raises ConfigError: `path` holds something else.
-    """
+    """The certificate in `path`, if it is of this problem; else a new one, kept there. Raises
+    ConfigError: `path` holds something else."""
     if path.exists():
         try:
             if read_record(path, _Keyed, "certificate of a search").key == problem.key:
@@ -197,10 +188,9 @@ def slots_of(rig: Choices, problem: Problem) -> list[Placed] | None:
 
 def first_params(problem: Problem, certificate: Certificate | None) -> list[dict[str, Any]]:
     """Parameters of the trials to begin with: the refined rig or greedy's, `start`, families."""
-    settings, rigs = problem.file.search.greedy, []
-    if certificate is not None and settings is not None and settings.warm_start:
-        rigs.append(slots_of(certificate.refined or certificate.rig, problem))
-    placed = [*rigs, *problem.start.values()]
-    given = [params_of(own, problem.space) for own in placed if own is not None]
-    search = problem.file.search
-    return given + family_params(problem.space, problem.models, search.first_families, search.seed)
+    search, space, rigs = problem.file.search, problem.space, [*problem.start.values()]
+    if certificate is not None and search.greedy is not None and search.greedy.warm_start:
+        first = slots_of(certificate.refined or certificate.rig, problem)
+        rigs = rigs if first is None else [first, *rigs]
+    given = [space.params(own) for own in rigs]
+    return given + family_params(space, problem.models, search.first_families, search.seed)

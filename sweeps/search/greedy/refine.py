@@ -7,12 +7,12 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from sweeps.search.greedy.objective_value import worth_of
+from sweeps.search.greedy.candidates import worth_of
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.slots import Placed, rig_of
+from sweeps.search.problem.space import Placed, rig_of
 
 _MOST_ROUNDS = 4
 """Rounds over all LiDARs at one step; few improve anything."""
@@ -22,45 +22,30 @@ def refine(
     problem: Problem, traffic: Traffic, placed: Sequence[Placed]
 ) -> tuple[list[Placed], float]:
     """Move LiDARs one by one, each to the best of its neighbours by half a step, while that helps;
-    then by a quarter, and so on.
-
-    The value never falls, and all constraints stay kept if they were. It is a local optimum only.
-
-    Returns:
-        Where they are now, and the value as the search computes it.
-    """
+    then by a quarter, and so on. The value never falls, and all constraints stay kept if they were.
+    Returns the LiDARs at this local optimum, and the value as the search computes it."""
     settings = problem.file.search.greedy
     assert settings is not None
-    placed = list(placed)
-    value = -math.inf
+    placed, value = list(placed), -math.inf
     for level in range(1, settings.refine + 1):
-        length = settings.position_step / 2**level
-        angle = math.radians(settings.angle_step_deg) / 2**level
+        length, angle = settings.position_step, math.radians(settings.angle_step_deg)
+        step = length / 2**level, angle / 2**level
         for _ in range(_MOST_ROUNDS):
             before = value
             for i in range(len(placed)):
-                placed[i], value = _moved(problem, traffic, placed, i, length, angle)
+                placed[i], value = _moved(problem, traffic, placed, i, step)
             if value <= before:
                 break
     return placed, value
 
 
 def _moved(
-    problem: Problem,
-    traffic: Traffic,
-    placed: Sequence[Placed],
-    i: int,
-    length: float,
-    angle: float,
+    problem: Problem, traffic: Traffic, placed: Sequence[Placed], i: int, step: tuple[float, float]
 ) -> tuple[Placed, float]:
     """The best neighbour of one, which may be itself, and the value of the whole rig with it."""
     others = rig_of([*placed[:i], *placed[i + 1 :]], problem.space)
-    near = [placed[i]]
-    near += [
-        place
-        for place in neighbours(placed[i], length, angle)
-        if keeps(problem, ordered([*others, *place.rig]))
-    ]
+    around = neighbours(placed[i], *step)
+    near = [placed[i], *(p for p in around if keeps(problem, ordered([*others, *p.rig])))]
     rigs = [place.rig for place in near] + ([others] if others else [])
     worth = worth_of(rigs, problem, traffic)
     rest = (len(near),) if others else ()

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from statistics import fmean
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ import pandas as pd
 from lidarplace.mounting.errors import MountingErrors
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choices, ordered, with_each_dead
+from sweeps.search.problem.choice import Choices, ordered
 from sweeps.search.trials.traffic import Pool
 
 AS_DESIGNED = "as designed"
@@ -23,20 +24,10 @@ def robustness(
     settings: RobustnessSettings,
     seed: int,
 ) -> pd.DataFrame:
-    """Objectives of each rig as designed, with all mounts off, and with each of its LiDARs dead.
-
-    Mounts are off as `MountingErrors` says. Constraints are not looked at.
-
-    Returns:
-        rig, case, objective, draws, value (mean over the draws), worst.
-    """
-    cases = [
-        (name, case, altered)
-        for name, rig in rigs.items()
-        for case, altered in _cases(rig, settings, seed)
-    ]
-    flat = [rig for _, _, altered in cases for rig in altered]
-    found = iter(pool.in_order(flat, question))
+    """Objectives of each rig as designed, with all mounts off, and with each of its LiDARs dead,
+    whatever its constraints: rig, case, objective, draws, value (mean over the draws), worst."""
+    cases = [(n, *case) for n, rig in rigs.items() for case in _cases(rig, settings, seed)]
+    found = iter(pool.in_order([rig for *_, altered in cases for rig in altered], question))
     rows = []
     for name, case, altered in cases:
         values = [next(found).values or {} for _ in altered]
@@ -70,17 +61,10 @@ def _rows(
     rows: list[dict[str, object]] = []
     for objective in question.objectives:
         own = [found[objective.name] for found in values if objective.name in found]
-        worst = min if objective.best == "maximize" else max
-        rows.append(
-            {
-                "rig": name,
-                "case": case,
-                "objective": objective.name,
-                "draws": len(own),
-                "value": math.fsum(own) / len(own) if own else math.nan,
-                "worst": worst(own, default=math.nan),
-            }
-        )
+        worst = (min if objective.best == "maximize" else max)(own, default=math.nan)
+        mean = fmean(own) if own else math.nan
+        row = {"rig": name, "case": case, "objective": objective.name, "draws": len(own)}
+        rows.append(row | {"value": mean, "worst": worst})
     return rows
 
 
@@ -90,12 +74,10 @@ def _cases(
     yield AS_DESIGNED, [rig]
     if errors := MountingErrors(settings.offset, math.radians(settings.angle_deg)):
         random = np.random.default_rng(seed)
-        yield (
-            "mounts off",
-            [
-                ordered(replace(c, mount=errors.displaced(c.mount, random)) for c in rig)
-                for _ in range(settings.draws)
-            ],
+        displaced = (
+            ordered(replace(c, mount=errors.displaced(c.mount, random)) for c in rig)
+            for _ in range(settings.draws)
         )
-    for number, left in enumerate(with_each_dead(rig), start=1):
-        yield f"LiDAR {number} fails", [left]
+        yield "mounts off", list(displaced)
+    for i, dead in enumerate(rig if len(rig) > 1 else ()):
+        yield f"LiDAR {i + 1} fails", [(*rig[:i], replace(dead, dead=True), *rig[i + 1 :])]

@@ -24,14 +24,8 @@ from tracking.run_folders.sweep import RunFolder
 
 
 def verify_found(console: Console, problem: Problem, found: Found, command: str) -> bool:
-    """Run `sweep.yaml` of the run folder as a sweep, and write `verified.parquet`.
-
-    Args:
-        command: that of the search, which makes the sweep too.
-
-    Returns:
-        Whether all trainings finished.
-    """
+    """Run `sweep.yaml` of the run folder as a sweep, by the `command` of the search, and write
+    `verified.parquet`. Returns whether all trainings finished."""
     from sweeps.run_sweep import run_sweep
 
     try:
@@ -54,10 +48,8 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
 
 
 def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
-    """The sweep that a search left in `sweep.yaml`, with the addresses of the search.
-
-    Raises ConfigError: the file, which a user may have changed, is wrong.
-    """
+    """The sweep that a search left in `sweep.yaml`, with the addresses of the search. Raises
+    ConfigError: the file, which a user may have changed, is wrong."""
     whole = problem.file.model_dump(mode="json", include={"store", "tracking"})
     overrides = [f"{key}={json.dumps(value)}" for key, value in whole.items()]
     return read_plan(problem.folder / "sweep.yaml", overrides)
@@ -76,26 +68,22 @@ def verified_table(
     Those of the means are Student's (`tracking.findings.summary.seed_means`), those of the
     differences Tukey and Kramer's, which hold for all pairs of rigs at once
     (`tracking.findings.best_placement`). Both allow for the test routes and individuals where these
-    are known.
+    are known, and are NaN where all have one seed.
 
     Args:
         results, left_out: of the sweep that measured them.
-        judged: rigs by name.
-        surrogate: the objective's value of each.
-        baseline: the rig that others are compared with.
+        surrogate: the objective's value of each rig.
         generalist: whether the same detectors judged all rigs.
 
-    Returns:
-        rig, role, class, metric, iou, value, low, high, seeds, difference, difference_low,
-        difference_high, surrogate; the best first. Intervals are NaN where all have one seed.
+    Returns rows of `VERIFIED`, the best first.
     """
     means = seed_means(results, left_out=left_out)
     rows = []
     for (object_class, metric), every in results.groupby(["class", "metric"], sort=False):
         if metric not in RANKING:
             continue
-        of = {"class": object_class, "metric": metric}
-        of["iou"] = headline_iou(every, str(object_class), str(metric))
+        iou = headline_iou(every, str(object_class), str(metric))
+        of = {"class": object_class, "metric": metric, "iou": iou}
         own_left_out = None if left_out is None else _rows(left_out, of)
         best = best_placement(_rows(every, of), left_out=own_left_out, generalist=generalist)
         if best is None:
@@ -104,20 +92,11 @@ def verified_table(
         against = best.differences(baseline) if baseline in best.sure.index else pd.DataFrame()
         for name in (name for name in best.sure.index if name in judged):
             own = against.loc[name] if name in against.index and name != baseline else {}
-            rows.append(
-                {"rig": name, "role": judged[name].role}
-                | of
-                | {
-                    "value": mean.at[name, "mean"],
-                    "low": mean.at[name, "low"],
-                    "high": mean.at[name, "high"],
-                    "seeds": mean.at[name, "seeds"],
-                    "difference": own.get("difference", math.nan),
-                    "difference_low": own.get("low", math.nan),
-                    "difference_high": own.get("high", math.nan),
-                    "surrogate": surrogate[str(name)],
-                }
-            )
+            row = {"rig": name, "role": judged[name].role, **of, "value": mean.at[name, "mean"]}
+            row |= {key: mean.at[name, key] for key in ("low", "high", "seeds")}
+            row["difference"] = own.get("difference", math.nan)
+            row |= {f"difference_{end}": own.get(end, math.nan) for end in ("low", "high")}
+            rows.append(row | {"surrogate": surrogate[str(name)]})
     return pd.DataFrame(rows)
 
 

@@ -16,7 +16,7 @@ from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.problem.assess import Assessment, Question
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.space import Space
-from sweeps.search.trials.study import Timing, assessment_of, candidate_of, finished_trials
+from sweeps.search.trials.study import Timing, assessment_of, finished_trials
 from sweeps.search.trials.traffic import Pool
 
 MOST_EXACT = 20
@@ -25,15 +25,9 @@ MOST_EXACT = 20
 
 @dataclass(frozen=True)
 class Judged:
-    """A rig and what was found of it.
-
-    Attributes:
-        rig, assessment: with all rays.
-        role: found, greedy or paper.
-        searched: objectives as the search computes them, with its azimuth stride; and what was
-            measured of a trial.
-        chosen: objectives on the traffic of the choice, where a generalist judges.
-    """
+    """A rig (found, greedy or paper) assessed with all rays; objectives as the search computes
+    them, with its azimuth stride, or measured of a trial; and on the traffic of the choice, where a
+    generalist judges."""
 
     rig: Choices
     assessment: Assessment
@@ -53,47 +47,35 @@ class Judged:
 
 def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
     """Feasible trials of different rigs, the best first; the Pareto front of several objectives."""
-    feasible = [
-        trial
-        for trial in finished_trials(study)
-        if trial.values is not None and assessment_of(trial).feasible
-    ]
+    known = (trial for trial in finished_trials(study) if trial.values is not None)
+    feasible = [trial for trial in known if assessment_of(trial).feasible]
     if len(study.directions) > 1:
         front = {trial.number for trial in study.best_trials}
         feasible = [trial for trial in feasible if trial.number in front]
     sign = -1 if study.directions[0] == optuna.study.StudyDirection.MAXIMIZE else 1
     by_rig: dict[Choices, FrozenTrial] = {}
     for trial in sorted(feasible, key=lambda t: (sign * t.values[0], t.number)):
-        by_rig.setdefault(candidate_of(trial, space).rig, trial)
+        by_rig.setdefault(space.rig(trial.params), trial)
     return list(by_rig.values())
 
 
 def judge(
     trials: Sequence[FrozenTrial], space: Space, question: Question, pool: Pool
 ) -> list[Judged]:
-    """Rigs of the best trials, assessed with all rays.
-
-    The first MOST_EXACT of them, the best first by what is exact; of a Pareto front as many, spread
-    over it, without those that others dominate then.
-    """
-    several = len(question.objectives) > 1
-    chosen = _spread(trials) if several else list(trials[:MOST_EXACT])
-    candidates = [candidate_of(trial, space) for trial in chosen]
-    found = pool.in_order([candidate.rig for candidate in candidates], exact(question))
-    judged = []
-    for trial, candidate, assessment in zip(chosen, candidates, found, strict=True):
-        searched = zip(question.objectives, trial.values, strict=True)
-        own = {objective.name: value for objective, value in searched}
-        judged.append(Judged(candidate.rig, assessment, "found", own))
+    """Rigs of the best trials, assessed with all rays. The first MOST_EXACT of them, the best first
+    by what is exact; of a Pareto front as many, spread over it, without those that others dominate
+    then."""
+    several, chosen = len(question.objectives) > 1, trials[:MOST_EXACT]
+    if several:  # at even distances, both ends among them
+        places = np.linspace(0, len(trials) - 1, len(chosen))
+        chosen = [trials[round(place)] for place in places.tolist()]
+    rigs = [space.rig(trial.params) for trial in chosen]
+    names, judged = [objective.name for objective in question.objectives], []
+    for trial, rig, own in zip(chosen, rigs, pool.in_order(rigs, exact(question)), strict=True):
+        judged.append(Judged(rig, own, "found", dict(zip(names, trial.values, strict=True))))
     if several:
         judged = [own for own in judged if not _is_dominated(own, judged, question)]
     return sorted(judged, key=_rank(question.objectives[0]))
-
-
-def _spread(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """MOST_EXACT of them at even distances, both ends among them."""
-    places = np.linspace(0, len(trials) - 1, min(MOST_EXACT, len(trials)))
-    return [trials[round(place)] for place in places.tolist()]
 
 
 def _is_dominated(own: Judged, others: Sequence[Judged], question: Question) -> bool:
@@ -141,15 +123,13 @@ def exact(question: Question) -> Question:
 
 def stride_error(judged: Collection[Judged]) -> float:
     """Largest relative error by fewer azimuth steps over rigs and objectives."""
-    return max(
-        (
-            abs(own.searched[name] / value - 1)
-            for own in judged
-            for name, value in (own.assessment.values or {}).items()
-            if value and name in own.searched
-        ),
-        default=0.0,
+    errors = (
+        abs(own.searched[name] / value - 1)
+        for own in judged
+        for name, value in (own.assessment.values or {}).items()
+        if value and name in own.searched
     )
+    return max(errors, default=0.0)
 
 
 @dataclass(frozen=True)
@@ -157,14 +137,11 @@ class Found:
     """What a search has found.
 
     Attributes:
-        study, trials: Optuna's, and its best trials.
+        trials: the best of the study.
         certificate: None if there is none, for the reason `no_certificate`.
-        judged: rigs with all rays by name: found_1, ..., greedy, and the paper's, each the best
-            first.
-        robustness: table; None if it was not asked for, or nothing was found.
+        judged: found_1, ..., greedy, and the paper's, each the best first.
+        robustness: None if it was not asked for, or nothing was found.
         grids: POG by class; empty if no surrogate was asked for.
-        timing: where the driver's time went.
-        linear_share: `best_linear_share`.
         chosen: what the generalist measured on the traffic of the choice; None without one.
     """
 
@@ -181,12 +158,11 @@ class Found:
 
     @property
     def best(self) -> list[str]:
-        """Names of the rigs that were found, the best first."""
+        """Names of the rigs that were found, in order."""
         return [name for name, own in self.judged.items() if own.role == "found"]
 
     @property
     def baseline(self) -> str:
-        """The best of the paper's eight."""
         return baseline_of(self.judged)
 
 
@@ -194,9 +170,7 @@ def best_linear_share(
     judged: Mapping[str, Judged], grids: Mapping[str, OccupancyGrid], question: Question
 ) -> float | None:
     """`linear_share` of `expected_ig` of the best rig that was found, the largest of the classes.
-
-    None if nothing was found, or `expected_ig` is no objective.
-    """
+    None if nothing was found, or `expected_ig` is no objective."""
     best = next((own.rig for own in judged.values() if own.role == "found"), None)
     if best is None or not any(o.by == "expected_ig" for o in question.objectives):
         return None

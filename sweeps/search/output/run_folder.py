@@ -2,14 +2,13 @@
 
 import platform
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from lidarplace import Mount, OccupancyGrid, Roi
 from lidarplace.base.metrics import METRICS
@@ -20,7 +19,6 @@ from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
 from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
-from lidarplace.requirements.judge import judge
 from lidarplace.requirements.tables import Ground, by_rig, case_table
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
@@ -31,10 +29,11 @@ from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.slots import rig_of
+from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.aggregate import class_weights
-from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
+from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
 from tracking.mlflow.uri import absolute_uri
+from tracking.run_folders import search_tables as contract
 from tracking.run_folders.arrays import Grounds, UnseenMaps
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.search_json import (
@@ -48,18 +47,9 @@ from tracking.run_folders.search_json import (
     Zone,
 )
 from tracking.run_folders.search_json import Rig as JudgedRig
-from tracking.run_folders.search_tables import (
-    BOUND,
-    CHOSEN,
-    GREEDY,
-    REQUIREMENTS,
-    ROBUSTNESS,
-    TABLES,
-)
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
-
-_OPTIONAL = [table.file for table in TABLES if not table.needed]
+_OPTIONAL = [table.file for table in contract.TABLES if not table.needed]
 _OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE, Grounds.FILE]
 """Files that not every search has."""
 
@@ -67,19 +57,18 @@ _OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE, Grounds.FILE]
 def write_search(
     folder: Path, problem: Problem, found: Found, command: str, seconds: float
 ) -> None:
-    """Write all results into `folder`, each file renamed into place."""
+    """Write all results into `folder`."""
     about = _about(problem, found, command, seconds)
     for name in _OPTIONAL:  # of an earlier search of this name, or of fewer trials
         (folder / name).unlink(missing_ok=True)
     about.trials_table.write(trials_table(found.study, problem), folder)
     if found.certificate is not None:
-        BOUND.write(pd.DataFrame(found.certificate.history), folder)
-        chosen, gains = found.certificate.chosen, found.certificate.gains
-        GREEDY.write(greedy_table(chosen, gains, 0.0), folder)
+        contract.BOUND.write(pd.DataFrame(found.certificate.history), folder)
+        contract.GREEDY.write(greedy_table(found.certificate), folder)
     if found.chosen is not None:
-        CHOSEN.write(found.chosen, folder)
+        contract.CHOSEN.write(found.chosen, folder)
     if found.robustness is not None:
-        ROBUSTNESS.write(found.robustness, folder)
+        contract.ROBUSTNESS.write(found.robustness, folder)
     if problem.question.carrier.requirements:
         _write_requirements(folder, problem, found)
     write_text(folder / "config.yaml", public_yaml(problem.source))
@@ -95,17 +84,9 @@ def write_search(
 def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
     """What becomes of each requirement under every rig that is known, and where it fails."""
     carrier = problem.question.carrier
-    outcomes = {
-        name: judge(
-            carrier.requirements,
-            placement_of(own.rig, problem.models, name),
-            carrier.vehicle,
-            carrier.further,
-        )
-        for name, own in found.judged.items()
-    }
+    outcomes = {name: carrier.judged(own.rig, name) for name, own in found.judged.items()}
     tables = {name: case_table(own) for name, own in outcomes.items()}
-    REQUIREMENTS.write(by_rig(tables), folder)
+    contract.REQUIREMENTS.write(by_rig(tables), folder)
     names = [own.requirement.name for own in carrier.requirements]
     grounds = {name: [Ground.of(one) for one in own] for name, own in outcomes.items()}
     Grounds.of(outline(carrier.vehicle), names, grounds).write(folder)
@@ -115,29 +96,31 @@ def _maps(
     rigs: Mapping[str, Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
 ) -> UnseenMaps:
     """The maps of the POG by class, and of what each rig leaves unseen of it."""
-    unseen: dict[str, dict[str, NDArray[np.float32]]] = {name: {} for name in grids}
-    for rig_name, rig in rigs.items():
-        placement = placement_of(rig, problem.models, rig_name)
-        for name, grid in grids.items():
-            covered = coverage(placement, grid.roi, problem.file.surrogate.method)
-            unseen[name][rig_name], _ = uncovered([grid], covered)
-    pog = {
-        name: uncovered([grid], np.broadcast_to(np.False_, grid.counts.shape))[0]
-        for name, grid in grids.items()
-    }
+    method, pog, unseen = problem.file.surrogate.method, {}, {}
+    placements = {name: placement_of(rig, problem.models, name) for name, rig in rigs.items()}
+    for name, grid in grids.items():
+        pog[name] = uncovered([grid], np.broadcast_to(np.False_, grid.counts.shape))[0]
+        unseen[name] = {
+            rig: uncovered([grid], coverage(placement, grid.roi, method))[0]
+            for rig, placement in placements.items()
+        }
     return UnseenMaps(pog, unseen)
 
 
 def _sweep(problem: Problem, found: Found) -> str:
     """A sweep of the winners and the paper's rigs, without those that a sweep refuses."""
-    verify = problem.file.verify
-    most = verify.top if verify is not None else 3
+    most = problem.file.verify.top if problem.file.verify is not None else 3
     paper, ruled_out = _paper_rigs(found), _ruled_out(problem, found)
+    places = [_places(rig) for rig in paper.values()]
     # A search that began with one of the eight need not train it twice.
-    new = [name for name in found.best if not _is_one_of(found.judged[name].rig, paper.values())]
+    new = [name for name in found.best if _places(found.judged[name].rig) not in places]
     rigs = {name: found.judged[name].rig for name in new[:most]}
     others = [name for name in paper if name not in ruled_out]
     return public_yaml(problem.verify_settings(rigs, others))
+
+
+def _places(rig: Choices) -> set[tuple[str, Mount]]:
+    return {(lidar.model, lidar.mount) for lidar in rig}
 
 
 def _paper_rigs(found: Found) -> dict[str, Choices]:
@@ -148,37 +131,32 @@ def _paper_rigs(found: Found) -> dict[str, Choices]:
 def _ruled_out(problem: Problem, found: Found) -> list[str]:
     """The paper's rigs with a LiDAR inside of the vehicle, one that sees nothing of the ROI, or one
     that requirements cannot ask."""
-    rigs = _paper_rigs(found).items()
-    return [name for name, rig in rigs if not _may_be_asked(name, rig, problem)]
-
-
-def _may_be_asked(name: str, rig: Choices, problem: Problem) -> bool:
-    """Whether a sweep takes the rig, whose LiDARs requirements can be asked."""
-    placement, carrier = placement_of(rig, problem.models, name), problem.question.carrier
-    try:
-        check_asked(placement, carrier.vehicle, problem.file.search.requirements)
-        if not problem.file.allow_blind_lidars:
-            check_not_blind(placement, carrier.roi, carrier.vehicle)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_one_of(rig: Choices, others: Iterable[Choices]) -> bool:
-    """Whether another rig has the same LiDARs in the same places."""
-
-    def places(rig: Choices) -> set[tuple[str, Mount]]:
-        return {(lidar.model, lidar.mount) for lidar in rig}
-
-    return any(places(rig) == places(other) for other in others)
+    carrier, ruled_out = problem.question.carrier, []
+    for name, rig in _paper_rigs(found).items():
+        placement = placement_of(rig, problem.models, name)
+        try:
+            check_asked(placement, carrier.vehicle, problem.file.search.requirements)
+            if not problem.file.allow_blind_lidars:
+                check_not_blind(placement, carrier.roi, carrier.vehicle)
+        except ValueError:
+            ruled_out.append(name)
+    return ruled_out
 
 
 def _about(problem: Problem, found: Found, command: str, seconds: float) -> SearchResult:
     file, question = problem.file, problem.question
-    search = file.search
+    search, vehicle = file.search, question.carrier.vehicle
     several = len(search.objective) > 1
     trials = list(finished_trials(found.study))
-    different = len({candidate_of(trial, problem.space).rig for trial in trials})
+    different = len({problem.space.rig(trial.params) for trial in trials})
+    warned = {name: found.judged[name].rig for name in (*found.best[:1], found.baseline)}
+    warned |= {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
+    stride = None
+    if any(objective.by in RAY_SURROGATES for objective in question.objectives):
+        stride = Stride(
+            azimuth_stride=question.azimuth_stride,
+            relative_error=stride_error(found.judged.values()),
+        )
     return SearchResult(
         name=file.name,
         command=command,
@@ -187,9 +165,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         objectives=[_objective(objective, problem) for objective in search.objective],
         over=search.said_of(problem.traffic.search),
         chosen_over=search.said_of(problem.traffic.choice),
-        sampler=search.sampler,
-        seed=search.seed,
-        batch_size=search.batch_size,
+        **search.model_dump(include={"sampler", "seed", "batch_size"}),
         trials=len(trials),
         evaluations=different,
         repeated=len(trials) - different,
@@ -197,12 +173,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         sampler_seconds=found.timing.sampler,
         evaluation_seconds=found.timing.evaluation,
         constraints=[
-            Constraint(
-                name=c.name,
-                unit=c.unit,
-                limit=c.limit,
-                sense="at least" if c.at_least else "at most",
-            )
+            Constraint(name=c.name, unit=c.unit, limit=c.limit, sense=c.sense)
             for c in question.constraints
         ],
         classes=file.classes,
@@ -217,8 +188,8 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
             )
             for zone in problem.space.zones
         ],
-        vehicle=question.carrier.vehicle.boxes.tolist(),
-        vehicle_mesh=Triangles.of(question.carrier.vehicle.mesh),
+        vehicle=vehicle.boxes.tolist(),
+        vehicle_mesh=Triangles.of(vehicle.mesh),
         models={
             name: Model(
                 price=question.carrier.totals["price"][name],
@@ -234,35 +205,16 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         baseline=found.baseline,
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
-        stride=_stride(problem, found),
-        cautions=[
-            *greedy_warnings(problem),
-            *rig_warnings(
-                {name: found.judged[name].rig for name in (*found.best[:1], found.baseline)}
-                | {name: rig_of(placed, problem.space) for name, placed in problem.start.items()},
-                problem,
-            ),
-        ],
+        stride=stride,
+        cautions=[*greedy_warnings(problem), *rig_warnings(warned, problem)],
         linear_share=found.linear_share,
         tracking_uri=public_url(absolute_uri(file.tracking_uri)),
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     )
 
 
-def _stride(problem: Problem, found: Found) -> Stride | None:
-    """How the search thinned rays, and the largest error of that; None if it fired none."""
-    if not any(objective.by in RAY_SURROGATES for objective in problem.question.objectives):
-        return None
-    return Stride(
-        azimuth_stride=problem.question.azimuth_stride,
-        relative_error=stride_error(found.judged.values()),
-    )
-
-
 def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
-    units = {name: surrogate.unit for name, surrogate in SURROGATES.items()}
-    units |= {name: metric.unit for name, metric in METRICS.items()}
-    weights = None
+    own, weights = SURROGATES.get(objective.by) or METRICS.get(objective.by), None
     if objective.measured:
         weights = class_weights(objective, problem.file.classes)
     elif objective.of_traffic:
@@ -270,7 +222,7 @@ def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
     return Objective(
         name=objective.name,
         by=objective.by,
-        unit=units.get(objective.by, ""),
+        unit="" if own is None else own.unit,
         direction=objective.best,
         weights=weights,
     )
@@ -309,27 +261,22 @@ def _bound(found: Found, problem: Problem) -> Bound:
 
 def _verification(problem: Problem, found: Found) -> str:
     """What the sweep of the winners does, and which of the paper's rigs it does without."""
-    every, ruled_out = len(_paper_rigs(found)), _ruled_out(problem, found)
-    if not ruled_out:
-        return "train detectors for it and for the paper's eight"
+    left, ruled_out = len(_paper_rigs(found)), _ruled_out(problem, found)
+    left -= len(ruled_out)
     why = "do not fit the vehicle or its requirements"
-    if len(ruled_out) == every:
+    if not left:
         return f"train detectors for it alone, as the paper's eight {why}"
-    return (
-        f"train detectors for it and for {every - len(ruled_out)} of the paper's eight; "
-        f"left out, as they {why}: {', '.join(ruled_out)}"
-    )
+    rest = f"; left out, as they {why}: {', '.join(ruled_out)}" if ruled_out else ""
+    return f"train detectors for it and for {f'{left} of ' if rest else ''}the paper's eight{rest}"
 
 
 def _commands(problem: Problem, found: Found) -> list[Command]:
-    folder = problem.folder
-    lines: dict[str, str] = {}
+    folder, lines = problem.folder, {}
     if found.trials:
         rig = str(folder / "placement.yaml")
-        lines = {
-            _verification(problem, found): command("run", str(folder / "sweep.yaml")),
-            "see what it sees in a frame of a box log": command("view", "LOG", "--placement", rig),
-        }
+        lines[_verification(problem, found)] = command("run", str(folder / "sweep.yaml"))
+        view = command("view", "LOG", "--placement", rig)
+        lines["see what it sees in a frame of a box log"] = view
     journal = shlex.quote(str(journal_path(folder)))
     lines["look at all trials in a browser"] = f"optuna-dashboard {journal}"
     return [Command(what=what, line=line) for what, line in lines.items()]

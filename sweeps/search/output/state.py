@@ -26,14 +26,12 @@ class SearchState:
     """Where a search stands.
 
     Attributes:
-        name: of the search.
         alive: whether a driver runs it now.
         trials: wanted, done, feasible (all constraints kept) and failed.
         best: number and objectives by name of the best trial so far, or of the Pareto front; empty
             while none keeps all constraints.
         azimuth_stride: trials took the rays of 1 in so many azimuth steps for the values in `best`;
             1 if all of them, or if no objective counts rays.
-        failures: number and reason of each trial that failed.
         verify: the sweep that trains detectors for the winners; None while it has not begun.
     """
 
@@ -47,20 +45,13 @@ class SearchState:
 
 
 def search_state(problem: Problem) -> SearchState:
-    """Look at everything that a search has left so far.
-
-    Raises:
-        ValueError: its journal cannot be read, or the sweep that it left is damaged.
-        OSError: its folder cannot be read.
-    """
+    """Look at everything that a search has left so far. Raises ValueError: its journal cannot be
+    read, or the sweep that it left is damaged; OSError: its folder cannot be read."""
     settings = problem.file.search
     study = _study(problem)
     trials = list(finished_trials(study)) if study else []
-    failures = [
-        {"trial": trial.number, "reason": trial.user_attrs["failure"]}
-        for trial in trials
-        if "failure" in trial.user_attrs
-    ]
+    failed = (trial for trial in trials if "failure" in trial.user_attrs)
+    failures = [{"trial": own.number, "reason": own.user_attrs["failure"]} for own in failed]
     found = best_trials(study, problem.space) if study else []
     names = [objective.name for objective in settings.objective]
     best = [
@@ -73,22 +64,25 @@ def search_state(problem: Problem) -> SearchState:
         "feasible": sum(assessment_of(trial).feasible for trial in trials),
         "failed": len(failures),
     }
-    alive = is_locked(problem.folder)
+    alive, own = is_locked(problem.folder), problem.file
     rays = any(objective.by in RAY_SURROGATES for objective in settings.objective)
     stride = settings.azimuth_stride if rays else 1
-    return SearchState(problem.file.name, alive, counts, best, stride, failures, _verify(problem))
+    return SearchState(own.name, alive, counts, best, stride, failures, _verify(problem))
 
 
 def _study(problem: Problem) -> optuna.Study | None:
     """The study as far as it has come; None before its first trial."""
-    name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
-    path = journal_path(problem.folder)
+    name, path = (
+        f"{reference(problem.sweep(), 'search')}-{problem.key}",
+        journal_path(problem.folder),
+    )
     if not path.exists():
         return None
     # A driver may be writing the last line; the journal is left as it is.
     storage = journal_storage(path)
     try:
         with quiet():
+            name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
             return optuna.load_study(study_name=name, storage=storage)
     except KeyError:  # another configuration, or none yet
         return None

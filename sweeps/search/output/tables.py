@@ -2,8 +2,9 @@
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import optuna
@@ -11,9 +12,10 @@ import pandas as pd
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.trial import FrozenTrial, TrialState
 
+from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.problem.choice import Choice, Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials
+from sweeps.search.trials.study import assessment_of, finished_trials
 from tracking.mlflow.content import EndedTrial, TrialRun
 
 
@@ -35,11 +37,11 @@ def rig_columns(rig: Choices) -> dict[str, Any]:
 
 
 def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
-    """A row a trial: number, state, feasible, objectives, violations, seconds and the rig."""
+    """A row a trial."""
     objectives = problem.file.search.objective
     rows = []
     for trial in finished_trials(study):
-        found, candidate = assessment_of(trial), candidate_of(trial, problem.space)
+        found, rig = assessment_of(trial), problem.space.rig(trial.params)
         values = trial.values or [math.nan] * len(objectives)
         rows.append(
             {"number": trial.number, "state": trial.state.name, "feasible": found.feasible}
@@ -48,33 +50,31 @@ def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
             | {f"violation.{name}": v for name, v in found.violations.items()}
             | {name: v for name, v in found.measures.items() if name.startswith("enough.")}
             | {"seconds": found.seconds, "failure": trial.user_attrs.get("failure", "")}
-            | {"lidars": len(candidate.rig)}
-            | rig_columns(candidate.rig)
+            | {"lidars": len(rig), **rig_columns(rig)}
         )
     return pd.DataFrame(rows)
 
 
-def greedy_table(rigs: Sequence[Choices], gains: Sequence[float], start: float) -> pd.DataFrame:
+def greedy_table(found: Certificate) -> pd.DataFrame:
     """A row a step of greedy choice: step, gain, value, and what was added."""
-    rows = []
-    value = start
-    for step, (rig, gain) in enumerate(zip(rigs, gains, strict=True), start=1):
-        value += gain
-        rows.append({"step": step, "gain": gain, "value": value} | rig_columns(rig))
-    return pd.DataFrame(rows)
+    steps = zip(found.gains, accumulate(found.gains), found.chosen, strict=True)
+    return pd.DataFrame(
+        {"step": step, "gain": gain, "value": value} | rig_columns(rig)
+        for step, (gain, value, rig) in enumerate(steps, start=1)
+    )
 
 
 _LEAST_TRIALS = 10
 
 
 def importances(study: optuna.Study) -> dict[str, float]:
-    """Share of each parameter in reaching good values of the first objective (PED-ANOVA).
-
-    Empty if there are too few trials with a value, or they do not differ.
-    """
+    """Share of each parameter in reaching good values of the first objective (PED-ANOVA). Empty if
+    there are too few trials with a value, or they do not differ."""
     complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     values = {trial.values[0] for trial in complete}
-    if len(complete) < _LEAST_TRIALS or len(values) < 2 or not _shared(complete):
+    if len(complete) < _LEAST_TRIALS or len(values) < 2:
+        return {}
+    if not set.intersection(*(set(trial.params) for trial in complete)):
         return {}
     sign = -1 if study.directions[0] == optuna.study.StudyDirection.MAXIMIZE else 1
     with warnings.catch_warnings(action="ignore"):  # that low is good is known
@@ -83,11 +83,6 @@ def importances(study: optuna.Study) -> dict[str, float]:
             evaluator=PedAnovaImportanceEvaluator(),
             target=lambda trial: sign * trial.values[0],
         )
-
-
-def _shared(trials: list[FrozenTrial]) -> set[str]:
-    """Parameters that all trials have."""
-    return set.intersection(*(set(trial.params) for trial in trials))
 
 
 ABOUT = """\
@@ -120,13 +115,13 @@ def ended_trials(study: optuna.Study, problem: Problem) -> Iterator[EndedTrial]:
 
 def _trial_run(trial: FrozenTrial, problem: Problem) -> TrialRun:
     objectives = problem.file.search.objective
-    found, candidate = assessment_of(trial), candidate_of(trial, problem.space)
+    found, rig = assessment_of(trial), problem.space.rig(trial.params)
     values = trial.values or [math.nan] * len(objectives)
     metrics = {o.name: v for o, v in zip(objectives, values, strict=True)}
     metrics |= {f"violation.{name}": v for name, v in found.violations.items()}
     params = {
         name: f"{value:.6g}" if isinstance(value, float) else value
-        for name, value in rig_columns(candidate.rig).items()
+        for name, value in rig_columns(rig).items()
     }
     assert trial.datetime_complete is not None
     return TrialRun(

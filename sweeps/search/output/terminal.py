@@ -18,7 +18,7 @@ from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.slots import rig_of
+from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.study import finished_trials
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
@@ -30,8 +30,6 @@ _TO_THE_LETTER = (
     "a placement that sees nothing; maximised to the letter of the paper it sends beams into the "
     "sky. expected_ig and covered_entropy reward what is seen."
 )
-
-
 _ONE_BY_ONE = (
     "objective {name}: greedy choice, refinement and bound put rigs together of LiDARs that were "
     "looked at one by one, and neglect that LiDARs hide each other by their size; {others}"
@@ -45,34 +43,26 @@ _TRIALS_NEGLECT = "so do trials of this objective. Constraints and requirements 
 
 def warnings_of(problem: Problem) -> list[str]:
     """What a user should know about this configuration."""
+    settings = problem.file.search
     contested = [
-        _TO_THE_LETTER.format(name=objective.name)
-        for objective in problem.file.search.objective
-        if objective.by in SURROGATES
-        and SURROGATES[objective.by].contested
-        and objective.best == "maximize"
+        _TO_THE_LETTER.format(name=own.name)
+        for own in settings.objective
+        if own.by in SURROGATES and SURROGATES[own.by].contested and own.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    settings = problem.file.search
     further = ignored("each rig", settings.further_settings)
     return contested + further + greedy_warnings(problem) + rig_warnings(begun_with, problem)
 
 
 def greedy_warnings(problem: Problem) -> list[str]:
     """What greedy choice and its bound neglect."""
-    first = problem.file.search.objective[0]
-    if why_none(problem) is not None or not _may_hide_each_other(problem):
-        return []
-    others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
-    return [_ONE_BY_ONE.format(name=first.name, others=others)]
-
-
-def _may_hide_each_other(problem: Problem) -> bool:
-    """Whether rigs have several LiDARs, and some of known size."""
-    space = problem.space
+    first, space = problem.file.search.objective[0], problem.space
     names = {*space.models, *(lidar.model for lidar in space.fixed)}
     sized = any(problem.models[name].size is not None for name in names)
-    return sized and space.numbers[-1] + len(space.fixed) > 1
+    if why_none(problem) is not None or not sized or space.numbers[-1] + len(space.fixed) < 2:
+        return []  # no LiDAR may hide another
+    others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
+    return [_ONE_BY_ONE.format(name=first.name, others=others)]
 
 
 def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
@@ -83,20 +73,21 @@ def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
     said = [coinciding(name, better) for name, better in found.items() if better is not None]
     for name, placement in placements.items():
         said += facing(placement, problem.question.carrier.vehicle, name)
-    if not problem.judged or problem.pretrained:
-        return said
-    beyond = {name: outside(rig, problem.seen_rigs) for name, rig in placements.items()}
-    return said + [beyond_what_is_seen(name, by) for name, by in beyond.items() if by is not None]
+    for name, rig in placements.items() if problem.judged and not problem.pretrained else ():
+        if (by := outside(rig, problem.seen_rigs)) is not None:
+            said.append(beyond_what_is_seen(name, by))
+    return said
 
 
 def print_problem(console: Console, problem: Problem) -> None:
     """The space, the objectives, the constraints and the sampler."""
     settings, space = problem.file.search, problem.space
-    low, high = space.numbers
     wanted = ", ".join(f"{o.best} {o.name}" for o in settings.objective)
-    sizes = {len(space.distributions(makeup)) for makeup in space.makeups}
-    parameters = " to ".join(str(size) for size in sorted({min(sizes), max(sizes)}))
-    number = f"{low} to {high}" if low < high else str(low)
+    sizes = [len(space.distributions(makeup)) for makeup in space.makeups]
+    number, parameters = (
+        " to ".join(map(str, sorted(set(span))))
+        for span in (space.numbers, (min(sizes), max(sizes)))
+    )
     console.print(
         f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
         f"{parameters} parameters; {wanted}"
@@ -134,35 +125,22 @@ def planned(problem: Problem) -> dict[str, Any]:
         "over": settings.over,
         "constraints": [asdict(constraint) for constraint in problem.question.constraints],
         "no_bound": why_none(problem),
-        "trials": settings.trials,
-        "sampler": settings.sampler,
-        "batch_size": settings.batch_size,
-        "seed": settings.seed,
+        **settings.model_dump(include={"trials", "sampler", "batch_size", "seed"}),
         "warnings": warnings_of(problem),
     }
 
 
 def describe(constraint: Constraint) -> str:
     """Such as "distance at least 0.2 m"."""
-    sense = "at least" if constraint.at_least else "at most"
-    return " ".join(
-        filter(None, [constraint.name, sense, f"{constraint.limit:g}", constraint.unit])
-    )
-
-
-def print_nothing_found(console: Console, run: SearchFolder) -> None:
-    """Which requirement or constraint no rig keeps, and by how much; or that no rig has a value."""
-    console.print(nothing_found(run), style="bold", soft_wrap=True)
-    for said in infeasible_sentences(run):
-        console.print(f"  {said}", soft_wrap=True)
+    name, sense, unit = constraint.name, constraint.sense, constraint.unit
+    return f"{name} {sense} {constraint.limit:g} {unit}".rstrip()
 
 
 def print_failures(console: Console, found: Found) -> int:
     """Trials that failed, with the reason. Returns how many."""
     failed = [t for t in finished_trials(found.study) if "failure" in t.user_attrs]
-    for trial in failed:
-        text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
-        console.print(text, soft_wrap=True)
+    for t in failed:
+        console.print(f"trial {t.number} failed: {t.user_attrs['failure']}", soft_wrap=True)
     return len(failed)
 
 
@@ -170,27 +148,29 @@ def _print_rigs(
     console: Console, rigs: Mapping[str, Judged], problem: Problem, run: SearchFolder
 ) -> None:
     """Objectives and what constraints look at, a row a rig; a count is shown if one is not 0."""
-    objectives = run.search.objectives
-    constraints = [
-        c
+    objectives, rows = run.search.objectives, []
+    limits = [
+        c.name
         for c in problem.question.constraints
         if c.limit or any(own.assessment.measures[c.name] for own in rigs.values())
     ]
-    rows = []
     for name, own in rigs.items():
         found, values = own.assessment, own.all_values
         cells = [shown(o, values[o.name]) if o.name in values else "" for o in objectives]
-        cells += [
-            f"{found.measures[c.name]:.3g}{' !' if found.violations[c.name] > 0 else ''}"
-            for c in constraints
-        ]
-        rows.append((name, *cells))
-    head = ("placement", *(o.label for o in objectives), *(c.name for c in constraints))
+        broken = {c: " !" if found.violations[c] > 0 else "" for c in limits}
+        rows.append((name, *cells, *(f"{found.measures[c]:.3g}{broken[c]}" for c in limits)))
+    head = ("placement", *(o.label for o in objectives), *limits)
     console.print(table(problem.file.name, head, rows))
 
 
 def print_found(console: Console, problem: Problem, found: Found, run: SearchFolder) -> None:
-    """The best rigs, greedy's and the paper's, and what the report says first."""
+    """The best rigs, greedy's and the paper's, and what the report says first; or which requirement
+    or constraint no rig keeps, and by how much, or that no rig has a value."""
+    if not found.trials:
+        console.print(nothing_found(run), style="bold", soft_wrap=True)
+        for said in infeasible_sentences(run):
+            console.print(f"  {said}", soft_wrap=True)
+        return
     names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
     _print_rigs(console, {name: found.judged[name] for name in names}, problem, run)
     first = answer(run)

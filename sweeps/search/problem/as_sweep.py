@@ -27,13 +27,8 @@ _OWN = ("search", "robustness", "verify", "placement")
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """The configuration of a search, and the sweeps of its rigs.
-
-    Attributes:
-        path: of the file, for messages.
-        source: the configuration after `--set`, as plain data with whole paths.
-        file: the same, checked.
-    """
+    """The configuration of a search in `path` after `--set`, as plain data with whole paths and
+    checked; and the sweeps of its rigs."""
 
     path: Path
     source: Mapping[str, Any]
@@ -41,12 +36,12 @@ class SearchConfig:
 
     def placement_settings(self, rig: Choices) -> SweptPlacementSettings:
         """A rig as one of `placements`; mounts have their model, if it is not that of all."""
+        search = self.file.search
+        own: dict[str, Any] = {"mounts": [self._mounted(lidar) for lidar in rig if not lidar.dead]}
         dead = [self._mounted(lidar) for lidar in rig if lidar.dead]
-        mounts = [self._mounted(lidar) for lidar in rig if not lidar.dead]
-        further = {key: getattr(self.file.search, key) for key in ("cameras", "radars")}
-        rest = {"dead": dead} | further
-        own = {key: value for key, value in rest.items() if value}
-        return SweptPlacementSettings.model_validate({"mounts": mounts} | own)
+        rest = {"dead": dead, "cameras": search.cameras, "radars": search.radars}
+        own |= {key: value for key, value in rest.items() if value}
+        return SweptPlacementSettings.model_validate(own)
 
     def placement_text(self, rig: Choices) -> str:
         """A rig as a file for `lidarplace view` and others, metres and radians."""
@@ -56,7 +51,7 @@ class SearchConfig:
             mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
         )
         for mount in settings["mounts"]:
-            mount.setdefault("lidar", own)
+            mount.setdefault("lidar", deepcopy(own))  # one object would become a YAML anchor
         return yaml.safe_dump(settings, sort_keys=False)
 
     def _mounted(self, lidar: Choice) -> MountSettings:
@@ -66,10 +61,8 @@ class SearchConfig:
 
     @cached_property
     def vehicle(self) -> VehicleSettings | None:
-        """The vehicle as that of a sweep: what is kept out are boxes of it.
-
-        None if the search says neither: clouds then have the sedan of sweeps.
-        """
+        """The vehicle as that of a sweep: what is kept out are boxes of it. None if the search says
+        neither: clouds then have the sedan of sweeps."""
         told, search = self.file.search.vehicle, self.file.search
         if told is None and not search.keep_out:
             return None
@@ -80,15 +73,8 @@ class SearchConfig:
         return VehicleSettings.model_validate(own | ({"boxes": boxes} if boxes else {}))
 
     def point(self, changes: Mapping[str, Any], names: Mapping[str, str]) -> Point:
-        """A point of a sweep; sections that are changed are read again.
-
-        Args:
-            changes: key path -> value.
-            names: what the user wrote key paths as.
-
-        Raises:
-            ConfigError: a value is not allowed at its key path.
-        """
+        """A point of a sweep with `changes`, key path -> value, which the user wrote as `names`;
+        sections that are changed are read again. Raises ConfigError: a value is not allowed."""
         data = {key: getattr(self.file, key) for key in Point.model_fields}
         data["vehicle"] = self.vehicle
         for key in {changed.partition(".")[0] for changed in changes}:
@@ -101,16 +87,9 @@ class SearchConfig:
     def sweep_of(
         self, rigs: Mapping[str, Choices], trials: Sequence[str], changes: Mapping[str, Any]
     ) -> Sweep:
-        """The trainings that some trials need, with the seeds of the search.
-
-        Args:
-            rigs: by name of the placement; a generalist can name those without a trial.
-            trials: names of those that are measured.
-            changes: key path -> value, what is different about their configuration.
-
-        Raises:
-            ConfigError: a value is not allowed at its key path.
-        """
+        """The trainings that `trials` need, with the seeds of the search and `changes`, key path ->
+        value. `rigs`: by name of the placement; a generalist can name those without a trial. Raises
+        ConfigError: a value is not allowed."""
         own = {name: self.placement_settings(rig) for name, rig in rigs.items()}
         known = Rigs({**self.file.placements, **own}, self.file)
         names = {key: f"search.traffic: {key}" for key in changes}
@@ -122,11 +101,8 @@ class SearchConfig:
         return Sweep(self.file, tuple(points), ("placement", "seed"), self.source, known)
 
     def verify_settings(self, rigs: Mapping[str, Choices], others: Sequence[str]) -> dict[str, Any]:
-        """The configuration, as a file has it, of a sweep that trains detectors for rigs.
-
-        Args:
-            others: names of placements that a sweep knows, which are trained, too.
-        """
+        """The configuration, as a file has it, of a sweep that trains detectors for rigs. `others`:
+        names of placements that a sweep knows, which are trained, too."""
         source, file = self.source, self.file
         config = {key: deepcopy(value) for key, value in source.items() if key not in _OWN}
         own = {name: as_plain(self.placement_settings(rig)) for name, rig in rigs.items()}

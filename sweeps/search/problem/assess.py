@@ -18,12 +18,8 @@ from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, me
 
 @dataclass(frozen=True)
 class Traffic:
-    """What is known of it.
-
-    Attributes:
-        grids: POG by class; empty if no surrogate is asked for.
-        objects: the objects one by one, for `expected_recall`; None if it is not asked for.
-    """
+    """POG by class, empty if no surrogate is asked for; objects one by one, for
+    `expected_recall`."""
 
     grids: Mapping[str, OccupancyGrid]
     objects: ExpectedRecall | None = None
@@ -31,14 +27,8 @@ class Traffic:
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every rig.
-
-    Attributes:
-        objectives: surrogates, price and power; measured values are not answered here.
-        constraints, carrier: see there.
-        method, detection_probability, occlusion, azimuth_stride: of `evaluate_classes`.
-        errors, mount_draws, seed: `expected_recall` is the mean over so many vehicles.
-    """
+    """What is asked of every rig: surrogates as of `evaluate_classes`, and `expected_recall` as the
+    mean over `mount_draws` vehicles; measured objectives are not answered here."""
 
     objectives: tuple[ObjectiveSettings, ...]
     constraints: tuple[Constraint, ...]
@@ -64,15 +54,9 @@ class Question:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What was found of a rig.
-
-    Attributes:
-        values: by name of the objective, without measured ones; None for a rig that cannot be.
-        measures: what the constraints look at, by their names.
-        violations: by how much constraints are violated, 0 or less if they are kept.
-        told: the same for the sampler, see `Constraint.told`.
-        seconds: that it took.
-    """
+    """What was found of a rig: values by objective, without measured ones, None for a rig that
+    cannot be; what constraints look at, by how much they are violated, 0 or less if they are kept,
+    and the same for the sampler, see `Constraint.told`."""
 
     values: dict[str, float] | None
     measures: dict[str, float]
@@ -88,13 +72,11 @@ class Assessment:
 
 def assess(rig: Choices, question: Question, traffic: Traffic) -> Assessment:
     """Answer the question for one rig."""
-    start = time.perf_counter()
-    measures = measures_of(rig, question.constraints, question.carrier)
-    violations = {c.name: c.violation(measures[c.name]) for c in question.constraints}
-    told = {
-        c.name: c.told(violations[c.name], measures.get(f"enough.{c.name}", 1.0))
-        for c in question.constraints
-    }
+    start, limits = time.perf_counter(), question.constraints
+    measures = measures_of(rig, limits, question.carrier)
+    violations = {c.name: c.violation(measures[c.name]) for c in limits}
+    enough = {c.name: measures.get(f"enough.{c.name}", 1.0) for c in limits}
+    told = {c.name: c.told(violations[c.name], enough[c.name]) for c in limits}
     values = _values(rig, question, traffic, measures) if is_possible(rig) else None
     return Assessment(values, measures, violations, told, time.perf_counter() - start)
 
@@ -128,26 +110,22 @@ def _recall(rig: Choices, question: Question, model: ExpectedRecall) -> dict[str
 
 def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
     """The surrogates of the POG that are asked for, by class."""
-    wanted = {o.by for o in question.objectives if o.of_traffic}
-    placement = placement_of(rig, question.carrier.models)
-    found: dict[str, dict[str, float]] = {name: {} for name in traffic.grids}
-    of_pog = {name for name in wanted if name not in OBJECT_SURROGATES}
+    placement, q = placement_of(rig, question.carrier.models), question.detection_probability
+    of_traffic = {o.by for o in question.objectives if o.of_traffic}
+    of_pog = {name for name in of_traffic if name not in OBJECT_SURROGATES}
+    if not of_pog:
+        return {name: {} for name in traffic.grids}
     if of_pog == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
         # The default, for which no cone has to be covered.
-        q = question.detection_probability
-        gains = expected_ig_by_q(traffic.grids, placement, [q], question.azimuth_stride)
-        for name, gain in gains[q].items():
-            found[str(name)]["expected_ig"] = float(gain)
-    elif of_pog:
-        results = evaluate_classes(
-            traffic.grids,
-            placement,
-            question.method,
-            surrogates=to_ask_for(sorted(of_pog)),
-            detection_probability=question.detection_probability,
-            occlusion=question.occlusion,
-            azimuth_stride=question.azimuth_stride,
-        )
-        for name, own in results.items():
-            found[name] |= {by: own.asked(by) for by in of_pog}
-    return found
+        gains = expected_ig_by_q(traffic.grids, placement, [q], question.azimuth_stride)[q]
+        return {str(name): {"expected_ig": float(gain)} for name, gain in gains.items()}
+    results = evaluate_classes(
+        traffic.grids,
+        placement,
+        question.method,
+        surrogates=to_ask_for(sorted(of_pog)),
+        detection_probability=q,
+        occlusion=question.occlusion,
+        azimuth_stride=question.azimuth_stride,
+    )
+    return {name: {by: own.asked(by) for by in of_pog} for name, own in results.items()}

@@ -9,14 +9,8 @@ from lidarplace import Lidar, Mount, Placement
 
 @dataclass(frozen=True, order=True)
 class Choice:
-    """One LiDAR.
-
-    Attributes:
-        model: name of its model.
-        zone: name of the zone in which it sits; empty if it is fixed.
-        mount: its pose, rounded if it was searched for.
-        dead: whether it sees nothing; it still hides what is behind it.
-    """
+    """One LiDAR: its model and the zone in which it sits, which is empty if it is fixed, by name;
+    its pose; and whether it is dead and only hides what is behind it."""
 
     model: str
     zone: str
@@ -61,16 +55,3 @@ def mirrored(mount: Mount) -> Mount:
     """On the other side of the vehicle: left and right exchanged."""
     # 0 - v, not -v: a zero stays +0, so that equal rigs are equal.
     return replace(mount, y=0 - mount.y, roll=0 - mount.roll, yaw=0 - mount.yaw)
-
-
-def with_each_dead(rig: Choices) -> list[Choices]:
-    """The rig with a dead LiDAR, by its place; none of a single one, which leaves nothing.
-
-    A dead LiDAR hides what is behind it as before.
-    """
-    if len(rig) < 2:
-        return []
-    return [
-        (*rig[:number], replace(dead, dead=True), *rig[number + 1 :])
-        for number, dead in enumerate(rig)
-    ]

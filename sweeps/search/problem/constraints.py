@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace import Lidar, Roi
+from lidarplace import Lidar, Placement, Roi
 from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.configuration.mounting import keep_out_boxes, mountable
 from lidarplace.configuration.vehicle import vehicle_of
@@ -18,7 +19,7 @@ from lidarplace.mounting.common_view import CommonView, common_view, weakest
 from lidarplace.mounting.facing import facing_pairs, least_distance
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, poses_of, zone_in_body
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.judge import Outcome, judge
 from lidarplace.requirements.layout import Laid
 from lidarplace.rigs.further_sensors import MountedSensor
 from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
@@ -32,19 +33,16 @@ TIE = 1e-3
 
 @dataclass(frozen=True)
 class Constraint:
-    """A bound on something that is measured of a rig.
-
-    Attributes:
-        name: such as `distance`.
-        unit: of the limit, empty for none.
-        limit: the bound.
-        at_least: whether it is a lower bound.
-    """
+    """A lower or an upper bound on something that is measured of a rig, such as `distance`."""
 
     name: str
     unit: str
     limit: float
     at_least: bool
+
+    @property
+    def sense(self) -> Literal["at least", "at most"]:
+        return "at least" if self.at_least else "at most"
 
     def violation(self, measure: float) -> float:
         """By how much it is not kept, in its unit; 0 or less if it is."""
@@ -59,29 +57,25 @@ class Constraint:
 
 def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
     """The constraints that are asked for."""
-    search = file.search
-    settings, found = search.constraints, []
-    if _may_be_in_body(search):
-        found.append(Constraint("body", "m", 0.0, at_least=False))
-    if search.keep_out:
-        found.append(Constraint("keep_out", "m", 0.0, at_least=False))
-    if not file.allow_blind_lidars:
-        found.append(Constraint("blind_lidars", "", 0.0, at_least=False))
-    if settings.distance > 0:
-        found.append(Constraint("distance", "m", settings.distance, at_least=True))
-    if settings.body_share is not None:
-        found.append(Constraint("body_share", "", settings.body_share, at_least=False))
-    for total, unit in (("price", ""), ("power", "W")):
-        if (most := getattr(settings, total)) is not None:
-            found.append(Constraint(total, unit, most, at_least=False))
-    if settings.common_view is not None:
-        found.append(Constraint("common_view", "", settings.common_view.share, at_least=True))
-    if settings.facing is not None:
-        found.append(Constraint("facing", "pairs", float(settings.facing), at_least=False))
-    for own in search.requirements:
-        name = requirement_name(own.name)
-        found.append(Constraint(name, own.measured, own.least, at_least=True))
-    return tuple(found)
+    search, settings = file.search, file.search.constraints
+    common = settings.common_view
+    bounds: list[tuple[str, str, float | None, bool]] = [  # None: it is not asked for
+        ("body", "m", 0.0 if _may_be_in_body(search) else None, False),
+        ("keep_out", "m", 0.0 if search.keep_out else None, False),
+        ("blind_lidars", "", None if file.allow_blind_lidars else 0.0, False),
+        ("distance", "m", settings.distance or None, True),
+        ("body_share", "", settings.body_share, False),
+        ("price", "", settings.price, False),
+        ("power", "W", settings.power, False),
+        ("common_view", "", None if common is None else common.share, True),
+        ("facing", "pairs", settings.facing, False),
+    ]
+    bounds += [(requirement_name(r.name), r.measured, r.least, True) for r in search.requirements]
+    return tuple(
+        Constraint(name, unit, float(limit), at_least)
+        for name, unit, limit, at_least in bounds
+        if limit is not None
+    )
 
 
 def _may_be_in_body(search: SearchSettings) -> bool:
@@ -111,17 +105,12 @@ class Carrier:
     """What constraints are measured on: LiDAR models, and the vehicle that carries them.
 
     Attributes:
-        models: by name.
         totals: price and power, by name of the model; NaN where it is not known.
         mount_prices: by name of the zone.
-        body: of the vehicle, without a LiDAR.
         vehicle: its body, and what hides what is behind it.
-        keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
+        keep_out: boxes without a LiDAR, lower and upper corner, metres, shape (n, 2, 3).
         roi: of which every LiDAR has to see something.
-        common_view: what LiDARs see in common; None if that is not asked for.
-        requirements: laid out around it.
-        further: cameras and radars, which every rig has.
-        beside: price and power of these.
+        further, beside: cameras and radars, which every rig has; and their price and power.
     """
 
     models: Mapping[str, Lidar]
@@ -138,33 +127,26 @@ class Carrier:
 
     @classmethod
     def of(
-        cls, file: SearchFile, models: Mapping[str, Lidar], requirements: Sequence[Laid]
+        cls, file: SearchFile, models: Mapping[str, Lidar], requirements: tuple[Laid, ...]
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
-        settings = file.search
+        settings, further = file.search, file.search.further_settings
         common = settings.constraints.common_view
-        # The rig that one has without `search.models` costs nothing more.
-        unknown = math.nan if settings.models else 0.0
         own = {name: (model.price, model.watts) for name, model in settings.models.items()}
-        totals = [own.get(name, (unknown, math.nan)) for name in models]
+        # The rig that one has without `search.models` costs nothing more.
+        unknown = (math.nan if settings.models else 0.0, math.nan)
         return cls(
             models,
-            {
-                total: dict(zip(models, values, strict=True))
-                for total, values in zip(TOTALS, zip(*totals, strict=True), strict=True)
-            },
+            {t: {name: own.get(name, unknown)[i] for name in models} for i, t in enumerate(TOTALS)},
             {name: zone.price for name, zone in settings.zones.items()},
             vehicle_of(settings.vehicle),
             with_keep_outs(settings),
             keep_out_boxes(settings.keep_out),
             file.voxel_roi(),
             None if common is None else common.asked(),
-            tuple(requirements),
+            requirements,
             settings.further(),
-            {
-                total: math.fsum(getattr(own, total) or 0.0 for own in settings.further_settings)
-                for total in TOTALS
-            },
+            {t: math.fsum(getattr(sensor, t) or 0.0 for sensor in further) for t in TOTALS},
         )
 
     def total_of(self, total: str, rig: Choices) -> float:
@@ -181,6 +163,11 @@ class Carrier:
             "keep_out": float(depth_in(self.keep_out, places).max(initial=0.0)),
         }
 
+    def judged(self, rig: Choices, name: str = "rig") -> list[Outcome]:
+        """What becomes of each requirement."""
+        placement = placement_of(rig, self.models, name)
+        return judge(self.requirements, placement, self.vehicle, self.further)
+
 
 def margin_of(measures: Mapping[str, float], constraints: Sequence[Constraint]) -> float:
     """The least that a requirement has of what it needs: 1 is just enough."""
@@ -188,15 +175,13 @@ def margin_of(measures: Mapping[str, float], constraints: Sequence[Constraint]) 
     return min(measures[c.name] / c.limit for c in required)
 
 
-def _seen_of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
+def _of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
     """What each requirement has in its worst case, by the constraint's name, and `enough.NAME`."""
     names = [requirement_name(own.requirement.name) for own in carrier.requirements]
     if not is_possible(rig):
         return dict.fromkeys([*names, *(f"enough.{name}" for name in names)], 0.0)
-    placement = placement_of(rig, carrier.models)
-    outcomes = judge(carrier.requirements, placement, carrier.vehicle, carrier.further)
     found = {}
-    for name, outcome in zip(names, outcomes, strict=True):
+    for name, outcome in zip(names, carrier.judged(rig), strict=True):
         found[name] = outcome.worst.value
         found[f"enough.{name}"] = min(finding.enough for finding in outcome.findings)
     return found
@@ -207,43 +192,37 @@ def measures_of(
 ) -> dict[str, float]:
     """What each constraint looks at, by its name; of a requirement also `enough.NAME`, the least
     share of the positions that have enough in any case."""
+    names = [constraint.name for constraint in constraints]
+    asked = any(name.startswith(requirement_name("")) for name in names)
+    found = _of_requirements(rig, carrier) if asked else {}
     placement = placement_of(rig, carrier.models) if is_possible(rig) else None
-    asked = any(constraint.name.startswith(requirement_name("")) for constraint in constraints)
-    found = _seen_of_requirements(rig, carrier) if asked else {}
-    for constraint in constraints:
-        if constraint.name in found:
-            continue
-        if constraint.name in TOTALS:
-            found[constraint.name] = carrier.total_of(constraint.name, rig)
-        elif constraint.name in ("body", "keep_out"):
-            found[constraint.name] = carrier.depths_of(rig)[constraint.name]
-        elif constraint.name == "blind_lidars":
-            blind = blind_lidars(placement, carrier.roi, carrier.vehicle) if placement else rig
-            found["blind_lidars"] = float(len(blind))
-        elif constraint.name == "distance":
-            found["distance"] = least_distance(placement) if placement else 0.0
-        elif constraint.name == "body_share":
-            mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
-            housings = housings_of(mounts, lidars)
-            shares = (
-                body_share(mount, lidar, carrier.vehicle, others=without(housings, number))
-                for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True))
-            )
-            found["body_share"] = max(shares, default=0.0)
-        elif constraint.name == "facing":
-            poses = poses_of(carrier.vehicle).values()
-            pairs = [
-                len(facing_pairs(placement, pose)) if placement else len(rig) for pose in poses
-            ]
-            found["facing"] = float(max(pairs))
-        else:
-            assert constraint.name == "common_view"
-            wanted = carrier.common_view
-            assert wanted is not None
-            found["common_view"] = 0.0
-            if placement:
-                found["common_view"] = min(
-                    weakest(common_view(placement, pose, wanted, carrier.further), wanted)[0]
-                    for pose in poses_of(carrier.vehicle).values()
-                )
-    return found
+    others = [name for name in names if name not in found]
+    return found | {name: _measure(name, rig, placement, carrier) for name in others}
+
+
+def _measure(name: str, rig: Choices, placement: Placement | None, carrier: Carrier) -> float:
+    if name in TOTALS:
+        return carrier.total_of(name, rig)
+    if name in ("body", "keep_out"):
+        return carrier.depths_of(rig)[name]
+    if name == "body_share":
+        mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
+        housings = housings_of(mounts, lidars)
+        shares = (
+            body_share(mount, lidar, carrier.vehicle, others=without(housings, number))
+            for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True))
+        )
+        return max(shares, default=0.0)
+    if placement is None:
+        return float(len(rig)) if name in ("blind_lidars", "facing") else 0.0
+    poses = poses_of(carrier.vehicle).values()
+    if name == "blind_lidars":
+        return float(len(blind_lidars(placement, carrier.roi, carrier.vehicle)))
+    if name == "distance":
+        return least_distance(placement)
+    if name == "facing":
+        return float(max(len(facing_pairs(placement, pose)) for pose in poses))
+    wanted = carrier.common_view
+    assert wanted is not None, name
+    views = (common_view(placement, pose, wanted, carrier.further) for pose in poses)
+    return min(weakest(view, wanted)[0] for view in views)

@@ -2,12 +2,11 @@
 
 A family lays LiDARs out in a zone (around its middle, across, along, in a stack, one above the
 others) and has six numbers: how far they are apart, their height, a step of their pitches that lays
-rings between each other, a roll outwards, a pitch of all. A search over all mounts has five numbers
-for each LiDAR.
+rings between each other, a roll outwards, a pitch of all.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from typing import Any, TypeVar
 
@@ -19,16 +18,12 @@ from lidarplace.mounting.ring_overlap import beam_gap
 from sweeps.search.problem.space import Slot, Space
 
 _Item = TypeVar("_Item")
-
 Shares = list[tuple[float, float, float]]
 """Of each LiDAR along x, y and z of its zone, 0 to 1."""
-
 _STEPS = (0.0, 0.5, 1.0, 2.0, 4.0)
 """Of pitches, in the distance of two beams over the number of LiDARs: 1 is even interleaving."""
-
 _ROLLS_DEG = (0.0, 0.0, 0.0, 5.0, 10.0, 15.0, 20.0, -10.0)
 """Outwards: a LiDAR on the left has its left side up."""
-
 _PITCHES_DEG = (0.0, 0.0, 0.0, 3.0, 6.0, -3.0)
 """Of all LiDARs, nose down."""
 
@@ -58,46 +53,29 @@ def _one_above(number: int, spread: float, height: float) -> Shares:
     return [(0.5, 0.5, height), *_around(number - 1, spread, height / 2)][:number]
 
 
-_LAYOUTS: tuple[Callable[[int, float, float], Shares], ...] = (
-    _around,
-    _around,
-    _across,
-    _stack,
-    _one_above,
-    _along,
-)
+_LAYOUTS: list[Callable[[int, float, float], Shares]]
+_LAYOUTS = [_around, _around, _across, _stack, _one_above, _along]
 """Each with its share of the trials."""
 
 
 def family_params(
     space: Space, models: Mapping[str, Lidar], number: int, seed: int
 ) -> list[dict[str, Any]]:
-    """Parameters of so many trials, even over the families' numbers (Sobol's sequence, scrambled).
-
-    Args:
-        models: LiDARs by name; rings lie between each other by the distance of their beams.
-        number: of trials.
-        seed: of the sequence.
-    """
+    """Parameters of so many trials, even over the families' numbers (Sobol's sequence, scrambled);
+    rings lie between each other by the distance of the beams of `models`."""
     if not number:
         return []
-    sequence = qmc.Sobol(7, seed=seed)
-    points = sequence.random_base2(int(np.ceil(np.log2(number))))[:number]
+    points = qmc.Sobol(7, seed=seed).random_base2(int(np.ceil(np.log2(number))))[:number]
     makeups = [makeup for makeup in space.makeups if any(makeup)]
     found = []
     for place, point in enumerate(points):
         makeup = makeups[place % len(makeups)]
         counts = dict(zip(space.counts, makeup, strict=True))
         params = {name: n for name, n in counts.items() if len(set(space.counts[name])) > 1}
-        for slots in _by_zone(space.slots(makeup)):
-            params |= _laid_out(space, slots, models, point)
+        for _, own in groupby(space.slots(makeup), key=lambda slot: (slot.zones, slot.pair)):
+            params |= _laid_out(space, list(own), models, point)
         found.append(params)
     return found
-
-
-def _by_zone(slots: Sequence[Slot]) -> Iterator[list[Slot]]:
-    for _, own in groupby(slots, key=lambda slot: (slot.zones, slot.pair)):
-        yield list(own)
 
 
 def _laid_out(

@@ -39,13 +39,8 @@ def judged_rigs(
     rigs: Mapping[str, Choices],
     tests: Sequence[Mapping[str, Any]],
 ) -> dict[str, JudgedRig]:
-    """The trials in which generalists judge rigs.
-
-    Args:
-        trained: by seed, from `generalists`; none: the generalist of a file judges.
-        rigs: by the name that their placements get.
-        tests: key path -> value: what is tested on, beside the configuration.
-    """
+    """The trials in which generalists judge rigs: those `trained` by seed, or that of a file; on
+    `tests`, changes of the configuration by key path."""
     found: dict[str, dict[int, list[DetectorTrial]]] = {
         name: {seed: [] for seed in problem.file.search.seeds} for name in rigs
     }
@@ -53,8 +48,11 @@ def judged_rigs(
     for changes in tests:
         for trial in _trials(problem, rigs, {}, {**changes, **judge}):
             point = trial.grid_point.point
-            own = _by(trained[point.seed], trial) if trained else trial
-            found[point.placement][point.seed].append(own)
+            if trained:  # the detections are those of the generalist
+                own, (_, *inputs) = trained[point.seed], trial.evaluate.inputs
+                evaluate = replace(trial.evaluate, inputs=(own, *inputs))
+                trial = replace(trial, finetune=own, evaluate=evaluate)
+            found[point.placement][point.seed].append(trial)
     return {name: list(by_seed.values()) for name, by_seed in found.items()}
 
 
@@ -67,10 +65,3 @@ def _trials(
     """Those of a sweep of rigs with the seeds of the search; `others` are placements, too."""
     sweep = problem.sweep_of({**others, **rigs}, list(rigs), changes)
     return with_detector(make_plan(sweep).trials)
-
-
-def _by(generalist: Task, trial: DetectorTrial) -> DetectorTrial:
-    """A trial whose detections are those of a generalist."""
-    _, *inputs = trial.evaluate.inputs
-    evaluate = replace(trial.evaluate, inputs=(generalist, *inputs))
-    return replace(trial, finetune=generalist, evaluate=evaluate)

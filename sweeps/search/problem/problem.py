@@ -14,7 +14,7 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.mounting.vehicle import Vehicle, zone_in_body
+from lidarplace.mounting.vehicle import zone_in_body
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
@@ -33,8 +33,7 @@ from sweeps.search.problem.as_sweep import SearchConfig
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
-from sweeps.search.problem.slots import Placed, params_of, placed_in
-from sweeps.search.problem.space import Space
+from sweeps.search.problem.space import Placed, Space, placed_in
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of, plain
@@ -44,25 +43,16 @@ _ANSWERING = {
     *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
 """Keys beside the scene, the ROI and the classes that decide what trials are worth."""
-
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
-
 OWN_MODEL = "lidar"
 """Name of the model that the key `lidar` describes."""
 
 
 @dataclass(frozen=True)
 class Problem(SearchConfig):
-    """What is searched.
-
-    Attributes:
-        models: LiDAR models by name, those of the zones first; the last one is that of `lidar`.
-        space: all rigs.
-        start: rigs to begin with, by name of the placement.
-        question: what is asked of each.
-        rigs: placements of the configuration by name.
-    """
+    """What is searched: LiDAR models by name, those of the zones first, the last that of `lidar`;
+    `start`, rigs to begin with; and all placements of the configuration."""
 
     models: Mapping[str, Lidar]
     space: Space
@@ -72,11 +62,9 @@ class Problem(SearchConfig):
 
     @cached_property
     def key(self) -> str:
-        """Tells a search from others of its name: the same while trials can be compared.
-
-        That is while configuration, scene and code are the same; how many trials there are, and
-        what comes after them, does not matter. Raises ConfigError, see `pog_tasks`.
-        """
+        """Tells a search from others of its name: the same while trials can be compared. That is
+        while configuration, scene and code are the same; how many trials there are, and what comes
+        after them, does not matter. Raises ConfigError, see `pog_tasks`."""
         _, trial = self.pog_tasks(self.sweep())
         content = {
             "pog": trial.pog.key,
@@ -87,20 +75,15 @@ class Problem(SearchConfig):
             "vehicle": self.question.carrier.body,  # a mesh by its triangles, not by its path
             "file": _without_paths(self.file.model_dump(mode="json", include=_ANSWERING)),
         }
-        return hashlib.sha256(
-            json.dumps(content, sort_keys=True, default=plain).encode()
-        ).hexdigest()[:12]
+        text = json.dumps(content, sort_keys=True, default=plain)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def _code(self) -> list[str]:
         """Versions of the code that answers trials, but for scenes: the POG's key has that."""
         asked = [part.by for own in self.file.search.objective for part in own.parts]
-        found = [
-            code_version(
-                *("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space"),
-                *SURROGATES.roots(by for by in asked if by in SURROGATES),
-                *METRICS.roots(by for by in asked if by in METRICS),
-            )
-        ]
+        own = ("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space")
+        surrogates = SURROGATES.roots(by for by in asked if by in SURROGATES)
+        found = [code_version(*own, *surrogates, *METRICS.roots(b for b in asked if b in METRICS))]
         if self.judged:
             weights = "pretrained" if self.pretrained else "pretrain"
             stages = ("ground_truth", "collect", weights, "judge", "evaluate")
@@ -118,10 +101,8 @@ class Problem(SearchConfig):
         return any(objective.judge == PRETRAINED for objective in self.file.search.objective)
 
     def outside(self, rig: Choices, name: str = "found") -> str | None:
-        """Why the generalist of a file cannot judge a rig; None: it can, or there is none.
-
-        Raises ConfigError: the file cannot be read, or is of another network.
-        """
+        """Why the generalist of a file cannot judge a rig; None: it can, or there is none. Raises
+        ConfigError: the file cannot be read, or is of another network."""
         if not self.pretrained:
             return None
         placement = placement_of(rig, self.models, name)
@@ -131,12 +112,11 @@ class Problem(SearchConfig):
     @cached_property
     def training_rigs(self) -> dict[str, Choices]:
         """By name, what a generalist is trained on; none where the configuration names them."""
-        number = self.file.generalist.rigs
+        number, seed = self.file.generalist.rigs, self.file.search.seed
         if not isinstance(number, int):
             return {}
-        seed = self.file.search.seed
         if self.file.search.near_start:
-            start = [params_of(own, self.space) for own in self.start.values()]
+            start = [self.space.params(own) for own in self.start.values()]
             return rigs_near(self.space, start, number, seed)
         return training_rigs(self.space, self.models, number, seed)
 
@@ -184,32 +164,21 @@ class Problem(SearchConfig):
         return self.file.output / self.file.name
 
     def sweep(self, scene: Mapping[str, Any] | None = None) -> Sweep:
-        """A sweep of one placement and no detector: it knows the scene and the POG.
-
-        Args:
-            scene: key path -> value, what is different about the scene.
-
-        Raises:
-            ConfigError: a value is not allowed at its key path.
-        """
-        names = self.file.surrogate.names
+        """A sweep of one placement and no detector: it knows the scene and the POG. `scene`: key
+        path -> value, what differs in the scene. Raises ConfigError: a value is not allowed."""
+        names, changes = self.file.surrogate.names, scene or {}
         if self.question.needs_objects:
             names = tuple(dict.fromkeys([*names, "expected_recall"]))
-        changes = scene or {}
-        said = {key: f"robustness.scenes: {key}" for key in changes}
-        point = self.point(changes, said)
+        point = self.point(changes, {key: f"robustness.scenes: {key}" for key in changes})
         surrogate = point.surrogate.model_copy(update={"names": names})
-        point = point.model_copy(
-            update={"placement": "line", "detector": None, "surrogate": surrogate}
-        )
+        fixed = {"placement": "line", "detector": None, "surrogate": surrogate}
+        point = point.model_copy(update=fixed)
         own = GridPoint(point, self.rigs.of(point), {})
         return Sweep(self.file, (own,), (), self.source, self.rigs)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
-        """The tasks that lead to its POG and its log, and the trial that has them.
-
-        Raises ConfigError.
-        """
+        """The tasks that lead to its POG and its log, and the trial that has them. Raises
+        ConfigError."""
         with named(self.path):
             plan = make_plan(sweep)
         (trial,) = plan.trials
@@ -222,17 +191,13 @@ class Problem(SearchConfig):
 
     def paper_rigs(self) -> dict[str, Choices]:
         """The paper's eight with the LiDAR of the key `lidar`."""
-        return {
-            name: ordered(Choice(OWN_MODEL, "", mount) for mount in placement.mounts)
-            for name, placement in PAPER_PLACEMENTS.items()
-        }
+        paper = PAPER_PLACEMENTS.items()
+        return {name: ordered(Choice(OWN_MODEL, "", m) for m in rig.mounts) for name, rig in paper}
 
 
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
-    """Read the configuration of a search.
-
-    Raises ConfigError: anything wrong with the file, a key or a value.
-    """
+    """Read the configuration of a search. Raises ConfigError: anything wrong with the file, a key
+    or a value."""
     source = read_named(path, overrides, SearchFile)
     file = check(SearchFile, source, path)
     _check_keys(file, source, path)
@@ -249,22 +214,16 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         start = {name: _start(file, rigs, name, space) for name in settings.start}
     models = chosen | {OWN_MODEL: own}
     _check_body(file, space, models, path)
-    laid = _laid(file, chosen, with_keep_outs(settings), path)
-    if settings.models and file.verify is not None:
-        keys = [
-            key
-            for key in file.verify.set
-            if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share"
-        ]
-        if keys:
+    for key in file.verify.set if settings.models and file.verify is not None else ():
+        if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
             raise ConfigError(
-                f"{path}: verify.set: {keys[0]} would change the paper's rigs alone, as those of "
+                f"{path}: verify.set: {key} would change the paper's rigs alone, as those of "
                 "the search have the models of search.models"
             )
     question = Question(
         objectives=settings.objective,
         constraints=constraints_of(file),
-        carrier=Carrier.of(file, models, laid),
+        carrier=Carrier.of(file, models, _laid(file, chosen, path)),
         method=file.surrogate.method,
         detection_probability=file.surrogate.detection_probability,
         occlusion=file.surrogate.occlusion,
@@ -279,9 +238,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     return problem
 
 
-def _laid(
-    file: SearchFile, models: Mapping[str, Lidar], vehicle: Vehicle, path: Path
-) -> tuple[Laid, ...]:
+def _laid(file: SearchFile, models: Mapping[str, Lidar], path: Path) -> tuple[Laid, ...]:
     """The requirements around the vehicle. Raises ConfigError."""
     asked, curves = file.search.requirements, file.surrogate.curves
     if not asked:
@@ -296,20 +253,16 @@ def _laid(
         known = default_curves() if curves is None else read_curves(curves)
     except (ValueError, OSError) as error:
         raise ConfigError(f"{path}: surrogate.curves: {error}") from None
-    return laid_out(asked, vehicle, known, f"{path}: search.")
+    return laid_out(asked, with_keep_outs(file.search), known, f"{path}: search.")
 
 
 def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None:
     """Refuse keys that say nothing here, or contradict each other. Raises ConfigError."""
     settings = file.search
-    for key, own in (
-        ("seed", "search.seed"),
-        ("placement", "search.start"),
-        ("promote", "search.trials"),
-        ("requirements", "search.requirements"),
-        ("vehicle", "search.vehicle"),
-    ):
+    others = {"placement": "start", "promote": "trials"}
+    for key in ("seed", "placement", "promote", "requirements", "vehicle"):
         if key in source:
+            own = f"search.{others.get(key, key)}"
             raise ConfigError(f"{path}: {key}: key of a sweep; a search has {own}")
     if "judge" in source:
         raise ConfigError(
@@ -327,20 +280,15 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
     if OWN_MODEL in settings.models:
         raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
     for objective in settings.objective:
-        named = [name for part in objective.parts for name in part.weights or ()]
-        missing = [name for name in named if name not in file.classes]
-        if missing:
-            raise ConfigError(
-                f"{path}: search.objective: {objective.name}: {missing[0]} is not among the "
-                f"classes {', '.join(file.classes)}{did_you_mean(missing[0], file.classes)}"
-            )
+        where, classes = f"{path}: search.objective: {objective.name}", file.classes
+        for name in (name for part in objective.parts for name in part.weights or ()):
+            if name not in classes:
+                known = f"{', '.join(classes)}{did_you_mean(name, classes)}"
+                raise ConfigError(f"{where}: {name} is not among the classes {known}")
         if objective.measured and file.detector is None:
-            raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
+            raise ConfigError(f"{where} needs a detector")
         if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
-            raise ConfigError(
-                f"{path}: search.objective: {objective.name} uses the declared mounts; remove "
-                "lidar.tilt_in_degrees"
-            )
+            raise ConfigError(f"{where} uses the declared mounts; remove lidar.tilt_in_degrees")
 
 
 def _check_body(file: SearchFile, space: Space, models: Mapping[str, Lidar], path: Path) -> None:
@@ -371,12 +319,11 @@ def _check_what_comes_later(problem: Problem) -> None:
                     "scene.density"
                 )
         problem.pog_tasks(problem.sweep(changes))
-    rigs = {"found_1": problem.paper_rigs()["line"]}
     if problem.judged:
         _check_traffic(problem)
     if file.verify is None:
         return
-    config = problem.verify_settings(rigs, ["line"])
+    config = problem.verify_settings({"found_1": problem.paper_rigs()["line"]}, ["line"])
     try:
         sweep = build_sweep(config, path)
     except ConfigError as error:
@@ -426,11 +373,10 @@ def _check_traffic(problem: Problem) -> None:
 
 def _check_pretrained(problem: Problem) -> None:
     """The generalist of a file has to know rigs of the zones and those of the paper."""
-    path, seeds = problem.path, problem.file.search.seeds
-    if len(seeds) > 1:
+    path, seeds = problem.path, len(problem.file.search.seeds)
+    if seeds > 1:
         raise ConfigError(
-            f"{path}: search.seeds: a pretrained generalist has one seed; expected 1, found "
-            f"{len(seeds)}"
+            f"{path}: search.seeds: a pretrained generalist has one seed; expected 1, found {seeds}"
         )
     for name, rig in {**problem.training_rigs, **problem.paper_rigs()}.items():
         outside = problem.outside(rig, name)
@@ -441,16 +387,13 @@ def _check_pretrained(problem: Problem) -> None:
 
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed]:
     """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
-    own = file.placements.get(name)
+    own = file.placements.get(name)  # a search knows models by name alone
     if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
-        # A search knows models by name alone.
         raise ValueError(
             f"search.start: {name}: its mounts have LiDARs of their own; give one of `lidar`"
         )
     with named(f"search.start: {name}"):
-        placement = rigs.of(file, name)
-        lidars = [Choice("", "", mount) for mount in placement.mounts]
-        return placed_in(space, lidars)
+        return placed_in(space, [Choice("", "", mount) for mount in rigs.of(file, name).mounts])
 
 
 def _without_paths(value: Any) -> Any:

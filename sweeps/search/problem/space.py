@@ -1,4 +1,4 @@
-"""The space of rigs as parameters of Optuna, and back.
+"""The space of rigs as parameters of Optuna, and back; rigs taken apart into its slots.
 
 Positions are shares of a zone, from 0 to 1 along each of its axes: so every combination of values
 is a position in the zone, whatever its shape, and the parameters are the same for all zones.
@@ -8,43 +8,45 @@ Angles are in degrees. What cannot vary is no parameter.
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 
+from lidarplace import Mount
+from lidarplace.base.number_text import point
 from lidarplace.configuration.mounting import Pair, mountable
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.mounting.zone import Zone, left_half, on_centre_line, position, shares
+from lidarplace.mounting.zone import (
+    TOLERANCE,
+    Zone,
+    distance,
+    left_half,
+    on_centre_line,
+    position,
+    shares,
+)
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
 
 NUMBER = "lidars"
 """The parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
-
 MOST_MAKEUPS = 10_000
 """Ways to divide LiDARs among zones."""
-
 Makeup = tuple[int, ...]
 """How many LiDARs there are to place: in all zones together, or in each zone that says how many; a
 mirrored pair of a zone counts once."""
-
 _ANGLES = ("roll", "pitch", "yaw")
+_OFF = 1e-4
+"""Radians by which an angle may be outside of its range."""
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A LiDAR to place, or a mirrored pair of them.
-
-    Attributes:
-        name: prefix of its parameters, such as `lidar_1`.
-        zones: where it may sit; of a pair the left one's.
-        models: names of the LiDAR models that it may be.
-        spans: roll, pitch, yaw of each of them, (min, max) in degrees, ego frame.
-        pair: whether a mirrored one goes with it.
-    """
+    """A LiDAR to place, or the left one of a mirrored pair: `name` is the prefix of its parameters,
+    such as `lidar_1`; spans of roll, pitch, yaw in degrees, ego frame."""
 
     name: str
     zones: tuple[Zone, ...]
@@ -57,18 +59,33 @@ class Slot:
         """LiDARs in it."""
         return 2 if self.pair else 1
 
+    def zone(self, name: str) -> Zone:
+        """Its zone of that name."""
+        return next(zone for zone in self.zones if zone.name == name)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A LiDAR, or the left one of a mirrored pair, in a slot, which has a trial's parameters."""
+
+    slot: Slot
+    lidar: Choice
+
+    @property
+    def rig(self) -> Choices:
+        """It, or the pair."""
+        other = replace(self.lidar, mount=mirrored(self.lidar.mount))
+        return ordered([self.lidar, other] if self.slot.pair else [self.lidar])
+
+    def allows(self, mount: Mount) -> bool:
+        """Whether the LiDAR might sit there, in its zone, as far as its own slot goes."""
+        return _fits(self.slot, self.slot.zone(self.lidar.zone), mount)
+
 
 class Space:
-    """All rigs that a configuration allows.
-
-    Args:
-        models: names of the LiDAR models to choose from.
-        fixed: LiDARs that every rig has.
-
-    Raises:
-        ValueError: symmetry is asked for, and no zone has room for it; or there are too many ways
-            to divide LiDARs among zones.
-    """
+    """All rigs that a configuration allows, of LiDAR `models` by name and those that are `fixed`.
+    Raises ValueError: no zone has room for symmetry, or there are too many ways to divide LiDARs
+    among zones."""
 
     def __init__(
         self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[Choice]
@@ -115,53 +132,36 @@ class Space:
             return [slot for zone, count in counted for slot in self._in_zone(zone, count)]
         (number,) = makeup
         spans = {name: getattr(self.settings, f"{name}_deg") for name in _ANGLES}
+        zones, models = self.zones, self.models
         if not self.settings.symmetric:
-            return [
-                Slot(f"lidar_{i + 1}", self.zones, self.models, spans, False) for i in range(number)
-            ]
-        pairs = [
-            Slot(f"pair_{i + 1}", self._halves, self.models, spans, True)
-            for i in range(number // 2)
-        ]
+            return [Slot(f"lidar_{i + 1}", zones, models, spans, False) for i in range(number)]
+        halves = tuple(filter(None, map(left_half, zones)))
+        pairs = [Slot(f"pair_{i + 1}", halves, models, spans, True) for i in range(number // 2)]
         if number % 2 == 0:
             return pairs
-        if not self._middles:
+        middles = tuple(filter(None, map(on_centre_line, zones)))
+        if not middles:
             raise ValueError("search.symmetric: an odd number needs a zone that meets y = 0")
         upright = spans | {"roll": (0.0, 0.0), "yaw": (0.0, 0.0)}
-        return [*pairs, Slot("centre", self._middles, self.models, upright, False)]
+        return [*pairs, Slot("centre", middles, models, upright, False)]
 
     def _in_zone(self, zone: Zone, count: int) -> list[Slot]:
         """The slots of a zone that says how many LiDARs it has."""
-        said, spans = self.settings.zones[zone.name], self.spans(zone.name)
-        models = said.models or self.models
-        return [
-            Slot(f"{zone.name}_{i + 1}", (zone,), models, spans, said.mirrored)
-            for i in range(count)
-        ]
+        own, name, spans = self.settings.zones[zone.name], zone.name, self.spans(zone.name)
+        kind = ((zone,), own.models or self.models, spans, own.mirrored)
+        return [Slot(f"{name}_{i + 1}", *kind) for i in range(count)]
 
     def spans(self, zone: str) -> dict[str, Pair]:
         """Lowest and highest roll, pitch and yaw of a mount in that zone, degrees, ego frame."""
-        said = self.settings.zones[zone]
-        found = {
-            a: getattr(said, f"{a}_deg") or getattr(self.settings, f"{a}_deg") for a in _ANGLES
-        }
+        own, keys = self.settings.zones[zone], {angle: f"{angle}_deg" for angle in _ANGLES}
+        found = {a: getattr(own, key) or getattr(self.settings, key) for a, key in keys.items()}
         low, high = found["yaw"]
-        return found | {"yaw": (said.facing_deg + low, said.facing_deg + high)}
-
-    @cached_property
-    def _halves(self) -> tuple[Zone, ...]:
-        return tuple(half for half in map(left_half, self.zones) if half is not None)
-
-    @cached_property
-    def _middles(self) -> tuple[Zone, ...]:
-        return tuple(middle for middle in map(on_centre_line, self.zones) if middle is not None)
+        return found | {"yaw": (own.facing_deg + low, own.facing_deg + high)}
 
     def distributions(self, makeup: Makeup) -> dict[str, BaseDistribution]:
         """The parameters of a rig with so many LiDARs."""
-        found: dict[str, BaseDistribution] = {}
-        for slot in self.slots(makeup):
-            found |= self.of_slot(slot)
-        return found
+        own = (self.of_slot(slot) for slot in self.slots(makeup))
+        return {name: distribution for slot in own for name, distribution in slot.items()}
 
     def of_slot(self, slot: Slot) -> dict[str, BaseDistribution]:
         """The parameters of a LiDAR, or of the left one of a pair."""
@@ -209,37 +209,36 @@ class Space:
         for slot in self.slots(self.makeup(params)):
             model = params.get(f"{slot.name}.model", slot.models[0])
             name = params.get(f"{slot.name}.zone", slot.zones[0].name)
-            zone = next(zone for zone in slot.zones if zone.name == name)
-            place = position(zone, *(params.get(f"{slot.name}.{axis}", 0.5) for axis in "xyz"))
+            along = (params.get(f"{slot.name}.{axis}", 0.5) for axis in "xyz")
+            place = position(slot.zone(name), *along)
             roll, pitch, yaw = (
                 math.radians(params.get(f"{slot.name}.{angle}_deg", slot.spans[angle][0]))
                 for angle in _ANGLES
             )
             mount = rounded(*place, roll, pitch, math.remainder(yaw, math.tau))
-            lidars.append(Choice(model, name, mount))
-            if slot.pair:
-                lidars.append(Choice(model, name, mirrored(mount)))
+            lidars += Placed(slot, Choice(model, name, mount)).rig
         return ordered(lidars)
 
-    def params(self, placed: Sequence[tuple[Slot, Choice]]) -> dict[str, Any]:
+    def params(self, placed: Sequence[Placed]) -> dict[str, Any]:
         """The parameters that give these LiDARs to all slots of a makeup; the inverse of `rig`."""
         found: dict[str, Any] = {}
         for name, (low, high) in self.counts.items():
-            if self.settings.counted:
-                number = sum(name == f"{slot.zones[0].name}.{NUMBER}" for slot, _ in placed)
-            else:
-                number = sum(slot.size for slot, _ in placed)
             if low < high:
-                found[name] = number
-        for slot, lidar in placed:
-            zone = next(zone for zone in slot.zones if zone.name == lidar.zone)
-            mount = lidar.mount
+                own = [place.slot for place in placed]
+                found[name] = (
+                    sum(name == f"{slot.zones[0].name}.{NUMBER}" for slot in own)
+                    if self.settings.counted
+                    else sum(slot.size for slot in own)
+                )
+        for place in placed:
+            slot, lidar, mount = place.slot, place.lidar, place.lidar.mount
+            along = shares(slot.zone(lidar.zone), mount.x, mount.y, mount.z)
             values: dict[str, Any] = {"model": lidar.model, "zone": lidar.zone}
-            place = shares(zone, mount.x, mount.y, mount.z)
-            values |= dict(zip("xyz", place, strict=True))
+            values |= zip("xyz", along, strict=True)
             for angle, span in slot.spans.items():
-                degrees = _near(math.degrees(getattr(mount, angle)), sum(span) / 2)
-                values[f"{angle}_deg"] = degrees
+                degrees, middle = math.degrees(getattr(mount, angle)), sum(span) / 2
+                # The same direction, less than half a turn from the middle of its span.
+                values[f"{angle}_deg"] = degrees - 360 * round((degrees - middle) / 360)
             found |= self.allowed(slot, values)
         return found
 
@@ -248,11 +247,6 @@ def within(value: float, span: BaseDistribution) -> float:
     """The value, or the end of the span that is nearest to it."""
     assert isinstance(span, FloatDistribution)
     return min(max(value, span.low), span.high)
-
-
-def _near(degrees: float, middle: float) -> float:
-    """The same direction, less than half a turn from the middle of its span."""
-    return degrees - 360 * round((degrees - middle) / 360)
 
 
 def _check_symmetry(zones: Sequence[Zone]) -> None:
@@ -270,3 +264,71 @@ def _check_symmetry(zones: Sequence[Zone]) -> None:
 def _extent(zone: Zone) -> tuple[float, float, float]:
     ys = [y for _, y in zone.polygon]
     return zone.x[1] - zone.x[0], max(ys) - min(ys), zone.z[1] - zone.z[0]
+
+
+def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
+    """Give each of the LiDARs, without the fixed ones, to a slot of its kind. LiDARs without a zone
+    get the first one that holds them, and those without a model its first. Raises ValueError: their
+    number is none of the space's, or one has no slot."""
+    least, most = space.numbers
+    if not least <= len(lidars) <= most:
+        raise ValueError(f"has {len(lidars)} LiDARs, more or fewer than search.lidars")
+    left: list[Choice] = list(lidars)
+    for makeup in space.makeups:
+        slots = space.slots(makeup)
+        if sum(slot.size for slot in slots) != len(lidars):
+            continue
+        found, left = _in_slots(slots, lidars)
+        if not left:
+            return found
+    mount = left[0].mount
+    raise ValueError(
+        f"no zone, or no mirrored pair of the search, has a LiDAR at "
+        f"{point(mount.x, mount.y, mount.z)} with its angles"
+    )
+
+
+def _in_slots(slots: Sequence[Slot], lidars: Sequence[Choice]) -> tuple[list[Placed], list[Choice]]:
+    """Each of the LiDARs in a slot, and those that are left when one slot gets none."""
+    left, found = list(lidars), []
+    for slot in slots:
+        place = next((p for lidar in left if (p := _in_slot(slot, lidar, left))), None)
+        if place is None:
+            break
+        found.append(place)
+        for mount in (own.mount for own in place.rig):
+            left.remove(next(lidar for lidar in left if _same(lidar.mount, mount)))
+    return found, left
+
+
+def rig_of(placed: Sequence[Placed], space: Space) -> Choices:
+    """The rig of these LiDARs and those that every rig has."""
+    return ordered([*space.fixed, *(lidar for place in placed for lidar in place.rig)])
+
+
+def _in_slot(slot: Slot, lidar: Choice, left: Sequence[Choice]) -> Placed | None:
+    """The LiDAR in that slot; a pair needs its mirrored one among those `left`."""
+    mount, model = lidar.mount, lidar.model or slot.models[0]
+    if model not in slot.models:
+        return None
+    if slot.pair:
+        other = mirrored(mount)
+        if mount.y <= 0 or not any(_same(own.mount, other) for own in left):
+            return None
+    for zone in slot.zones:
+        if lidar.zone in ("", zone.name) and _fits(slot, zone, mount):
+            return Placed(slot, Choice(model, zone.name, mount))
+    return None
+
+
+def _fits(slot: Slot, zone: Zone, mount: Mount) -> bool:
+    turn = (mount.roll, mount.pitch, mount.yaw)
+    return distance(zone, mount.x, mount.y, mount.z) <= TOLERANCE and all(
+        abs(math.remainder(angle - math.radians(low + high) / 2, math.tau))
+        <= math.radians(high - low) / 2 + _OFF
+        for angle, (low, high) in zip(turn, slot.spans.values(), strict=True)
+    )
+
+
+def _same(one: Mount, other: Mount) -> bool:
+    return all(abs(a - b) < _OFF for a, b in zip(astuple(one), astuple(other), strict=True))

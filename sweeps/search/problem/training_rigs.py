@@ -19,16 +19,9 @@ _LEVEL = 2
 def training_rigs(
     space: Space, models: Mapping[str, Lidar], number: int, seed: int
 ) -> dict[str, Choices]:
-    """Rigs by name, spread from those whose rings overlap least to those with the most.
-
+    """So many rigs by name, spread from those whose rings overlap least to those with the most.
     Every number of LiDARs in a zone is there as often. Constraints are not looked at: a detector
-    may learn from rigs that nobody builds.
-
-    Args:
-        models: LiDARs by name.
-        number: of rigs.
-        seed: of all that is drawn.
-    """
+    may learn from rigs that nobody builds."""
     random = np.random.default_rng(seed)
     makeups = [makeup for makeup in space.makeups if any(makeup) or space.fixed]
     if len(makeups) > number:  # from the fewest LiDARs to the most
@@ -52,19 +45,13 @@ def training_rigs(
 def rigs_near(
     space: Space, start: Sequence[Mapping[str, Any]], number: int, seed: int
 ) -> dict[str, Choices]:
-    """Rigs by name, each off one of `start` by up to a tenth of its zone and 5 degrees.
-
-    Args:
-        start: parameters of rigs, which take turns.
-        number: of rigs.
-        seed: of all that is drawn.
-    """
+    """So many rigs by name, each off one of `start`, parameters of rigs, which take turns, by up to
+    a tenth of its zone and 5 degrees."""
     random = np.random.default_rng(seed)
     found: dict[str, Choices] = {}
     while len(found) < number:
         own = dict(start[len(found) % len(start)])
-        known = space.distributions(space.makeup(own))
-        for name, distribution in known.items():
+        for name, distribution in space.distributions(space.makeup(own)).items():
             if isinstance(distribution, FloatDistribution):
                 reach = 5.0 if name.endswith("_deg") else 0.1
                 own[name] = within(own[name] + random.uniform(-reach, reach), distribution)
@@ -83,8 +70,7 @@ def _drawn(
     for name, distribution in space.items():
         axis = name.rpartition(".")[2]
         if isinstance(distribution, CategoricalDistribution):
-            chosen = int(random.integers(len(distribution.choices)))
-            params[name] = distribution.choices[chosen]
+            params[name] = distribution.choices[int(random.integers(len(distribution.choices)))]
             continue
         assert isinstance(distribution, FloatDistribution)
         params[name] = float(random.uniform(distribution.low, distribution.high))

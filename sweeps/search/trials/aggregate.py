@@ -1,10 +1,9 @@
-"""What a rig is worth: over classes, and over tests such as towns, densities and vehicles.
-
-Each metric of each class is taken by itself.
-"""
+"""What a rig is worth: over classes, and over tests such as towns, densities and vehicles. Each
+metric of each class is taken by itself."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from statistics import fmean
 from typing import Literal
 
 import numpy as np
@@ -17,15 +16,12 @@ from sweeps.results.trial_results import headline_value
 from tracking.statistics.jackknife import NOTHING
 
 Over = Literal["mean", "worst"]
-
 _KEY = ["class", "metric", "iou"]
 
 
 def metrics_over_tests(tables: Sequence[pd.DataFrame], over: Over) -> pd.DataFrame:
-    """One table of metrics, see `training.kitti_ap.evaluate_boxes`, from that of each test.
-
-    A value is NaN where a test had no object; ground truths are those of all tests.
-    """
+    """One table of metrics, see `training.kitti_ap.evaluate_boxes`, from that of each test. A value
+    is NaN where a test had no object; ground truths are those of all tests."""
     first = tables[0]
     values = np.stack([table["value"].to_numpy(np.float64) for table in tables])
     truths = np.sum([table["ground_truths"] for table in tables], axis=0)
@@ -35,24 +31,20 @@ def metrics_over_tests(tables: Sequence[pd.DataFrame], over: Over) -> pd.DataFra
 def left_out_over_tests(
     left_out: Sequence[pd.DataFrame], traffic: Sequence[int], over: Over
 ) -> pd.DataFrame:
-    """A rig without each route, without each individual and with nothing left out.
-
-    Args:
-        left_out: of each test, see `training.kitti_ap.Evaluation`.
-        traffic: number of each test's traffic; what is left out of one is left out of all tests
-            on that traffic.
-    """
+    """A rig without each route, without each individual and with nothing left out: of each test,
+    see `training.kitti_ap.Evaluation`, and the number of its traffic; what is left out of one is
+    left out of all tests on that traffic."""
     wholes = [table[table["unit"] == NOTHING].set_index(_KEY)["value"] for table in left_out]
     tables = []
     for number in dict.fromkeys(traffic):
         own = next(t for t, other in zip(left_out, traffic, strict=True) if other == number)
         keys = pd.MultiIndex.from_frame(own[_KEY])
-        values = np.stack(
-            [
-                (without["value"] if other == number else whole.reindex(keys)).to_numpy(np.float64)
-                for whole, without, other in zip(wholes, left_out, traffic, strict=True)
-            ]
-        )
+        tests = zip(wholes, left_out, traffic, strict=True)
+        columns = [
+            without["value"] if other == number else whole.reindex(keys)
+            for whole, without, other in tests
+        ]
+        values = np.stack([column.to_numpy(np.float64) for column in columns])
         names = f"traffic {number}: " + own["left_out"].astype(str)
         names = names.where(own["unit"] != NOTHING, "")
         tables.append(own.assign(left_out=names, value=_over(values, own["metric"], over)))
@@ -72,16 +64,14 @@ def _over(values: NDArray[np.float64], metric: pd.Series, over: Over) -> NDArray
 def weighted_value(
     objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame
 ) -> float:
-    """The weighted mean over classes of a metric, percent, and of those of `also`.
-
-    Args:
-        metrics: as of `evaluate_boxes`.
-    """
+    """The weighted mean over classes of a metric, percent, and of those of `also`. `metrics`: as of
+    `evaluate_boxes`."""
     found = []
     for part in objective.parts:
         weights = class_weights(part, classes)
-        found.append(_mean({c: headline_value(metrics, part.by, c) for c in weights}, weights))
-    return math.fsum(found) / len(found)
+        total = math.fsum(w * headline_value(metrics, part.by, c) for c, w in weights.items())
+        found.append(total / math.fsum(weights.values()))
+    return fmean(found)
 
 
 def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[str, float]:
@@ -89,8 +79,3 @@ def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[
     assert objective.by in RANKING
     of_all = METRICS[objective.by].of_all and objective.weights is None
     return {"all": 1.0} if of_all else objective.weights_of(classes)
-
-
-def _mean(values: Mapping[str, float], weights: Mapping[str, float]) -> float:
-    total = math.fsum(weight * values[name] for name, weight in weights.items())
-    return total / math.fsum(weights.values())

@@ -7,8 +7,9 @@ all frames that is expected from the first, by a regression over those that have
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from statistics import fmean
 
 import numpy as np
 import optuna
@@ -16,13 +17,14 @@ import pandas as pd
 
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.execution.backends import Backend
-from sweeps.execution.execute import Listener, Outcome, execute
+from sweeps.execution.backends import Backend, Job
+from sweeps.execution.execute import Listener, execute
 from sweeps.plan.trial import DetectorTrial
+from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
-from sweeps.search.trials.study import Candidate, finished_trials, tell
+from sweeps.search.trials.study import finished_trials, tell
 from sweeps.search.trials.traffic import Pool
 from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.parameters import CollectParams, JudgeParams
@@ -31,29 +33,19 @@ from sweeps.tasks.task import Task, with_inputs
 
 PORTIONS = 4
 """The first portion of the frames is one of so many."""
-
 KEPT = 3
 """One of so many rigs goes on to all frames."""
-
 _FIRST, _WHOLE = "value on the first frames", "value on all frames"
 """User attributes of a trial."""
-
-
-Asked = Sequence[tuple[optuna.Trial, Candidate]]
+Asked = list[tuple[optuna.Trial, Choices]]
 Measured = tuple[dict[int, list[float]], dict[int, str]]
 """Values of the measured objectives, and reasons why there are none, by number of the trial."""
 
 
 class GeneralistAnswers:
-    """Answers by a detector that is trained once, on rigs of the space, or by that of a file.
-
-    Rigs that violate a constraint are not measured. With several objectives all rigs see all
-    frames. Results stay in the store, so a stop loses nothing.
-
-    Args:
-        pool: evaluates constraints and prices.
-        listener: receives task events.
-    """
+    """Answers by a detector that is trained once, on rigs of the space, or by that of a file. Rigs
+    that violate a constraint, which `pool` evaluates, are not measured. With several objectives all
+    rigs see all frames. Results stay in the store, so a stop loses nothing."""
 
     def __init__(
         self,
@@ -67,46 +59,42 @@ class GeneralistAnswers:
         self.study, self.problem, self._pool = study, problem, pool
         self.store, self.backend, self._listener = store, backend, listener
         self._generalists = generalists(problem)
-        self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        self._asked: Asked = []
         self._reference = reference(problem.sweep(), "judged")
         self._referred = set(store.references().get(self._reference, ()))
 
-    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
-        """Take up a candidate."""
-        self._asked.append((trial, candidate))
+    def begin(self, trial: optuna.Trial, rig: Choices) -> None:
+        self._asked.append((trial, rig))
 
     def finish(self) -> None:
-        """Measure what was taken up, and report it to the study."""
         asked, self._asked = self._asked, []
-        found = self._pool.in_order([c.rig for _, c in asked], self.problem.question)
+        found = self._pool.in_order([rig for _, rig in asked], self.problem.question)
         answers = list(zip(asked, found, strict=True))
         feasible = [own for own, assessment in answers if assessment.feasible]
         values, failed = self._measure(feasible) if feasible else ({}, {})
-        for (trial, candidate), assessment in answers:
+        for (trial, _), assessment in answers:
             whole = None
-            if candidate.number in values:
+            if trial.number in values:
                 assert assessment.values is not None
-                left = iter(values[candidate.number])
+                left = iter(values[trial.number])
                 whole = [
                     next(left) if o.measured else assessment.values[o.name]
                     for o in self.problem.file.search.objective
                 ]
-            tell(self.study, trial, assessment, whole, failed.get(candidate.number))
+            tell(self.study, trial, assessment, whole, failed.get(trial.number))
 
     def _measure(self, asked: Asked) -> Measured:
         """Detections in the first frames, then in all frames for the best."""
-        outside = {c.number: self.problem.outside(c.rig) for _, c in asked}
-        asked = [own for own in asked if outside[own[1].number] is None]
-        trials = {c.number: trial for trial, c in asked}
-        measured = [o for o in self.problem.file.search.objective if o.measured]
-        candidates = [candidate for _, candidate in asked]
-        rigs = {f"trial_{c.number}": c.rig for c in candidates}
-        judged = judged_rigs(self.problem, self._generalists, rigs, self.problem.tests.search)
-        by_number = {c.number: judged[f"trial_{c.number}"] for c in candidates}
-        strange = {number: reason for number, reason in outside.items() if reason is not None}
+        problem, trials = self.problem, {trial.number: trial for trial, _ in asked}
+        reasons = {trial.number: problem.outside(rig) for trial, rig in asked}
+        outside = {number: reason for number, reason in reasons.items() if reason is not None}
+        rigs = {f"trial_{t.number}": rig for t, rig in asked if t.number not in outside}
+        judged = judged_rigs(problem, self._generalists, rigs, problem.tests.search)
+        by_number = {int(name.removeprefix("trial_")): own for name, own in judged.items()}
+        measured = [o for o in problem.file.search.objective if o.measured]
         if len(measured) > 1:
             values, failed = self._values(by_number, measured, range(PORTIONS))
-            return values, strange | failed
+            return values, outside | failed
         first, failed = self._values(by_number, measured, range(1))
         for number, own in first.items():
             trials[number].set_user_attr(_FIRST, own[0])
@@ -121,7 +109,7 @@ class GeneralistAnswers:
         ]
         both += [(first[number][0], own[0]) for number, own in whole.items()]
         values = {n: [expected_on_all(own[0], both)] for n, own in first.items()} | whole
-        return values, strange | failed | failed_later
+        return values, outside | failed | failed_later
 
     def _leading(self, first: dict[int, list[float]], objective: ObjectiveSettings) -> list[int]:
         """Numbers of those among the best of all so far on the first frames."""
@@ -137,74 +125,56 @@ class GeneralistAnswers:
         objectives: Sequence[ObjectiveSettings],
         portions: range,
     ) -> Measured:
-        """Values on portions of the frames by the trial's number, mean over the generalists; and
-        failures."""
+        """Values on portions of the frames, mean over the generalists; and failures."""
         needed = {
-            number: [
+            number: with_inputs(
                 task
                 for tests in own
                 for trial in tests
                 for task in (*_judging(trial, portions), *_truths(trial))
-            ]
+            )
             for number, own in by_number.items()
         }
-        outcome = self._execute(with_inputs(t for tasks in needed.values() for t in tasks))
-        failed: dict[int, str] = {}
+        tasks = with_inputs(task for own in needed.values() for task in own)
+        self._referred |= {task.key for task in tasks}
+        self.store.refer(self._reference, self._referred)  # from now on
+        failures = execute(tasks, self.store, self.backend, self._listener).failures
+        file, failed = self.problem.file, dict[int, str]()
+
+        def submit(trial: DetectorTrial) -> Job[pd.DataFrame]:
+            judging, truths = _judging(trial, portions), _truths(trial)
+            own = (file.classes, file.own_ious(), file.metrics)
+            return self.backend.submit(judged_metrics, self.store, judging, truths, *own)
+
         jobs = {}
-        classes = self.problem.file.classes
         for number, own in by_number.items():
-            reasons = [
-                outcome.failures[t.key].reason
-                for t in with_inputs(needed[number])
-                if t.key in outcome.failures
-            ]
+            reasons = [failures[t.key].reason for t in needed[number] if t.key in failures]
             if reasons:
                 failed[number] = reasons[0]
-                continue
-            jobs[number] = [
-                [
-                    self.backend.submit(
-                        judged_metrics,
-                        self.store,
-                        _judging(trial, portions),
-                        _truths(trial),
-                        classes,
-                        self.problem.file.own_ious(),
-                        self.problem.file.metrics,
-                    )
-                    for trial in tests
-                ]
-                for tests in own
-            ]
-        values = {}
-        over = self.problem.file.search.over
+            else:
+                jobs[number] = [[submit(trial) for trial in tests] for tests in own]
+        values, over = {}, file.search.over
         for number, of_seeds in jobs.items():
             tables = [metrics_over_tests([job.result() for job in own], over) for own in of_seeds]
-            found = [_mean(objective, classes, tables) for objective in objectives]
+            found = [
+                fmean(weighted_value(objective, file.classes, own) for own in tables)
+                for objective in objectives
+            ]
             if any(map(math.isnan, found)):
                 failed[number] = "no object of the class in the test frames"
             else:
                 values[number] = found
         return values, failed
 
-    def _execute(self, tasks: Iterable[Task]) -> Outcome:
-        """Run tasks, to whose results the search refers from now on."""
-        tasks = list(tasks)
-        self._referred |= {task.key for task in tasks}
-        self.store.refer(self._reference, self._referred)
-        return execute(tasks, self.store, self.backend, self._listener)
-
 
 def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
-    """The value on all frames that a value on the first frames lets expect.
+    """The value on all frames that a value on the first frames lets expect; `both`: of rigs that
+    have both.
 
     Rigs were sent on because they led on the first frames, so on all frames they are closer to the
-    others than they were: their mean change is not that of the others. The regression on the first
-    value does not depend on that selection. Its slope is kept between that of frames which have
-    nothing to do with the first, 1 / `PORTIONS`, and 1; with fewer than 3 pairs it is 1.
-
-    Args:
-        both: values on the first and on all frames of rigs that have both.
+    others than they were. The regression on the first value does not depend on that selection. Its
+    slope is kept between that of frames which have nothing to do with the first, 1 / `PORTIONS`,
+    and 1; with fewer than 3 pairs it is 1.
     """
     if not both:
         return first
@@ -240,20 +210,9 @@ def judged_metrics(
     ).metrics
 
 
-def _mean(
-    objective: ObjectiveSettings, classes: Sequence[str], tables: Sequence[pd.DataFrame]
-) -> float:
-    """An objective over the generalists."""
-    return math.fsum(weighted_value(objective, classes, own) for own in tables) / len(tables)
-
-
 def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged]:
-    """The detections that an evaluation starts from, in some frames and without kept clouds.
-
-    Args:
-        evaluate: the evaluation of a rig whose clouds are simulated.
-        first, every: of the frames of each part of the scene.
-    """
+    """The detections that `evaluate`, of a rig whose clouds are simulated, starts from, in frames
+    `first`, `first + every` … of each part of the scene, and without kept clouds."""
     training, *inputs = evaluate.inputs
     collected = [task for task in inputs if isinstance(task.params, CollectParams)]
     collection = replace(collected[0].params, first=first, every=every)
@@ -267,10 +226,8 @@ def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged
 
 
 def _judging(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:
-    """Tasks of the detections in portions of the frames."""
     return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
 
 
 def _truths(trial: DetectorTrial) -> list[Task[GroundTruth]]:
-    """Tasks of the objects in the test frames."""
     return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]

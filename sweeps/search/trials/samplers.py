@@ -26,14 +26,9 @@ class Repeatable(BaseSampler):
     """Suggests the same for a trial however often it is asked, and after any stop.
 
     All randomness follows from the seed, the number of the trial and the name of the parameter.
-    What a sampler has learned it takes from the study, not from its own memory, so each suggestion
-    can come from a new one.
-
-    Args:
-        name: one of `sweeps.configuration.search.SAMPLERS`.
-        seed: of the search.
-        given: how many trials the search begins with, whose parameters are not asked for. CMA-ES
-            starts from the best of them.
+    What a sampler has learned it takes from the study, so each suggestion can come from a new one.
+    `given`: number of the first trials, whose parameters are not asked for; CMA-ES starts from the
+    best of them.
     """
 
     def __init__(self, name: str, seed: int, given: int = 0) -> None:
@@ -96,14 +91,9 @@ def _best_of(study: Study) -> FrozenTrial | None:
 def sampler_for(
     name: str, seed: int, common_seed: int, number: int, start: FrozenTrial | None = None
 ) -> BaseSampler:
-    """A sampler of Optuna.
-
-    Args:
-        seed: of one suggestion.
-        common_seed, number: of all suggestions and of the trial, where they are one sequence.
-        start: a trial from which CMA-ES starts, with a standard deviation of a tenth of each range
-            (Nomura et al. 2021); what it has learned since is in the study.
-    """
+    """A sampler with the `seed` of one suggestion, `common_seed` of all where they are a sequence,
+    and `start`, a trial from which CMA-ES starts, with a standard deviation of a tenth of each
+    range (Nomura et al. 2021); what it has learned since is in the study."""
     if name == "tpe":  # jointly: what a LiDAR should see depends on where the others are
         return TPESampler(seed=seed, multivariate=True, group=True)
     if name == "gp":
@@ -112,12 +102,10 @@ def sampler_for(
         # It starts from the best tenth of what it is given.
         source = None if start is None else [start] * 10
         return CmaEsSampler(seed=seed, source_trials=source, warn_independent_sampling=False)
-    if name == "nsga2":
-        return NSGAIISampler(seed=seed)
-    if name == "nsga3":
-        return NSGAIIISampler(seed=seed)
-    if name == "random":
-        return RandomSampler(seed=seed)
+    plain: dict[str, type[NSGAIISampler | NSGAIIISampler | RandomSampler]]
+    plain = {"nsga2": NSGAIISampler, "nsga3": NSGAIIISampler, "random": RandomSampler}
+    if name in plain:
+        return plain[name](seed=seed)
     assert name == "qmc"
     return _Numbered(
         number,

@@ -1,8 +1,6 @@
 """Optuna's study of a search: kept in a file, asked and answered in batches, resumed at any point.
-
-A batch is asked for as a whole before any of it is answered. So the outcome depends on the seed
-and the size of a batch, and not on how many workers there are or which was faster.
-"""
+A batch is asked for as a whole before any of it is answered. So the outcome depends on the seed and
+the size of a batch, and not on how many workers there are or which was faster."""
 
 import json
 import time
@@ -28,31 +26,22 @@ ASSESSMENT = "assessment"
 """User attribute of a trial: what was found of its rig, as JSON."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """What the trial of a number asks about."""
-
-    number: int
-    rig: Choices
-
-
 @dataclass
 class Timing:
-    """Where the driver's time went, seconds.
-
-    Attributes:
-        sampler: asking for parameters; workers go on meanwhile.
-        evaluation: waiting for workers, and telling the study.
-    """
+    """Seconds of the driver: asking for parameters, while workers go on; and waiting for these."""
 
     sampler: float = 0.0
     evaluation: float = 0.0
 
 
 def storage_in(folder: Path) -> BaseStorage:
-    """The journal in `folder`. Only one process may have it, which the caller sees to."""
+    """The journal in `folder`, without what a killed process left: a lock, and half a line at the
+    end. Only one process may have it, which the caller sees to."""
     path = journal_path(folder)
-    _mend(path)
+    path.with_name(path.name + ".lock").unlink(missing_ok=True)
+    if path.exists():
+        with path.open("rb+") as file:
+            file.truncate(file.read().rfind(b"\n") + 1)
     return journal_storage(path)
 
 
@@ -78,24 +67,10 @@ def journal_path(folder: Path) -> Path:
     return folder / "optuna.journal"
 
 
-def _mend(path: Path) -> None:
-    """Remove what a killed process left: a lock, and half a line at the end."""
-    path.with_name(path.name + ".lock").unlink(missing_ok=True)
-    if not path.exists():
-        return
-    with path.open("rb+") as file:
-        content = file.read()
-        file.truncate(content.rfind(b"\n") + 1)
-
-
 def open_study(
     storage: BaseStorage, name: str, settings: SearchSettings, first: Sequence[Mapping[str, Any]]
 ) -> optuna.Study:
-    """The study `name`, new or as it was left.
-
-    Args:
-        first: parameters of the first trials.
-    """
+    """The study `name`, new or as it was left. `first`: parameters of the first trials."""
     study = optuna.create_study(
         storage=storage,
         study_name=name,
@@ -110,13 +85,12 @@ def open_study(
 
 
 class Answers(Protocol):
-    """Finds out what candidates are worth."""
+    """Evaluates rigs: `begin` takes up one of the next batch, and `finish` tells the study of the
+    whole batch, in the order of the trials' numbers."""
 
-    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
-        """Take up a candidate of the next batch; work on it may begin."""
+    def begin(self, trial: optuna.Trial, rig: Choices) -> None: ...
 
-    def finish(self) -> None:
-        """Tell the study of all candidates of the batch, in the order of their numbers."""
+    def finish(self) -> None: ...
 
 
 def run_study(
@@ -125,44 +99,40 @@ def run_study(
     settings: SearchSettings,
     answers: Answers,
     told: Callable[[int], None],
-    timing: Timing,
-) -> None:
-    """Ask and tell until there are as many trials as the settings want.
-
-    Args:
-        told: receives the number of finished trials.
-    """
+) -> Timing:
+    """Ask and tell until there are as many trials as the settings want. `told`: receives the number
+    of finished trials."""
+    timing = Timing()
     while (batch := _next_batch(study, settings)) is not None:
         for number in batch:
             start = time.perf_counter()
-            trial, candidate = _ask(study, space, number)
+            trial = _ask(study, number)
+            rig = space.suggest(trial)
             timing.sampler += time.perf_counter() - start
-            answers.begin(trial, candidate)
+            answers.begin(trial, rig)
         start = time.perf_counter()
         answers.finish()
         timing.evaluation += time.perf_counter() - start
         told(batch[-1] + 1)
+    return timing
 
 
 def _next_batch(study: optuna.Study, settings: SearchSettings) -> list[int] | None:
     """Numbers of the trials to finish next; None if there are enough."""
     trials = study.get_trials(deepcopy=False)
-    open_ = [trial.number for trial in trials if not trial.state.is_finished()]
-    first = min(open_, default=len(trials))
+    unfinished = [trial.number for trial in trials if not trial.state.is_finished()]
+    first = min(unfinished, default=len(trials))
     start = first - first % settings.batch_size
-    end = min(start + settings.batch_size, max(settings.trials, max(open_, default=-1) + 1))
-    finished = {trial.number for trial in trials if trial.state.is_finished()}
-    return [n for n in range(start, end) if n not in finished] or None
+    end = min(start + settings.batch_size, max(settings.trials, max(unfinished, default=-1) + 1))
+    return [n for n in range(start, end) if n >= len(trials) or n in unfinished] or None
 
 
-def _ask(study: optuna.Study, space: Space, number: int) -> tuple[optuna.Trial, Candidate]:
+def _ask(study: optuna.Study, number: int) -> optuna.Trial:
     """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
     known = study.get_trials(deepcopy=False)  # by number
     if number < len(known) and known[number].state == TrialState.RUNNING:
-        trial = optuna.Trial(study, known[number]._trial_id)
-    else:
-        trial = study.ask()
-    return trial, Candidate(trial.number, space.suggest(trial))
+        return optuna.Trial(study, known[number]._trial_id)
+    return study.ask()
 
 
 def tell(
@@ -172,12 +142,8 @@ def tell(
     values: Sequence[float] | None,
     failure: str | None = None,
 ) -> None:
-    """Tell a trial: constraints, objectives, and what was found.
-
-    Args:
-        values: of all objectives; None: the rig is not measured, or the trial has failed.
-        failure: why it has no value, if something went wrong.
-    """
+    """Tell a trial: constraints, objectives, and what was found. Without `values` the rig was not
+    measured, or the trial has failed, because of `failure`."""
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         # A trial that was stopped while it was stored has some of this already.
         for name, told in assessment.told.items():
@@ -195,11 +161,6 @@ def tell(
 def assessment_of(trial: FrozenTrial) -> Assessment:
     """What was found of a finished trial."""
     return Assessment(**json.loads(trial.user_attrs[ASSESSMENT]))
-
-
-def candidate_of(trial: FrozenTrial, space: Space) -> Candidate:
-    """What a finished trial asked about."""
-    return Candidate(trial.number, space.rig(trial.params))
 
 
 def finished_trials(study: optuna.Study) -> Iterator[FrozenTrial]:

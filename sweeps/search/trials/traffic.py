@@ -20,7 +20,7 @@ from sweeps.search.problem.assess import Assessment, Question, Traffic, assess
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Space
-from sweeps.search.trials.study import Candidate, assessment_of, candidate_of, finished_trials, tell
+from sweeps.search.trials.study import assessment_of, finished_trials, tell
 from sweeps.store.open import AnyStore, reference
 from sweeps.tasks.parameters import RecallParams
 from sweeps.tasks.stages import grids_of, objects_of
@@ -38,16 +38,9 @@ def training_traffic(
     backend: Backend,
     scene: Mapping[str, Any] | None = None,
 ) -> Traffic:
-    """What the objectives ask for.
-
-    Args:
-        scene: key path -> value, what is different from the configuration.
-
-    Raises:
-        ConfigError: a value is not allowed at its key path.
-        NoTraffic: something failed, or `expected_recall` is asked of a class of which no object
-            counts.
-    """
+    """What the objectives ask for. `scene`: key path -> value, what differs from the configuration.
+    Raises ConfigError: a value is not allowed at its key path; NoTraffic: something failed, or
+    `expected_recall` is asked of a class of which no object counts."""
     if not problem.question.needs_pog:
         return Traffic({})
     sweep = problem.sweep(scene)
@@ -73,8 +66,7 @@ def training_traffic(
 
 def _objects(problem: Problem, store: AnyStore, recall: Task) -> ExpectedRecall:
     """The objects of which the objectives are, under rigs as clouds are collected."""
-    file = problem.file
-    params = recall.params
+    file, params = problem.file, recall.params
     assert isinstance(params, RecallParams)
     asked = [o for o in file.search.objective if o.by in OBJECT_SURROGATES]
     weighted = {name for objective in asked for name in objective.weights_of(file.classes)}
@@ -92,18 +84,13 @@ def _objects(problem: Problem, store: AnyStore, recall: Task) -> ExpectedRecall:
 
 @dataclass(frozen=True)
 class Pool:
-    """Assesses rigs on one traffic.
-
-    Attributes:
-        traffic: shared out by the backend.
-    """
+    """Assesses rigs on one traffic, which the backend shares out."""
 
     backend: Backend
     traffic: Traffic
 
     @classmethod
     def of(cls, backend: Backend, traffic: Traffic) -> Pool:
-        """The pool of a backend's workers."""
         for grid in traffic.grids.values():
             grid.levels, grid.h_pog  # noqa: B018 - worked out once, not by every worker
         if traffic.objects is not None:
@@ -111,11 +98,10 @@ class Pool:
         return cls(backend, backend.share(traffic))
 
     def submit(self, rig: Choices, question: Question) -> Job[Assessment]:
-        """Start with a rig."""
         return self.backend.submit(assess, rig, question, self.traffic)
 
     def in_order(self, rigs: Sequence[Choices], question: Question) -> list[Assessment]:
-        """Assess several rigs at once; results in the order of `rigs`."""
+        """Of several rigs at once."""
         jobs = [self.submit(rig, question) for rig in rigs]
         return [job.result() for job in jobs]
 
@@ -125,22 +111,20 @@ class SurrogateAnswers:
 
     def __init__(self, study: optuna.Study, space: Space, question: Question, pool: Pool) -> None:
         self._study, self._question, self._pool = study, question, pool
-        self._known: dict[Choices, Assessment] = {
-            candidate_of(trial, space).rig: assessment_of(trial) for trial in finished_trials(study)
-        }
-        self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        known = finished_trials(study)
+        self._known = {space.rig(trial.params): assessment_of(trial) for trial in known}
+        self._asked: list[tuple[optuna.Trial, Choices]] = []
         self._jobs: dict[Choices, Job[Assessment]] = {}
 
-    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
-        self._asked.append((trial, candidate))
-        if candidate.rig not in self._known and candidate.rig not in self._jobs:
-            self._jobs[candidate.rig] = self._pool.submit(candidate.rig, self._question)
+    def begin(self, trial: optuna.Trial, rig: Choices) -> None:
+        self._asked.append((trial, rig))
+        if rig not in self._known and rig not in self._jobs:
+            self._jobs[rig] = self._pool.submit(rig, self._question)
 
     def finish(self) -> None:
-        for rig, job in self._jobs.items():
-            self._known[rig] = job.result()
-        for trial, candidate in self._asked:
-            found = self._known[candidate.rig]
+        self._known |= {rig: job.result() for rig, job in self._jobs.items()}
+        for trial, rig in self._asked:
+            found = self._known[rig]
             values, failure = None, None
             if found.values is not None:
                 values = [found.values[o.name] for o in self._question.objectives]
