@@ -42,41 +42,55 @@ class Lidar:
     """A LiDAR that fires every beam at every azimuth step within its field of view; or each of
     the rays of a pattern, which are beams that fire once in a frame, at an azimuth of their own.
 
-    Raises ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
-    is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a pattern
-    has azimuth steps.
+    Attributes:
+        elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
+        azimuth_steps: firings of each beam in one full turn; those outside `azimuth` are left out.
+        range: farthest return, metres, in clear air; see `reach`.
+        range_noise: standard deviation of the measured range, metres.
+        drop_off: probability that a return is lost, in [0, 1).
+        azimuth: horizontal field of view, [min, max) in radians, at most one turn; 0 is the
+            sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a
+            turn that is a whole number of steps wide has just as many, wherever it begins.
+        min_range: nearest return, metres; what is nearer stops the ray and returns nothing.
+        range_10, range_80: farthest return, metres, of a surface that reflects 10 % and 80 % of
+            the light and faces the ray; None for the first: all surfaces return from up to `range`;
+            for the second alone: light thins out by the square of the distance. See `sight`.
+        wavelength: of its light, metres.
+        extinction: rate at which the air takes light, 1/m; see `in_weather`.
+        window: share of the light that passes its front window, on either way; 1: as new.
+        size: length, width and height of the housing around the origin of the sensor's frame,
+            metres, by which it hides what is behind it from other LiDARs; equal length and width
+            are the diameter of a cylinder. None: not known, nothing is hidden.
+        pattern: of rays, for a LiDAR without beams that turn; it decides `elevations` and
+            `azimuth`, whatever is given for them, and there is one azimuth step. See `patterned`.
+        frame: of the pattern that is fired.
+        correction: what it loses on a real vehicle; None: nothing. See `corrected`.
+        offsets: of every laser along the sensor's z axis, metres: there its rays start; None: all
+            start at the origin. See `lidarplace.rigs.placement.blocks`.
+
+    Raises:
+        ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
+            is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a
+            pattern has azimuth steps.
     """
 
-    elevations: tuple[float, ...]  # of every beam above the xy plane, radians, in [-pi/2, pi/2]
-    azimuth_steps: int  # firings of a beam in one full turn; those outside `azimuth` are left out
-    range: float = 100.0  # farthest return, metres, in clear air; see `reach`
-    range_noise: float = 0.0  # standard deviation of the measured range, metres
-    drop_off: float = 0.0  # probability that a return is lost, in [0, 1)
+    elevations: tuple[float, ...]
+    azimuth_steps: int
+    range: float = 100.0
+    range_noise: float = 0.0
+    drop_off: float = 0.0
     azimuth: tuple[float, float] = (-math.pi, math.pi)
-    """Horizontal field of view, [min, max) in radians, at most one turn; 0 is the sensor's x axis,
-    growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a turn that is a whole number
-    of steps wide has just as many, wherever it begins."""
-    min_range: float = 0.0  # metres; what is nearer stops the ray and returns nothing
+    min_range: float = 0.0
     range_10: float | None = None
     range_80: float | None = None
-    """Farthest return, metres, of a surface that reflects 10 % and 80 % of the light and faces the
-    ray; None for the first: all surfaces return from up to `range`; for the second alone: light
-    thins out by the square of the distance. See `sight`."""
-    wavelength: float = 905e-9  # of its light, metres
-    extinction: float = 0.0  # rate at which the air takes light, 1/m; see `in_weather`
-    window: float = 1.0  # share of the light that passes its front window, on either way
+    wavelength: float = 905e-9
+    extinction: float = 0.0
+    window: float = 1.0
     size: tuple[float, float, float] | None = None
-    """Length, width and height of the housing around the origin of the sensor's frame, metres, by
-    which it hides what is behind it from other LiDARs; equal length and width are the diameter of a
-    cylinder. None: not known, nothing is hidden."""
     pattern: SkipJsonSchema[InstanceOf[ScanPattern]] | None = None  # no file holds one
-    """Rays of a LiDAR without beams that turn; it decides `elevations` and `azimuth`, whatever is
-    given for them, and there is one azimuth step. See `patterned`."""
-    frame: int = 0  # of the pattern that is fired
-    correction: Correction | None = None  # what it loses on a real vehicle; see `corrected`
+    frame: int = 0
+    correction: Correction | None = None
     offsets: tuple[float, ...] | None = None
-    """Of every laser along the sensor's z axis, metres: there its rays start; None: all start at
-    the origin. See `lidarplace.rigs.placement.blocks`."""
 
     def __post_init__(self) -> None:
         elevations: Iterable[float] = self.elevations

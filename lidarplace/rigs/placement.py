@@ -81,16 +81,20 @@ class Mount:
 class Placement(Plottable):
     """A named rig: LiDARs on one or more mounts.
 
-    Raises ValueError: there is no mount, two LiDARs sit in one place, or there are not as many
-    models as mounts.
+    Attributes:
+        lidar: the model of every mount, or a sequence with one for each.
+        dead: further mounts and their models, of LiDARs that see nothing; they hide what is behind
+            them, where their size is known.
+
+    Raises:
+        ValueError: there is no mount, two LiDARs sit in one place, or there are not as many models
+            as mounts.
     """
 
     name: str
     mounts: Sequence[Mount]
-    lidar: Lidar | Sequence[Lidar]  # the model of every mount, or one for each
+    lidar: Lidar | Sequence[Lidar]
     dead: Sequence[tuple[Mount, Lidar]] = ()
-    """Further mounts and their models, of LiDARs that see nothing; they hide what is behind them,
-    where their size is known."""
 
     def __post_init__(self) -> None:
         where = f"placement {self.name!r}"
