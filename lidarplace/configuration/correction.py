@@ -130,8 +130,10 @@ class CorrectionFile(Settings):
         own = UnitSettings() if unit is None else self.lidars[unit]
         elevations = own.elevations_deg and tuple(map(math.radians, own.elevations_deg))
         known: dict[str, Any] = {
-            "azimuth_steps": own.azimuth_steps, "elevations": elevations, "offsets": own.offsets_m
-        }  # fmt: skip
+            "azimuth_steps": own.azimuth_steps,
+            "elevations": elevations,
+            "offsets": own.offsets_m,
+        }
         known = {name: value for name, value in known.items() if value is not None}
         if known and lidar.pattern is not None:
             raise ValueError(f"unit {unit}: has beams that turn, and the LiDAR has a pattern")

@@ -209,8 +209,18 @@ class SensorSettings(Settings):
             degrees = tuple(low + i * step for i in range(self.beams))
         start, end = map(math.radians, self.azimuth_deg)
         return Lidar(
-            tuple(map(math.radians, degrees)), self.azimuth_steps if pattern is None else 1,
-            self.range, self.range_noise, self.drop_off, (start, end), self.min_range,
-            self.range_10, self.range_80, 1e-9 * self.wavelength_nm, window=self.window,
-            size=self.size_mm and metres(self.size_mm), pattern=pattern, offsets=self.offsets_m,
-        )  # fmt: skip
+            tuple(map(math.radians, degrees)),
+            self.azimuth_steps if pattern is None else 1,
+            self.range,
+            self.range_noise,
+            self.drop_off,
+            (start, end),
+            self.min_range,
+            self.range_10,
+            self.range_80,
+            1e-9 * self.wavelength_nm,
+            window=self.window,
+            size=self.size_mm and metres(self.size_mm),
+            pattern=pattern,
+            offsets=self.offsets_m,
+        )

@@ -220,12 +220,19 @@ class Lidar:
         sheet = datasheet(name)
         low, high = map(math.radians, sheet.azimuth_deg)
         return cls(
-            tuple(map(math.radians, sheet.elevations_deg)), sheet.azimuth_steps,
-            sheet.range, sheet.range_noise or 0.0, azimuth=(low, high), pattern=pattern_in(sheet),
-            min_range=sheet.min_range or 0.0, range_10=sheet.range_10, range_80=sheet.range_80,
+            tuple(map(math.radians, sheet.elevations_deg)),
+            sheet.azimuth_steps,
+            sheet.range,
+            sheet.range_noise or 0.0,
+            azimuth=(low, high),
+            pattern=pattern_in(sheet),
+            min_range=sheet.min_range or 0.0,
+            range_10=sheet.range_10,
+            range_80=sheet.range_80,
             wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
-            size=sheet.size_mm and metres(sheet.size_mm), offsets=sheet.offsets_m,
-        )  # fmt: skip
+            size=sheet.size_mm and metres(sheet.size_mm),
+            offsets=sheet.offsets_m,
+        )
 
     @classmethod
     def patterned(cls, pattern: ScanPattern, **limits: Any) -> Lidar:
