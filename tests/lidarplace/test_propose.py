@@ -87,6 +87,7 @@ def test_classes_are_guessed_where_the_name_says_so(tmp_path):
         None: "truck bus moped cart personal_mobility bike_rack scooter animal",
     }
     wanted = {name: known for known, names in named.items() for name in names.split()}
+    wanted |= dict.fromkeys(["no", "1", "a: b", "#"])  # which YAML would take for something else
     table = pd.DataFrame({"class": list(wanted), "x": 1.0})
     table.to_csv(tmp_path / "labels.csv", index=False)
     assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["classes"] == wanted
@@ -120,7 +121,7 @@ def convert(*arguments):
     return CliRunner().invoke(app, ["table", *map(str, arguments)])
 
 
-def test_the_guess_is_a_mapping_that_can_be_used(tmp_path):
+def test_a_guess_is_not_overwritten(tmp_path):
     labels, guess = tmp_path / "labels.csv", tmp_path / "guess.yaml"
     write_in_manner(traffic(), Manner(origin=(0.0, 0.0, 0.33))).to_csv(labels, index=False)
     assert convert(labels, "--propose", guess).stdout == f"{guess}\n"
@@ -130,7 +131,6 @@ def test_the_guess_is_a_mapping_that_can_be_used(tmp_path):
     assert result.exit_code == 2
     assert f"{guess}: is there already, and is not overwritten" in result.stderr
     assert guess.read_text() == before
-    assert convert(labels, tmp_path / "log", "--mapping", guess).exit_code == 0
 
 
 def test_what_nothing_tells_is_left_open(tmp_path):
@@ -143,13 +143,6 @@ def test_what_nothing_tells_is_left_open(tmp_path):
     result = convert(labels, tmp_path / "log", "--mapping", guess)
     assert result.exit_code == 2
     assert "guess.yaml: columns.category: found None" in result.stderr
-
-
-def test_names_that_yaml_would_take_for_something_else(tmp_path):
-    table = pd.DataFrame({"class": ["no", "1", "a: b", "#"], "x": [1.0, 2, 3, 4]})
-    table.to_csv(tmp_path / "labels.csv", index=False)
-    guess = parse_yaml(propose_mapping(tmp_path / "labels.csv"))
-    assert guess["classes"] == dict.fromkeys(["no", "1", "a: b", "#"])
 
 
 @pytest.mark.parametrize("column", ["recording", "kind", "track", "posX", "stamp", "host_heading"])

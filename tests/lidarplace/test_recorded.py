@@ -1,6 +1,5 @@
 """Scenes and clouds that were recorded before."""
 
-import json
 from contextlib import suppress
 
 import numpy as np
@@ -8,10 +7,9 @@ import pandas as pd
 import pytest
 
 from lidarplace.clouds.clouds import PointClouds, read_clouds, write_clouds
-from lidarplace.clouds.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
+from lidarplace.clouds.recorded import clouds_digest, recorded_clouds
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS
-from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.recorded import LogScene
 from tests.fuzz.mutate_bytes import NO_FILES
 
@@ -81,13 +79,6 @@ def test_what_was_not_recorded_or_twice_is_named(tmp_path):
     record(tmp_path / "b", 2, 1)
     with pytest.raises(ValueError, match="b: frame 1 is in another folder"):
         recorded_clouds(tmp_path, np.array([2]), WIDE)
-
-
-def test_clouds_belong_to_the_rig_that_recorded_them(tmp_path):
-    rig = PAPER_PLACEMENTS["line_roll"]
-    check_rig(tmp_path, rig)  # nothing says otherwise
-    (tmp_path / "placement.json").write_text(json.dumps(rig_record(rig)))
-    check_rig(tmp_path, rig)
 
 
 @pytest.mark.parametrize("name", ["data", "offsets", "counts", "frames", "crop", "step"])
