@@ -92,18 +92,12 @@ def test_a_simulator_that_is_right_is_believed_as_it_is(tmp_path):
     assert all(unit.mask is None for unit in found.correction.lidars.values())
 
 
-def test_a_given_correction_is_judged_without_a_fit(real, found):
-    folder, log = real
-    judged = validate(log, folder, found.correction)
-    assert judged.given
-    assert judged.correction == found.correction
-    assert len(judged.fits) == 0
-    decision = verdict(judged)
-    assert decision.answer == "with a correction"
-    assert "fitted to this very log" in decision.why[2]
-    facts = judged.correction.fitted | {"tracks": found.tracks + 1}
-    other = judged.correction.model_copy(update={"fitted": facts})
-    assert len(verdict(replace(judged, correction=other)).why) == len(decision.why) - 1
+def test_a_correction_that_was_fitted_to_the_log_that_judges_it_says_so(found):
+    why = verdict(replace(found, given=True)).why
+    assert "fitted to this very log" in why[2]
+    facts = found.correction.fitted | {"tracks": found.tracks + 1}
+    other = found.correction.model_copy(update={"fitted": facts})
+    assert len(verdict(replace(found, given=True, correction=other)).why) == len(why) - 1
 
 
 def test_a_wrong_label_is_left_out(real, found):
@@ -193,6 +187,8 @@ def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     given = ["--correction", str(out / "correction.yaml")]
     again = CliRunner().invoke(app, [str(folder), "--out", str(out), *given])
     assert again.exit_code == 0, again.output
+    assert "With the correction, as given, every check is met." in again.output
+    assert len(pd.read_parquet(out / "fits.parquet")) == 0, "it is judged without a fit"
     empty = tmp_path / "empty"
     write_box_log(empty, replace(read_box_log(folder), boxes=log.boxes.drop(columns="points")))
     wrong = CliRunner().invoke(app, [str(empty), "--out", str(out)])
