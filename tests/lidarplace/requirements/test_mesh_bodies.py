@@ -23,7 +23,7 @@ FACES = np.array([half for a, b, c, d in QUADS for half in ((a, b, c), (a, c, d)
 MESH = Vehicle("mesh", np.empty((0, 2, 3)), Mesh(np.where(CORNERS > 0, HIGH, LOW), FACES))
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1), height=st.floats(0.1, 2.0), heading=st.floats(-math.pi, math.pi)
 )
@@ -45,7 +45,7 @@ def test_a_touch_is_not_in_the_way():
     assert in_the_way(MESH, np.zeros((1, 2)), (0.1, 0.1, 0.6), 0.0).all()  # within, no side is met
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_slices_hold_the_points_of_a_triangle_between_two_heights(seed):
     rng = np.random.default_rng(seed)

@@ -40,7 +40,7 @@ boxes = st.tuples(st.floats(-12, 12), st.floats(-12, 12), *sizes, angle).map(
 vehicles = st.sampled_from([CAR, NOTHING])
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(rig=rigs, box=boxes, vehicle=vehicles, reflectivity=st.floats(0.01, 1.0))
 def test_counts_are_those_of_single_rays(rig, box, vehicle, reflectivity):
     hits = hits_of(rig, vehicle, box[0], reflectivity)
