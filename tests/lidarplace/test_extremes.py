@@ -229,16 +229,6 @@ def test_an_roi_far_from_the_origin():
     assert_covered_exactly(decimal, Mount(1e6 + 0.33, 0.07, 0.21, roll=0.3), [-0.4, 0.0], 4e-9)
 
 
-def test_one_beam_and_128():
-    elevations = np.radians(np.linspace(-25, 15, 128))
-    mount = Mount(0.03, 0.02, 0.27, roll=0.1)
-    assert_covered_exactly(SMALL, mount, elevations)
-    alone = np.zeros(SMALL.shape, bool)
-    for elevation in elevations:
-        alone |= coverage(one_sensor(mount, [elevation]), SMALL)
-    np.testing.assert_array_equal(coverage(one_sensor(mount, elevations), SMALL), alone)
-
-
 angle = st.floats(-HALF_TURN, HALF_TURN)
 coordinate = st.floats(-2.0, 2.0)
 
