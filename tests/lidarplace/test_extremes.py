@@ -18,7 +18,6 @@ from lidarplace.coverage.cone import covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.pog.surrogates.formulas import information
-from tests.refused import refused
 
 ROI = Roi(x=(0.0, 1.5), y=(-0.75, 0.75), z=(0.0, 1.0), resolution=0.25)
 DECIMAL = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)
@@ -397,15 +396,6 @@ def test_boxes_of_zero_size_and_of_a_kilometre():
     for name, (row, expected) in rows.items():
         grid = OccupancyGrid.from_boxes(boxes_of(row), ROI, "Car", frames=1)
         assert grid.counts.sum() == expected, name
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("name", GEOMETRY)
-def test_boxes_with_nan_are_named(name, value):
-    boxes = boxes_of(*[(0.0,) * 7] * 3)
-    boxes.loc[1, name] = value
-    with refused(("row 1", name, str(value))):
-        OccupancyGrid.from_boxes(boxes, ROI, "Car", frames=3)
 
 
 def test_an_roi_of_one_voxel():
