@@ -32,9 +32,6 @@ def one_sensor(mount, elevations, steps=4, **limits):
     return Placement("one", [mount], lidar=Lidar(tuple(elevations), steps, **limits))
 
 
-# Exact references.
-
-
 def x_log_x(x):
     return x * mpmath.log(x) if x else mpmath.mpf(0)
 
@@ -150,8 +147,6 @@ def assert_covered_exactly(roi, mount, elevations, grow=2e-9, **limits):
             assert not exactly_covered(roi, mount, elevations, voxel), f"{voxel} is covered"
 
 
-# Cones.
-
 ANGLES = [90.0, 89.999999, 1e-7, 0.0, -30.0, -45.0, -89.999999, -90.0]
 POSES = {
     "inside a voxel": (0.33, 0.07, 0.21),
@@ -238,9 +233,6 @@ def test_any_cone(mount, elevation):
     assert_covered_exactly(SMALL, mount, [elevation])
 
 
-# Range and field of view.
-
-
 @pytest.mark.parametrize("reach", [1e-9, 0.125, 0.375, 0.375 - 1e-6, 0.375 + 1e-6, 1e300, math.inf])
 def test_a_range_that_ends_at_a_face(reach):
     """A level beam sweeps a disc; squares touch it by their distance, in rational numbers."""
@@ -277,9 +269,6 @@ def test_a_field_of_view_of_a_microradian_and_of_nearly_a_turn():
     np.testing.assert_array_equal(
         coverage(nearly, ROI), coverage(one_sensor(mount, elevations), ROI)
     )
-
-
-# Sums.
 
 
 @pytest.fixture(scope="module")
@@ -359,9 +348,6 @@ def exact_expected_ig(count, rays, q):
         p, rest = mpmath.mpf(count) / MANY, mpmath.mpf(MANY - count) / MANY
         log_miss = rays * mpmath.log(1 - mpmath.mpf(q)) if q < 1 else -mpmath.inf
         return exact_information(p, rest, log_miss) if rays else 0.0
-
-
-# Boxes and the ROI.
 
 
 def boxes_of(*rows):
