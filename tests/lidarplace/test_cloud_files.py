@@ -106,20 +106,6 @@ def test_what_is_no_cloud_is_an_error_of_one_line(tmp_path_factory, data, suffix
     assert "\n" not in said
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.pcd", pcd(CLOUD, "binary")[:-1], "no PCD file"),
-        ("a.npy", b"12", "no array of NumPy"),
-        ("a.feather", b"12", "no table"),
-    ],
-)
-def test_a_wrong_file_says_what_is_wrong(tmp_path, name, content, message):
-    (tmp_path / name).write_bytes(content)
-    with refused(message, name):
-        read_cloud(tmp_path / name)
-
-
 def test_a_file_that_is_not_there_or_lacks_a_column_is_named(tmp_path):
     with refused(("b.parquet", "z", "")):
         CLOUD.drop(columns="z").to_parquet(tmp_path / "b.parquet")

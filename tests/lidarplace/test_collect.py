@@ -75,14 +75,6 @@ def test_simulated_clouds_are_the_kept_ones_to_the_last_bit(misaligned):
     np.testing.assert_array_equal(first, kept[0])  # not written over by later frames
 
 
-def test_index_of_the_lidar_is_kept():
-    both = collect(log(), [0, 3], Placement("two", TWO, lidar=LIDAR), CROP)
-    for m, mount in enumerate(TWO):
-        alone = collect(log(), [0, 3], Placement("one", [mount], lidar=LIDAR), CROP)
-        for i in range(2):
-            np.testing.assert_array_equal(both[i][both.lidar(i) == m], alone[i])
-
-
 def brightness(ground: Ground, points: np.ndarray) -> np.ndarray:
     """Reflectivity of the ground at points of the ego frame."""
     x, y, yaw = ground.pose

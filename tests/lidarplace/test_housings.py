@@ -48,9 +48,6 @@ def march(mount, lidar, other, size, points=1501):
     return np.where(within.any(axis=1), along[within.argmax(axis=1)], np.inf)
 
 
-angles = st.floats(-math.pi, math.pi)
-
-
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -36,13 +36,6 @@ def test_covered_voxels_by_count(shape, seed, most):
     assert np.bitwise_count(levels.voxels).sum() == np.count_nonzero(counts)
 
 
-def test_an_empty_grid_has_no_level():
-    levels = Levels.of_counts(np.zeros((20, 40, 70), np.int32))
-    assert len(levels.voxels) == 0
-    assert (levels.tiles.highest < levels.tiles.lowest).all()
-    assert len(levels.covered(pack(np.ones((20, 40, 70), bool)))) == 0
-
-
 def spread(tiles, shape):
     """The voxels that matter to the tiles of a grid."""
     i, j, k = np.indices(shape)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from lidarplace import OccupancyGrid, Roi
 from lidarplace.logs.boxes import GEOMETRY
-from tests.refused import refused
 
 ROI = Roi(x=(-1.0, 3.0), y=(-2.0, 1.0), z=(0.0, 1.5), resolution=0.25)
 
@@ -98,20 +97,6 @@ def test_grids_of_any_split_into_frames_merge_to_the_same(rows, part_of_frame, r
     np.testing.assert_array_equal(merged.counts, whole.counts)
     assert (merged.roi, merged.object_class, merged.frames) == (ROI, "Car", 4)
     assert merged.h_pog == whole.h_pog
-
-
-def test_grids_that_do_not_belong_together():
-    def grid(roi=ROI, object_class="Car", frames=5):
-        return OccupancyGrid(roi, object_class, np.ones(roi.shape, np.int32), frames)
-
-    other = Roi(x=(-1.0, 3.0), y=(-2.0, 1.0), z=(0.0, 1.5), resolution=0.5)
-    for parts, message in (
-        ([grid(), grid(roi=other)], "agree in roi, found .*0.25.* and .*0.5"),
-        ([grid(), grid(object_class="Cyclist")], "object_class, found 'Car' and 'Cyclist'"),
-        ([grid(frames=2**30), grid(frames=2**30)], r"frames must be .* found 2147483648"),
-    ):
-        with refused(message):
-            OccupancyGrid.merged(parts)
 
 
 def counts_of(*box, roi=ROI):

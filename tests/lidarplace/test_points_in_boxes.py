@@ -74,7 +74,7 @@ def test_points_by_distance_against_a_loop():
         own = [
             count[r.frame, r.object_id]
             for r in objects[objects["frame"] < 25].itertuples()
-            if r._3 == table.loc[row.Index, "class"] and row.from_m <= np.hypot(r.x, r.y) < row.to_m
+            if r._5 == table.loc[row.Index, "class"] and row.from_m <= np.hypot(r.x, r.y) < row.to_m
         ]
         assert row.objects == len(own)
         assert row.mean == np.mean(own)

@@ -31,16 +31,11 @@ def cast(mount: Mount, lidar: Lidar, boxes: np.ndarray, *further, **keywords) ->
     return cast_parts(mount, lidar, parts, *further, **keywords)
 
 
-def random_boxes(seed: int, number: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    high = [60, 60, 3, 6, 6, 6, math.pi]
-    low = [-60, -60, 0, 0.3, 0.3, 0.3, -math.pi]
-    return rng.uniform(low, high, (number, 7))
-
-
 def random_parts(seed: int, number: int) -> Parts:
     """Boxes, the half of them with a top that stays behind the bottom at all four sides."""
-    boxes = random_boxes(seed, number)
+    high = np.array([60, 60, 3, 6, 6, 6, math.pi])[:, None]
+    low = np.array([-60, -60, 0, 0.3, 0.3, 0.3, -math.pi])[:, None]
+    boxes = np.random.default_rng(seed).uniform(low, high, (7, number)).T.copy()
     inset = np.random.default_rng([seed, 1]).uniform(0, 0.5, (number, 3))
     inset *= boxes[:, [3, 3, 4]] * (np.arange(number) % 2)[:, None]
     return Parts(

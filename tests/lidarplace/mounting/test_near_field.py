@@ -61,11 +61,9 @@ def voxel_by_voxel(placement, vehicle, roi):
     return (seen & outside).sum() / outside.sum()
 
 
-def place(sensor):
-    return sensor[0].x, sensor[0].y, sensor[0].z
-
-
-sensor_lists = st.lists(st.tuples(mounts, lidars), min_size=1, max_size=3, unique_by=place)
+sensor_lists = st.lists(
+    st.tuples(mounts, lidars), min_size=1, max_size=3, unique_by=lambda own: tuple(own[0].position)
+)
 
 
 @given(sensors=sensor_lists, seed=st.integers(0, 99))
