@@ -93,7 +93,7 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
 
 
 def _other_classes(model: Detector, content: Mapping[str, Any]) -> str | None:
-    """What differs, if the file is for as many other classes than the detector's."""
+    """What differs, if the file is for as many, but other classes."""
     ours = list(model.classes)
     classes = content.get("classes", list(KITTI_ORDER[: len(ours)]))
     if classes == ours:

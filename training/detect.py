@@ -1,8 +1,7 @@
 """Run a trained detector on point clouds."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,7 @@ from lidarplace.clouds.clouds import Frames
 from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
 from training.detectors.contract import as_arrays
-from training.detectors.detector import PointRange, Selection
+from training.detectors.detector import PointRange
 from training.detectors.folding import fold_batch_norm
 from training.device import device, half_type
 from training.settings import TrainingSettings
@@ -29,8 +28,7 @@ class Detections:
     """What a detector found; ego frame, metres and radians."""
 
     boxes: pd.DataFrame  # frame, class, x, y, z, length, width, height, yaw, score
-    # Frame, x, y, z, length, width, height, yaw of every box of the second stage before any is
-    # dropped; None for a detector of one stage
+    # The same, but for class and score, of all boxes of the second stage before any is dropped
     refined: pd.DataFrame | None
 
 
@@ -53,7 +51,10 @@ def detect(
         fold_batch_norm(model)
     model.to(device()).eval()
     half = half_type(model.device, settings.mixed_precision, predicting=True)
-    selection = _selection(model.selection, settings)
+    preset = model.selection
+    score = preset.score if settings.score_threshold is None else settings.score_threshold
+    threshold = preset.nms if settings.nms_threshold is None else settings.nms_threshold
+    selection = replace(preset, score=score, nms=threshold)
     size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH
     lift = np.array([0, 0, model.sensor_height, 0], np.float32)
     found: list[dict[str, NDArray[np.generic]]] = []
@@ -78,12 +79,3 @@ def detect(
     boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in found)])
     two_stages = bool(found) and "refined" in found[0]
     return Detections(boxes, table("refined") if two_stages else None)
-
-
-def _selection(preset: Selection, settings: TrainingSettings) -> Selection:
-    """The preset's selection with what the settings name in its place."""
-    return dataclasses.replace(
-        preset,
-        score=preset.score if settings.score_threshold is None else settings.score_threshold,
-        nms=preset.nms if settings.nms_threshold is None else settings.nms_threshold,
-    )

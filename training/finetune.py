@@ -36,7 +36,6 @@ class FinetuneResult:
     # Columns epoch (from 1), metric, value. Metrics: the mean of every part of the loss over the
     # epoch's steps, "lr" of its last step, "seconds" it took
     curve: pd.DataFrame
-    steps: int  # optimisation steps
     batch_size: int  # frames of a step
     batch_size_reduced: bool  # whether these are fewer than there should be, for want of GPU memory
     # "scratch", "generalist", or the checkpoint's name and digest, and its entries not used
@@ -107,13 +106,8 @@ def finetune(
         frames = TrainingFrames(classes, clouds, ground_truth, height, least, share)
         database = ObjectDatabase.of(frames, classes, settings.sample_groups, least)
         augmentation = Augmentation(settings, model.point_range, database)
-        identity = settings.model_dump(mode="json") | {
-            "detector": detector,
-            "classes": list(classes),
-            "seed": seed,
-            "point_range": model.point_range,
-            "weights": weights,
-        }
+        own = {"detector": detector, "classes": list(classes), "seed": seed, "weights": weights}
+        identity = settings.model_dump(mode="json") | own | {"point_range": model.point_range}
         if model.typical:
             identity["typical"] = as_plain(model.typical)
         kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth))
@@ -130,21 +124,12 @@ def finetune(
                 model, optimisation, frames, augmentation, batch_size, (seed, epoch), on_step
             )
             curve.extend((epoch, name, value) for name, value in values.items())
-            kept.save(
-                TrainingState(
-                    epoch, batch_size, reduced, model.state_dict(), optimisation.state_dict(), curve
-                )
-            )
-    return FinetuneResult(
-        {name: value.detach().cpu().clone() for name, value in model.state_dict().items()},
-        pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
-        optimisation.steps,
-        batch_size,
-        reduced,
-        weights,
-        earlier,
-        model.typical,
-    )
+            now = model.state_dict(), optimisation.state_dict()
+            kept.save(TrainingState(epoch, batch_size, reduced, *now, curve))
+    state_dict = {name: own.detach().cpu().clone() for name, own in model.state_dict().items()}
+    table = pd.DataFrame(curve, columns=["epoch", "metric", "value"])
+    about = (batch_size, reduced, weights, earlier, model.typical)
+    return FinetuneResult(state_dict, table, *about)
 
 
 def _typical(

@@ -21,10 +21,9 @@ _IMAGE_BOX = ("left", "top", "right", "bottom")
 
 
 def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> pd.DataFrame:
-    """The table itself; ValueError if a column is missing or has no finite number where it must, or
-    a rotation_y is over two turns.
+    """The table itself; ValueError if a column is missing, or a rotation_y is over two turns.
 
-    Must: every label column but for `DontCare`, and those of `more`.
+    Also if a number of `more` is not finite, or one of another column but for `DontCare`.
     """
     columns = ("frame", *LABEL_COLUMNS, *more)
     missing = [name for name in columns if name not in table.columns]
@@ -45,13 +44,10 @@ def boxes_z_up(labels: pd.DataFrame) -> NDArray[np.float64]:
 
     Camera frame: x right, y down, z forward, origin of a box at the centre of its bottom.
     """
-    x, y, z, height, rotation = (
-        labels[name].to_numpy(np.float64) for name in ("x", "y", "z", "height", "rotation_y")
-    )
-    length, width = labels["length"].to_numpy(np.float64), labels["width"].to_numpy(np.float64)
-    boxes = np.stack(
-        [z, -x, 0.5 * height - y, length, width, height, -rotation - 0.5 * np.pi], axis=1
-    )
+    columns = ("x", "y", "z", "length", "width", "height", "rotation_y")
+    x, y, z, length, width, height, yaw = labels[list(columns)].to_numpy(np.float64).T
+    sides = [length, width, height, -yaw - 0.5 * np.pi]
+    boxes = np.stack([z, -x, 0.5 * height - y, *sides], axis=1)
     boxes[labels["class"].str.lower().to_numpy(str) == "dontcare"] = 0.0
     return boxes
 
@@ -68,8 +64,7 @@ def _image_intersection(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArr
 
 def image_iou(truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs) -> NDArray[np.float64]:
     """IoU in the image of every pair, shape (P,)."""
-    a = _image_boxes(truths)[pairs.ground_truth]
-    b = _image_boxes(found)[pairs.detection]
+    a, b = _image_boxes(truths)[pairs.ground_truth], _image_boxes(found)[pairs.detection]
     common = _image_intersection(a, b)
     union = (a[:, 2:] - a[:, :2]).prod(axis=1) + (b[:, 2:] - b[:, :2]).prod(axis=1) - common
     return np.asarray(np.divide(common, union, out=np.zeros_like(common), where=common > 0))
@@ -93,23 +88,18 @@ def covered_by_dont_care(
     b = _image_boxes(found)[detection]
     common = _image_intersection(a, b)
     area = (b[:, 2:] - b[:, :2]).prod(axis=1)
+    part = np.divide(common, area, out=np.zeros_like(common), where=common > 0)
     share = np.zeros(len(found))
-    np.maximum.at(
-        share, detection, np.divide(common, area, out=np.zeros_like(common), where=common > 0)
-    )
+    np.maximum.at(share, detection, part)
     return share
 
 
 def ground_truth_role(
     truths: pd.DataFrame, names: NDArray[np.str_], name: str, level: int, min_height: bool
 ) -> NDArray[np.int8]:
-    """COUNTS, IGNORED or OTHER for every label, shape (G,), int8.
+    """COUNTS, IGNORED or OTHER for every label with `names` in lower case, shape (G,), int8.
 
-    Args:
-        names: classes of the labels in lower case, shape (G,).
-        name: the class under test.
-        level: index in DIFFICULTIES.
-        min_height: apply the rule of minimum height in the image.
+    To the class `name` at `level` in DIFFICULTIES; with `min_height` low labels are ignored.
     """
     height = truths["bottom"].to_numpy(np.float64) - truths["top"].to_numpy(np.float64)
     hard = truths["occluded"].to_numpy(np.float64) > _MAX_OCCLUSION[level]
