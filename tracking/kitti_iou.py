@@ -3,7 +3,6 @@
 import pandas as pd
 
 from lidarplace.base.metrics import EVERY_IOU, METRICS, headline_metric, kitti_iou
-from tracking.labels import metric_label
 
 _OF_AP = [name for name, own in METRICS.items() if own.of_one_iou and not own.of_all]
 
@@ -36,8 +35,3 @@ def judged_by_all(table: pd.DataFrame, results: pd.DataFrame, object_class: str)
     """Rows of a class with any metric, each at its headline IoU in `results`."""
     own = table[table["class"] == object_class]
     return own[own["iou"].isin([headline_iou(results, object_class), EVERY_IOU])]
-
-
-def headline_label(results: pd.DataFrame, object_class: str) -> str:
-    """The headline metric of a class and its IoU in `results`, "BEV AP @ 0.7"."""
-    return metric_label(headline_metric(object_class), headline_iou(results, object_class))

@@ -4,13 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
+from lidarplace.base.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.evidence import Weakness, grade, weaknesses
 from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.findings.summary import deciding_surrogate, surrogates_of
-from tracking.kitti_iou import headline_label, judged
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import (
+    metric_label,
     not_significant,
     percent,
     plus_minus,
@@ -63,6 +66,11 @@ def verdicts(run: RunFolder, group: Group, ranked: Mapping[str, BestPlacement]) 
 def class_label(object_class: str) -> str:
     """How a class is called in a heading."""
     return "all objects" if object_class == "all" else object_class
+
+
+def headline_label(results: pd.DataFrame, object_class: str) -> str:
+    """The headline metric of a class and its IoU in `results`, "BEV AP @ 0.7"."""
+    return metric_label(headline_metric(object_class), headline_iou(results, object_class))
 
 
 def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:

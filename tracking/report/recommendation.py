@@ -10,9 +10,14 @@ from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import Group, copies, groups, without
 from tracking.findings.groups import verdicts as verdicts_of
 from tracking.findings.promotion import fully_trained
-from tracking.kitti_iou import headline_label
 from tracking.labels import some
-from tracking.report.headline import Verdict, class_label, headline_ranking, verdicts
+from tracking.report.headline import (
+    Verdict,
+    class_label,
+    headline_label,
+    headline_ranking,
+    verdicts,
+)
 from tracking.run_folders.sweep import RunFolder
 
 MOST_RIGS = 6

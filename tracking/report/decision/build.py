@@ -9,7 +9,7 @@ import pandas as pd
 from lidarplace.command_line.invocation import command
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.summary import for_comparison
-from tracking.kitti_iou import headline_label, judged
+from tracking.kitti_iou import judged
 from tracking.labels import percent
 from tracking.pages.files_beside import FOLDER
 from tracking.pages.page import write_page
@@ -17,7 +17,7 @@ from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import picture_section, rigs_section
 from tracking.report.decision.where_blind import where_blind_section
-from tracking.report.headline import class_label
+from tracking.report.headline import class_label, headline_label
 from tracking.report.recommendation import Recommendation, answer, recommendations
 from tracking.report.sections.requirements import rigs_requirements_section
 from tracking.run_folders.sweep import RunFolder

@@ -13,7 +13,7 @@ import pandas as pd
 from lidarplace.base.metrics import RANKING
 from lidarplace.rigs.placement import Mount
 from tracking.findings.groups import Group
-from tracking.kitti_iou import headline_label, judged
+from tracking.kitti_iou import judged
 from tracking.labels import plus_minus, points
 from tracking.pages.section import (
     METRIC,
@@ -28,7 +28,7 @@ from tracking.pages.section import (
     words,
 )
 from tracking.report.analysis import Analysis
-from tracking.report.headline import class_label
+from tracking.report.headline import class_label, headline_label
 from tracking.report.sections.published import DIGITS, published_density_table, rounded
 from tracking.run_folders.sweep import RunFolder
 

@@ -11,11 +11,11 @@ from tracking.findings.best_placement import BestPlacement
 from tracking.findings.evidence import weaknesses
 from tracking.findings.groups import Group
 from tracking.findings.summary import for_comparison
-from tracking.kitti_iou import headline_label, judged
+from tracking.kitti_iou import judged
 from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
-from tracking.report.headline import class_label
+from tracking.report.headline import class_label, headline_label
 from tracking.report.recommendation import recommendations
 
 MOST_DRAWN = 20
