@@ -32,7 +32,7 @@ def street() -> BoxLog:
 
 
 def check_oncoming(log: BoxLog, side: int) -> None:
-    """Vehicles ahead that come straight towards the ego are on this side: y > 0 is 1."""
+    """Vehicles that come straight towards the ego on its road have a y of this sign."""
     boxes = log.boxes[log.boxes["class"] != "Pedestrian"]
     facing = np.cos(boxes["yaw"]) < -0.9999
     y = boxes.loc[facing & boxes["x"].between(2, 40) & (boxes["y"].abs() < 7), "y"]

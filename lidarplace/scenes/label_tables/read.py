@@ -2,8 +2,8 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -26,8 +26,7 @@ SLACK_S = 0.1
 """Boxes may be by so much earlier than the first pose, or later than the last."""
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """Poses of the drives as the file has them, between which others are interpolated."""
 
     stamps: Stamps

@@ -1,7 +1,6 @@
 """What is doubted about a box log: which column, which boxes, and what would mend it."""
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,8 +13,7 @@ Check = Literal["yaw", "size", "place", "ground", "time", "poses"]
 """What is looked at; a mapping of columns may accept it as it is."""
 
 
-@dataclass(frozen=True)
-class Doubt:
+class Doubt(NamedTuple):
     """Boxes, or for `poses` frames, with implausible values.
 
     Attributes:

@@ -3,8 +3,8 @@
 import contextlib
 import io
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ SPEED_M_S = 11.0
 """Speed limit, 40 km/h."""
 
 
-@dataclass(frozen=True)
-class TownMap:
+class TownMap(NamedTuple):
     """A SUMO network of a town.
 
     Attributes:

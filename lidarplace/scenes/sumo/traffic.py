@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """A kind of road user.
 
     Attributes:
@@ -53,8 +51,7 @@ SPARE = 1.5
 """Routes are so much longer than that: SUMO's drivers differ and may exceed the limit a little."""
 
 
-@dataclass(frozen=True)
-class RoadUser:
+class RoadUser(NamedTuple):
     """One object of a scene: its id in SUMO and in the log, and its size in metres."""
 
     id: str
