@@ -26,9 +26,9 @@ def _interval(axis: str, found: Any) -> Interval:
 
 @dataclass(frozen=True)
 class Roi:
-    """A box in the ego frame, divided into cubic voxels.
+    """A box in the ego frame, (min, max) in metres, divided into voxels of edge `resolution`.
 
-    Voxel (i, j, k) spans `[min + i * resolution, min + (i + 1) * resolution)` on each axis, metres.
+    Voxel (i, j, k) spans `[min + i * resolution, min + (i + 1) * resolution)` on each axis.
     Raises ValueError: an interval is no pair of finite numbers, empty, or no multiple of it.
     """
 
