@@ -128,7 +128,6 @@ CONTENTS = {
     "a tab": b"scene:\n\tdensity: 3\n",
     "a list": b"- scene\n",
     "unknown key": b"scen: {density: 40}\nscene: {densty: 40}\n",
-    "unknown key within": b"placement: line\nscene: {densty: 40}\n",
     "wrong type": b"placement: line\nscene: 7\nsearch: 7\n",
 }
 
@@ -216,7 +215,7 @@ FOLDERS = {
 }
 
 
-def prepared(kind, folder, verb):
+def prepared(kind, folder):
     """A folder that cannot be read, of some kind."""
     path = folder / "given"
     if kind == "a file":
@@ -236,7 +235,7 @@ def prepared(kind, folder, verb):
 @pytest.mark.parametrize("kind", ["missing", "a file", "empty", "damaged"])
 @pytest.mark.parametrize("verb", FOLDERS)
 def test_a_folder_that_cannot_be_read(in_folder, verb, kind):
-    path = prepared(kind, in_folder, verb)
+    path = prepared(kind, in_folder)
     words = [path if word == "FOLDER" else word for word in FOLDERS[verb]]
     assert_one_line(lidarplace(*words), "given")
     assert os.listdir(in_folder) == [path.name] * path.exists(), "nothing is left behind"

@@ -16,8 +16,6 @@ from lidarplace.studio.log_frames import scene_of, simulated_traffic
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
 
-MOST_FRAMES = 400
-
 app = new_app()
 
 
@@ -34,7 +32,7 @@ def studio(
         typer.Option(
             help="most frames for the numbers, spread evenly over the log", callback=within(FRAMES)
         ),
-    ] = MOST_FRAMES,
+    ] = 400,
     roi: RoiOption = (*PAPER_ROI.x, *PAPER_ROI.y, *PAPER_ROI.z),
     resolution: Annotated[
         float, typer.Option(help="edge of a voxel, metres", callback=within(RESOLUTION))

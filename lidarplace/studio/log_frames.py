@@ -33,8 +33,7 @@ class LogFrames:
     def check(self, number: int) -> None:
         """Raise ValueError if the log has no such frame."""
         if number not in self._place:
-            numbers = self.numbers
-            listed = f"{len(numbers)} frames, {min(numbers)} to {max(numbers)}"
+            listed = f"{len(self.numbers)} frames, {min(self.numbers)} to {max(self.numbers)}"
             raise ValueError(f"no frame {number}; the log has {listed}")
 
     def log_of(self, number: int) -> BoxLog:

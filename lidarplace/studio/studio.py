@@ -257,8 +257,7 @@ class Studio:
         return self.meter.measure(self.placement_of(rig or self.rig), exact)
 
     def totals(self, rig: Rig | None = None) -> dict[str, float]:
-        """Sums over all LiDARs of a rig, by default the selected one: price where the file has
-        prices, and power in watts; NaN where that of one is not known."""
+        """Price, if the file has any, and power in watts of all LiDARs of a rig; NaN if unknown."""
         rig, priced = rig or self.rig, bool(self.file.settings.prices)
         price = {"Price": math.fsum(limits.prices_of(rig, self.file))} if priced else {}
         return price | {"Power, W": math.fsum(limits.powers_of(rig, self.file))}

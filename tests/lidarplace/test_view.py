@@ -69,12 +69,8 @@ def test_corners_and_headings_of_a_turned_box():
 
 def test_the_line_runs_along_each_of_the_twelve_edges_of_each_box():
     for box in TURNED:
-        line = edges(box[None])
-        pairs = {
-            tuple(sorted((tuple(a.round(4)), tuple(b.round(4)))))
-            for a, b in itertools.pairwise(line)
-            if np.isfinite(a).all() and np.isfinite(b).all()
-        }
+        steps = itertools.pairwise(edges(box[None]).round(4).tolist())
+        pairs = {tuple(sorted(map(tuple, ends))) for ends in steps if np.isfinite(ends).all()}
         lengths = sorted(np.linalg.norm(np.subtract(*pair)) for pair in pairs)
         assert lengths == pytest.approx(sorted([*box[3:6]] * 4), abs=1e-3)
     both = edges(TURNED)

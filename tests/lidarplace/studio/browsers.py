@@ -1,5 +1,6 @@
 """What a browser says to viser's server and hears from it, without a browser: many at a time."""
 
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -7,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import msgspec.msgpack
+import pytest
 import viser
 import zstandard
 from viser import _messages
@@ -20,6 +22,19 @@ from lidarplace.studio.studio import Studio
 
 GUARD_S = 300
 """Against hanging alone."""
+
+
+@contextmanager
+def chromium(*options: str) -> Iterator[tuple[Any, Any]]:
+    """A real browser, and playwright's `expect`; the test is skipped without them."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    if (program := shutil.which("chromium")) is None:
+        pytest.skip("needs chromium")
+    with playwright.sync_playwright() as browsers:
+        arguments = ["--no-sandbox", *options]
+        browser = browsers.chromium.launch(executable_path=program, args=arguments)
+        yield browser, playwright.expect
+        browser.close()
 
 
 @contextmanager

@@ -3,13 +3,12 @@
 import pytest
 
 from lidarplace.studio.best_pose import BestPose
-from tests.lidarplace.studio.rigs import studio_of
 
 pytest.importorskip("viser")
 
 from lidarplace.studio.page.asking import LINES, NICENESS, Command
 from lidarplace.studio.page.panel import assign
-from tests.lidarplace.studio.browsers import Browser, shown, until
+from tests.lidarplace.studio.browsers import until
 
 RUN = r"""
 import signal, sys, time
@@ -44,9 +43,8 @@ sys.exit(3)
 """
 
 
-def test_a_command_tells_what_it_prints_and_how_it_has_ended(tmp_path, monkeypatch):
+def test_a_command_tells_what_it_prints_and_how_it_has_ended(tmp_path):
     (tmp_path / "talk.py").write_text(TALK)
-    monkeypatch.chdir(tmp_path)
     told = []
     command = Command(["talk"], lambda own: told.append(own.exit_code))
     assert command.wait() == 3
@@ -58,17 +56,14 @@ def test_a_command_tells_what_it_prints_and_how_it_has_ended(tmp_path, monkeypat
     command.cancel()  # does no harm
 
 
-@pytest.fixture
-def page(tmp_path, monkeypatch):
-    """In a folder in which `lidarplace run` is a stand-in."""
+@pytest.fixture(autouse=True)
+def in_a_folder_in_which_run_is_a_stand_in(tmp_path, monkeypatch):
     (tmp_path / "sweeps").mkdir()
     (tmp_path / "sweeps/__init__.py").touch()
     (tmp_path / "sweeps/main.py").write_text(MAIN)
     (tmp_path / "sweeps/run.py").write_text(RUN)
     (tmp_path / "sweeps/failures.py").write_text(FAILURES)
     monkeypatch.chdir(tmp_path)
-    with shown(studio_of(tmp_path)) as page:
-        yield page
 
 
 def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, tmp_path):
@@ -91,10 +86,8 @@ def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, t
         page.asking.compare()
 
 
-def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, tmp_path):
+def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, browser, tmp_path):
     (tmp_path / "waits").touch()
-    browser = Browser(page.address)
-    until(lambda: "evaluate all rigs" in browser.labels)
     browser.type("evaluate all rigs", True)
     until(lambda: "scene: 1 done" in page.panel.progress.content)
     assert page.panel.cancel.visible
@@ -115,7 +108,6 @@ def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, tmp_
     until(lambda: page.panel.cancel.visible and "1 done" in page.panel.progress.content)
     page.asking.close()  # as when the page is closed
     until(lambda: "cancelled" in page.panel.message.content)
-    browser.close()
 
 
 def test_one_more_lidar_is_mounted_where_it_finds_most(page, monkeypatch):

@@ -2,7 +2,6 @@
 
 import math
 import re
-import shutil
 import time
 from types import SimpleNamespace
 
@@ -17,8 +16,7 @@ from lidarplace.studio.page.editing import dragged
 from lidarplace.studio.page.tables import message, numbers_table
 from lidarplace.studio.rig import POSE
 from lidarplace.studio.rigs_file import read_rigs
-from lidarplace.studio.studio import Studio
-from tests.lidarplace.studio.rigs import ROI, TEXT, log_of, studio_of, written
+from tests.lidarplace.studio.rigs import ROI, TEXT, studio_of
 
 pytest.importorskip("viser")
 
@@ -26,14 +24,7 @@ from lidarplace.studio.page.beside import VIOLET
 from lidarplace.studio.page.panel import NO_RIG, assign
 from lidarplace.studio.page.rig_nodes import quaternion, rgb
 from lidarplace.studio.page.scene import EYE
-from tests.lidarplace.studio.browsers import GUARD_S, Browser, shown, until
-
-
-@pytest.fixture
-def page(tmp_path):
-    log = log_of([(8.0, 1.0), (-9.0, -2.0), (6.0, 5.0)])
-    with shown(Studio(read_rigs(written(tmp_path)), log, ROI)) as page:
-        yield page
+from tests.lidarplace.studio.browsers import GUARD_S, Browser, chromium, shown, until
 
 
 def s_mig_of(studio):
@@ -41,23 +32,16 @@ def s_mig_of(studio):
     return f"{evaluate(grid, studio.placement).s_mig:,.2f}".replace("-", "−")
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
 def test_a_person_types_undoes_saves_and_reloads(page):
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
     Image = pytest.importorskip("PIL.Image", reason="needs Pillow")
     studio = page.studio
     assign(page.panel.cloud, False)  # a browser without a GPU draws points for seconds
-    with playwright.sync_playwright() as browsers:
-        browser = browsers.chromium.launch(
-            executable_path=shutil.which("chromium"),
-            args=["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"],
-        )
+    with chromium("--use-gl=swiftshader", "--enable-unsafe-swiftshader") as (browser, expect):
         asked = []
         tab = browser.new_page(viewport={"width": 640, "height": 480})
         tab.set_default_timeout(1000 * GUARD_S)
         tab.on("request", lambda request: asked.append(request.url))
         tab.goto(page.address)
-        expect = playwright.expect
         expect.set_options(timeout=1000 * GUARD_S)
         shown = tab.locator("[data-exact=true] [data-row=s-mig] b")
         before = s_mig_of(studio)
@@ -107,7 +91,6 @@ def test_a_person_types_undoes_saves_and_reloads(page):
             expect(field).to_have_value("")
             assert field.get_attribute("placeholder") == f"{unclear}?"
         assert studio.rig.pose(0)["pitch"] == 7.5
-        browser.close()
     outside = [url for url in asked if not re.match(r"(https?|ws)://127\.0\.0\.1|blob:|data:", url)]
     assert not outside
 
@@ -207,18 +190,16 @@ def test_every_button_does_what_it_says(page):
     until(lambda: "less-than-2-sensors-on-an-adult" in page.panel.numbers.content)
 
 
-def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(page):
-    browser = Browser(page.address)
+def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(browser):
     until(lambda: browser.texts.get("/lidars/0/name") == "0")
     browser.type("x, m", 3.0)  # outside of its zone
     until(lambda: browser.texts["/lidars/0/name"] == "0 ✗")
     assert browser.texts["/lidars/1/name"] == "1"
     browser.type("works", False)
     until(lambda: browser.texts["/lidars/0/name"] == "0 ✗ (dead)")
-    browser.close()
 
 
-def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, monkeypatch):
+def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, browser, monkeypatch):
     say = page._say
 
     def slow(*told):
@@ -226,15 +207,12 @@ def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, monkeypatch)
         say(*told)
 
     monkeypatch.setattr(page, "_say", slow)
-    browser = Browser(page.address)
-    until(lambda: "works" in browser.labels)
     for works in (False, True, False, True, False):
         browser.type("works", works)
         until(lambda works=works: page.studio.rig.lidars[0].enabled == works)
-    browser.close()
 
 
-def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, monkeypatch):
+def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, browser, monkeypatch):
     studio, beside = page.studio, page._drawing.beside
     asked, cloud = [], FrameView.cloud
 
@@ -243,8 +221,6 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, monkeypa
         return cloud(view, placement, most)
 
     monkeypatch.setattr(FrameView, "cloud", counted)
-    browser = Browser(page.address)
-    until(lambda: "also, in violet" in browser.labels)
     assert not beside._node.visible
     browser.type("also, in violet", "left handed")
     other = studio.placement_of(studio.rigs[1])
@@ -274,7 +250,6 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, monkeypa
     page.refresh()
     until(lambda: not beside._node.visible and page.panel.beside.value == NO_RIG)
     assert set(page.panel.beside.options) == {NO_RIG, "roof"}
-    browser.close()
 
 
 def test_what_a_requirement_lacks_is_told_and_painted_at_rest(tmp_path):

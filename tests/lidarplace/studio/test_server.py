@@ -1,6 +1,5 @@
 """Who may drive the studio: pages of its own address, and nobody else."""
 
-import shutil
 import socket
 import threading
 from functools import partial
@@ -19,6 +18,7 @@ pytest.importorskip("viser")
 import viser
 
 from lidarplace.studio.page.server import serving
+from tests.lidarplace.studio.browsers import chromium
 
 PROTOCOLS = [f"viser-v{viser.__version__}"]
 EVIL = "http://evil.example"
@@ -38,17 +38,11 @@ def address():
 def status(address, path, host="{host}", origin="http://{host}"):
     """How a websocket is answered; 101: it is open, and told what the page shows."""
     own = urlsplit(address).netloc
-    origin = origin and origin.format(host=host.format(host=own))
+    host = host.format(host=own)
+    how = {"origin": origin and origin.format(host=host), "subprotocols": PROTOCOLS}
+    wire = socket.create_connection(own.split(":"))
     try:
-        with (
-            socket.create_connection(own.split(":")) as wire,
-            connect(
-                f"ws://{host.format(host=own)}{path}",
-                sock=wire,
-                origin=origin,
-                subprotocols=PROTOCOLS,
-            ) as asked,
-        ):
+        with wire, connect(f"ws://{host}{path}", sock=wire, **how) as asked:
             assert asked.recv()
             return 101
     except InvalidStatus as error:
@@ -56,8 +50,7 @@ def status(address, path, host="{host}", origin="http://{host}"):
 
 
 def test_a_websocket_needs_the_token_and_the_origin_of_the_page(address):
-    path = urlsplit(address).path
-    port = urlsplit(address).port
+    path, port = urlsplit(address).path, urlsplit(address).port
     assert status(address, path) == status(address, f"{path}/?a=b") == 101
     for wrong in ("", "/", path[:-1], f"{path}a", f"/{path[:0:-1]}", f"{path}/a", "/%00", "/é"):
         assert status(address, wrong) == 403, wrong
@@ -131,17 +124,12 @@ def elsewhere(tmp_path):
         thread.join()
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+@pytest.mark.long
 def test_in_a_browser_a_page_from_elsewhere_cannot_connect(address, elsewhere):
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
     own = urlsplit(address)
     secret, plain = address.replace("http", "ws"), f"ws://{own.netloc}/"
     bound = secret.replace("127.0.0.1", "evil.example")
-    with playwright.sync_playwright() as browsers:
-        browser = browsers.chromium.launch(
-            executable_path=shutil.which("chromium"),
-            args=["--no-sandbox", "--host-resolver-rules=MAP evil.example 127.0.0.1"],
-        )
+    with chromium("--host-resolver-rules=MAP evil.example 127.0.0.1") as (browser, _):
         tab = browser.new_page()
         for page, url, found in (
             (f"{EVIL}:{elsewhere}", plain, "refused"),
@@ -153,4 +141,3 @@ def test_in_a_browser_a_page_from_elsewhere_cannot_connect(address, elsewhere):
         ):
             tab.goto(page)
             assert tab.evaluate(ASK, url) == found, (page, url)
-        browser.close()

@@ -5,11 +5,9 @@ import pytest
 import yaml
 
 from lidarplace.clouds.collect import collect
-from lidarplace.studio.log_frames import scene_of
 from sweeps.plan.plan import read_plan
 from tests.lidarplace.studio import rigs
 from tests.lidarplace.studio.rigs import ROI
-from tests.sweeps.small_log import write_small_log
 
 SCREEN = [[1.5, -4.0, 0.0], [1.6, 4.0, 4.0]]
 """It hides the car ahead from a LiDAR in the middle, and not the one behind."""
@@ -59,10 +57,8 @@ def test_what_the_vehicle_hides_is_not_seen(screened, tmp_path):
     assert rays.aimed == there["points"]["car 0"]
 
 
-def test_a_sweep_of_the_rigs_has_the_same_clouds(screened, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_small_log(tmp_path / "log")
-    screened.sweep(tmp_path / "sweep.yaml", scene_of(tmp_path / "log"))
+def test_a_sweep_of_the_rigs_has_the_same_clouds(screened, scene, tmp_path):
+    screened.sweep(tmp_path / "sweep.yaml", scene)
     sweep, _ = read_plan(tmp_path / "sweep.yaml")
     body = sweep.points[0].vehicle
     view, rig = screened.view, screened.placement
