@@ -21,6 +21,7 @@ OWN = {
     "lidarplace.rigs.catalogue.datasheet": "of the package",
     "lidarplace.recall.detection_curve": "of the package",
     "lidarplace.requirements.presets.read": "of the package",
+    "lidarplace.validation.page": "of the package",
     "lidarplace.viewing.page": "of the package",
     "lidarplace.files.atomic": "fsync",
     "lidarplace.base.kernel_cache": "of the package",
