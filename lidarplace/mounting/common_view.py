@@ -127,7 +127,7 @@ def common_view(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _seen(pair) -> tuple[float, float]:
+def _seen(pair):
     """Parts of the box of angles of a sensor: what it sees, and what both of a pair see.
 
     `pair`: view of the sensor and of the other one, the distance, obstacles and number of each."""

@@ -59,10 +59,10 @@ def seen_without(
         own = Placement("one", [placement.mounts[n]], placement.lidars[n])
         bits[row] = cone_bits(own, roi, tiles)
     origins = np.array([placement.mounts[n].position for n in working]).reshape(-1, 3)
-    numbers, centres = np.array(working, np.int64), [*map(roi.centres, range(3))]
+    numbers, (xs, ys, zs) = np.array(working, np.int64), map(roi.centres, range(3))
     inside, obstacles = voxels_in_body(vehicle, roi), obstacles_of(vehicle, housings_in(placement))
     works = works.reshape(len(dead), len(working))
-    return _count_seen(bits, numbers, origins, *centres, inside, obstacles, works, sensors)
+    return _count_seen(bits, numbers, origins, xs, ys, zs, inside, obstacles, works, sensors)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -100,8 +100,8 @@ def seen_voxels(placement: Placement, vehicle: Vehicle, roi: Roi) -> NDArray[np.
     """Which voxels a single LiDAR sees, as in `seen_in_columns`; shape of the ROI."""
     bits = cone_bits(placement, roi, Tiles.whole(roi.shape))
     (mount,), obstacles = placement.mounts, obstacles_of(vehicle, housings_in(placement))
-    inside, centres = voxels_in_body(vehicle, roi), [*map(roi.centres, range(3))]
-    return np.asarray(_in_sight(bits, mount.position, *centres, inside, obstacles))
+    inside, (xs, ys, zs) = voxels_in_body(vehicle, roi), map(roi.centres, range(3))
+    return np.asarray(_in_sight(bits, mount.position, xs, ys, zs, inside, obstacles))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -43,8 +43,8 @@ def baselines(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
         enough_points=table["points"] >= ENOUGH_POINTS,
         log_cells=np.log1p(table["cells"]),
     )
-    seen, none = table[list(SIZE)].to_numpy(np.float64), np.zeros(size.shape)
-    measures[list(SIZE)] = np.divide(seen, size, out=none, where=size > 0)
+    spans, none = table[list(SIZE)].to_numpy(np.float64), np.zeros(size.shape)
+    measures[list(SIZE)] = np.divide(spans, size, out=none, where=size > 0)
     return measures.groupby("class").mean()
 
 

@@ -110,8 +110,8 @@ def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> De
     tries = [minimize(cost, x0, jac=True, method="L-BFGS-B", bounds=bounds) for x0 in starts]
     logit, log_rate = min(tries, key=lambda one: one.fun).x
     most, rate = f"{1 / (1 + np.exp(-logit)):.4g}", f"{np.exp(log_rate):.4g}"
-    found = {"class": object_class, "iou": iou, "most": float(most), "rate": float(rate)}
-    return DetectionCurve.model_validate(found)
+    curve = {"class": object_class, "iou": iou, "most": float(most), "rate": float(rate)}
+    return DetectionCurve.model_validate(curve)
 
 
 def read_curves(path: Path) -> DetectionCurves:

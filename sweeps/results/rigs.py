@@ -24,8 +24,10 @@ from tracking.run_folders.sweep_json import LidarModel
 
 FILE = "rigs.yaml"
 
-_ALIKE = ("azimuth_steps", "range", "range_10", "range_80", "min_range", "range_noise", "drop_off")
-_ALIKE += ("window",)
+_ALIKE = (
+    *("azimuth_steps", "range", "range_10", "range_80", "min_range", "range_noise"),
+    *("drop_off", "window"),
+)
 """What a LiDAR and its settings have under one name and in one unit."""
 
 MOST_DRAWN = 40

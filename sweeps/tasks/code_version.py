@@ -105,8 +105,8 @@ class Code:
         if package not in self._packages:
             return
         if path.endswith(".*"):
-            _, *rest = path[:-2].split(".")
-            for file in sorted(self._packages[package].joinpath(*rest).glob("[!_]*.py")):
+            _, *inner = path[:-2].split(".")
+            for file in sorted(self._packages[package].joinpath(*inner).glob("[!_]*.py")):
                 yield from self._nodes(f"{path[:-2]}.{file.stem}")
             return
         module = self._modules_on(path)[-1]

@@ -169,7 +169,11 @@ def _timed(
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     edge = grid.roi.resolution
-    own = {"placement": placement.name, "class": grid.object_class, "method": variant.method}
+    own: dict[str, Any] = {
+        "placement": placement.name,
+        "class": grid.object_class,
+        "method": variant.method,
+    }
     own |= {"resolution": edge, "azimuth_steps": variant.azimuth_steps, "frames": grid.frames}
     return table.assign(comparable=[value * scale(name, edge) for name, value, _ in rows], **own)
 

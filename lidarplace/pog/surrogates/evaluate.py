@@ -149,7 +149,7 @@ def evaluate_classes(
     same_rays = method == ray_method and azimuth_stride == 1
     occupied = occupied_layers(roi, tiles, ray_method)
     counts, asked = None, [SURROGATES[name] for name in computed]
-    if any(own.needs_rays and not (occlusion and own.occludes) for own in asked):
+    if any(one.needs_rays and not (occlusion and one.occludes) for one in asked):
         counts = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
     if counts is not None and same_rays:
         covered = pack(counts > 0)
@@ -169,8 +169,8 @@ def evaluate_classes(
         seen = rays.seen(grid, grid.levels.covered(covered), occlusion)
         values = {name: compute(seen) for name, compute in computed.items()}
         nonzero, seconds = int(seen.covered.sum()), common + time.perf_counter() - start
-        own = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
-        results[object_class] = own
+        found = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
+        results[object_class] = found
     return results
 
 
