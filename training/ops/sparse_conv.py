@@ -90,7 +90,7 @@ def _segment_sum(rows: Tensor, order: Tensor, starts: Tensor) -> Tensor:
 class _SparseConvolution(nn.Module):
     """Weights (out, kz, ky, kx, in) without bias, the layout of spconv 2."""
 
-    def __init__(self, inputs: int, outputs: int, kernel: Triple = (3, 3, 3)) -> None:
+    def __init__(self, inputs: int, outputs: int, kernel: Triple) -> None:
         super().__init__()
         self.kernel = kernel
         bound = 1 / math.sqrt(inputs * math.prod(kernel))
@@ -109,8 +109,12 @@ class _SparseConvolution(nn.Module):
 class SubmanifoldConv3d(_SparseConvolution):
     """A convolution with stride 1 whose output has exactly the sites of its input.
 
-    The sizes of its kernel are odd.
-    """
+    Raises ValueError: a size of the kernel is even."""
+
+    def __init__(self, inputs: int, outputs: int, kernel: Triple = (3, 3, 3)) -> None:
+        if any(size % 2 == 0 for size in kernel):
+            raise ValueError(f"a submanifold convolution needs an odd kernel, found {kernel}")
+        super().__init__(inputs, outputs, kernel)
 
     def forward(self, x: SparseTensor) -> SparseTensor:
         """(N, inputs) to (N, outputs)."""
