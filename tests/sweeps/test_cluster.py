@@ -189,6 +189,7 @@ def test_a_sweep_by_the_client_of_nodes_that_have_not_its_code(cluster, tmp_path
     assert pd.read_parquet(tmp_path / "runs/small/surrogates.parquet")["value"].gt(0).all()
 
 
+@pytest.mark.long
 def test_a_network_next_to_its_configuration_on_nodes_that_have_no_code(cluster, tmp_path):
     address, _, env = cluster
     package = ROOT / "examples/own_detector/own_detector"
