@@ -259,7 +259,7 @@ def _state(rows: int, old: _State | None = None) -> _State:
 
 
 @inner
-def _find(table, keys, key):  # pragma: no cover - compiled
+def _find(table, keys, key):
     """Where in the table a block is, or would be."""
     at = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) % len(table)
     while table[at] >= 0 and keys[table[at]] != key:
@@ -268,7 +268,7 @@ def _find(table, keys, key):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _list_rows(state):  # pragma: no cover - compiled
+def _list_rows(state):
     """Set the table, and the rows that are free, by the keys."""
     state.table[:] = -1
     state.size[0] = 0
@@ -281,14 +281,14 @@ def _list_rows(state):  # pragma: no cover - compiled
 
 
 @inner
-def _key(i, j, k):  # pragma: no cover - compiled
+def _key(i, j, k):
     """Key of the block (i, j, k)."""
     tile = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
     return (tile * TILE**2 + i % TILE * TILE + j % TILE) * 2 * HALF_LEVELS + k + HALF_LEVELS
 
 
 @njit(cache=True, nogil=True)
-def _in_boxes(points, boxes) -> NDArray[np.bool_]:  # pragma: no cover - compiled
+def _in_boxes(points, boxes) -> NDArray[np.bool_]:
     """Whether each point is in one of the boxes."""
     inside = np.zeros(len(points), np.bool_)
     for b in range(len(boxes)):
@@ -307,7 +307,7 @@ def _in_boxes(points, boxes) -> NDArray[np.bool_]:  # pragma: no cover - compile
 
 
 @njit(cache=True, nogil=True)
-def _count_points(points, owned, turn, shift, start, frame, state):  # pragma: no cover - compiled
+def _count_points(points, owned, turn, shift, start, frame, state):
     """Count points in cells from the `start`-th on; return at which one there is no more room."""
     mark = np.uint16(frame % 2**16)
     levels = HALF_LEVELS * BLOCK
@@ -350,14 +350,14 @@ def _count_points(points, owned, turn, shift, start, frame, state):  # pragma: n
 
 
 @inner
-def _wider(ends, here, first):  # pragma: no cover - compiled
+def _wider(ends, here, first):
     """From where to where points are along an axis, `here` among them, as `_State` has it."""
     low, high = (here, here) if first else (np.int64(ends & 255), np.int64(ends >> 8))
     return np.uint16(min(low, here) | max(high, here) << 8)
 
 
 @inner
-def _count(cell, what):  # pragma: no cover - compiled
+def _count(cell, what):
     """One more; of large counts only the ratio matters."""
     cell[what] += np.uint16(1)
     if cell[what] >= _MANY:
@@ -366,7 +366,7 @@ def _count(cell, what):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count_passes(points, lidar, eyes, turn, shift, frame, state):  # pragma: no cover - compiled
+def _count_passes(points, lidar, eyes, turn, shift, frame, state):
     """Count the rays that pass through the middle of what is in a cell."""
     p, d, to, width = np.empty((4, 3))
     block, step = np.empty((2, 3), np.int64)
@@ -407,7 +407,7 @@ def _count_passes(points, lidar, eyes, turn, shift, frame, state):  # pragma: no
 
 
 @inner
-def _pass_block(cells, p, d, block, step, start, end):  # pragma: no cover - compiled
+def _pass_block(cells, p, d, block, step, start, end):
     """Count a ray in the cells of a block that it passes from `start` to `end`."""
     x, y, z = p[0] - block[0] * BLOCK, p[1] - block[1] * BLOCK, p[2] - block[2] * BLOCK
     i = min(max(math.floor(x + start * d[0]), 0), BLOCK - 1)
@@ -434,7 +434,7 @@ def _pass_block(cells, p, d, block, step, start, end):  # pragma: no cover - com
 
 
 @inner
-def _extent(cell, axis):  # pragma: no cover - compiled
+def _extent(cell, axis):
     """From where to where along an axis something is in a cell, as shares of its edge.
 
     Few points do not reach to its ends: of n at random a share (n - 1) / (n + 1) is between them.
@@ -448,7 +448,7 @@ def _extent(cell, axis):  # pragma: no cover - compiled
 
 
 @inner
-def _through_middle(cell, x, y, z, d):  # pragma: no cover - compiled
+def _through_middle(cell, x, y, z, d):
     """Whether a ray passes what is in a cell at half of its size, a quarter of its section."""
     near, far = -np.inf, np.inf
     for axis, start, way in ((_X, x, d[0]), (_Y, y, d[1]), (_Z, z, d[2])):
@@ -463,7 +463,7 @@ def _through_middle(cell, x, y, z, d):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _standing(cells, rows, block_keys, least):  # pragma: no cover - compiled
+def _standing(cells, rows, block_keys, least):
     """Keys, cells and points of what stands still in blocks; `least`: frames that hit it."""
     number = 0
     for row in rows:
@@ -509,7 +509,7 @@ def _lows(
 
 
 @inner
-def _column_at(keys, i, j):  # pragma: no cover - compiled
+def _column_at(keys, i, j):
     """Where a column is among those of tiles, whose `keys` ascend; -1 if in none of them."""
     key = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
     at = np.searchsorted(keys, key)
@@ -519,7 +519,7 @@ def _column_at(keys, i, j):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _grown(keys, lows, path):  # pragma: no cover - compiled
+def _grown(keys, lows, path):
     """Ground grown from under the vehicle's path to columns that start about as high, gaps filled.
 
     What a column starts with may be a roof, a branch or the upper part of a wall. `keys` are of
