@@ -171,10 +171,11 @@ def test_of_a_search(tmp_path):
 def test_a_mirrored_zone_reaches_into_what_is_on_the_other_side(tmp_path):
     right = [[[-1.0, -1.5, 0.0], [1.0, -0.5, 2.0]]]
     zone = {"x": 0, "y": [0.8, 1.2], "z": [1.0, 1.5]}
-    for symmetric in (False, True):
-        search = {"vehicle": right, "zones": {"side": zone}, "symmetric": symmetric}
+    pairs = {"lidars": [0, 1], "mirrored": True}
+    for symmetric, own, reaches in ((False, {}, False), (True, {}, True), (False, pairs, True)):
+        search = {"vehicle": right, "zones": {"side": zone | own}, "symmetric": symmetric}
         found = read_problem(write_search(tmp_path, search=search))
-        assert ("body" in {own.name for own in found.question.constraints}) == symmetric
+        assert ("body" in {one.name for one in found.question.constraints}) == reaches
 
 
 def test_a_search_of_objects_has_its_vehicle(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from search_files import searched, write_search
+from search_files import ROOF, searched, write_search
 
 from lidarplace import Mount
 from lidarplace.configuration.placement import SweptPlacementSettings
@@ -232,6 +232,10 @@ def test_cameras_and_radars_that_every_rig_has(tmp_path):
     name = "requirement.somebody around"
     assert found.measures[name] > 0 == alone.measures[name]
     assert found.values["price"] == alone.values["price"] + 9
+    own = {"small": {"name": "vlp16", "price": 4}}
+    priced = problem_of(tmp_path, **changes, models=own, zones={"roof": ROOF | {"price": 3}})
+    rig = tuple(replace(lidar, model="small") for lidar in RIG)
+    assert priced.question.carrier.total_of("price", rig) == 2 * (4 + 3)
     assert found.measures["common_view"] < alone.measures["common_view"]
     assert any("make no clouds" in said for said in warnings_of(with_them))
     assert with_them.key != problem_of(tmp_path, **changes).key

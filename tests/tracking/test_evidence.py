@@ -74,6 +74,20 @@ def test_enough_evidence_has_no_weakness(run):
     assert "likely to be the best" in said.sure
 
 
+def test_of_equal_rigs_none_is_ahead(run):
+    best = answer(*recommended(run)).best
+    other = "a" if best != "a" else "b"
+
+    def twins(table):
+        of_best = table[table["placement"] == best]
+        return pd.concat([table[table["placement"] != other], of_best.assign(placement=other)])
+
+    equal = replace(run, results=twins(run.results), left_out=twins(run.left_out))
+    said = answer(*recommended(equal))
+    assert said.grade == "No rig is ahead of these"
+    assert set(said.best.split(", ")) == {best, other}
+
+
 @pytest.mark.parametrize("kind", WEAK)
 def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
     change, value, clause, wanted = WEAK[kind]
