@@ -44,6 +44,9 @@ NOT_RUN = {
     "pytest ": "would test within a test",
     "python benchmarks/": "takes minutes, and an idle machine",
     "lidarplace run grid.yaml --set training.checkpoint=pv_rcnn_8369.pth": "not at hand",
+    "lidarplace cheapest examples/cheapest.yaml": "a minute; see test_cheapest.py",
+    "lidarplace run grid.yaml --set judge=pretrained": "see tests/sweeps/test_pretrained.py",
+    "lidarplace pretrain studies/pretrained/": "takes hours",
     "lidarplace --install-completion": "changes the shell's own files",
     "lidarplace --show-completion": "depends on the shell",
 }
@@ -66,7 +69,7 @@ SMALLER = {
 }
 """What makes a command cheap, by its verb or by its configuration."""
 
-PLACEHOLDERS = {"runs/NAME": "runs/search", "LOG": "small"}
+PLACEHOLDERS = {"runs/NAME": "runs/search", "LOG": "small", "data/argoverse2": "data/av2/sensor"}
 
 
 @pytest.fixture(scope="module")
