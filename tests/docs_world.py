@@ -111,6 +111,7 @@ def make_world(folder: Path) -> None:
         ("mine", yaml.safe_load(_block("quickstart.md", "# mine.yaml"))),
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    shutil.copy(ROOT / "examples/sensor_needs.yaml", folder / "examples")
     needs = yaml.safe_load((ROOT / "examples/requirements.yaml").read_text("utf-8"))
     needs["requirements"] = needs["requirements"][:1]  # which both of its rigs meet
     (folder / "examples/requirements.yaml").write_text(yaml.safe_dump(needs))

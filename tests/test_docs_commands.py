@@ -47,6 +47,9 @@ NOT_RUN = {
     "lidarplace cheapest examples/cheapest.yaml": "a minute; see test_cheapest.py",
     "lidarplace run grid.yaml --set judge=pretrained": "see tests/sweeps/test_pretrained.py",
     "lidarplace pretrain studies/pretrained/": "takes hours",
+    "lidarplace run sweep.yaml --set training.mixed_precision": "a sweep of one's own",
+    "lidarplace search studies/proof/search.yaml": "takes 20 minutes",
+    "python studies/proof/contrast.py": "reads the runs of the proof",
     "lidarplace --install-completion": "changes the shell's own files",
     "lidarplace --show-completion": "depends on the shell",
 }

@@ -83,7 +83,11 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
 
 def check_classes(boxes: pd.DataFrame, source: str) -> None:
     """Raise ValueError that names the first row whose class is no name of one."""
-    for name in boxes["class"].unique():
+    try:
+        names = boxes["class"].unique()
+    except TypeError:  # lists or mappings
+        raise ValueError(f"{source}: column class must hold names of classes") from None
+    for name in names:
         if (fault := fault_of_name(name)) is not None:
             row = first(boxes["class"].isna() if pd.isna(name) else boxes["class"] == name)
             fix = "convert table --class-map names classes"
