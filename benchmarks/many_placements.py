@@ -16,8 +16,6 @@ import pandas as pd
 import yaml
 from random_placements import random_placements
 
-from tracking.report.sections.where_time_went import stage_efficiency
-
 SWEEP = {
     "scene": {
         "density": 80,
@@ -53,8 +51,9 @@ def main() -> None:
             print(f"{len(placements)} placements, {what}: {time.perf_counter() - start:.0f} s")
             if what == "new":
                 tasks = pd.read_parquet(f"{folder}/runs/many/tasks.parquet")
-                table = stage_efficiency(tasks, arguments.cpus)
-                print(table.round(3).to_string(index=False))
+                print(tasks.groupby("stage", sort=False)["seconds"].agg(["size", "sum"]).round(3))
+                busy = tasks["seconds"].sum() / (tasks["ended"].max() * arguments.cpus)
+                print(f"share of the cores' time that tasks took: {busy:.0%}")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def main() -> None:
     torch.set_num_threads(1)
     frames = np.load(POINTS)
     clouds = [torch.from_numpy(frames[f"frame_{i}"]) for i in range(2)]
-    model = second.build(["Car", "Pedestrian", "Cyclist"], "openpcdet", None).train()
+    model = second.build(["Car", "Pedestrian", "Cyclist"], "openpcdet", None, ()).train()
     device = torch.device("cpu")
     voxels = voxelise(clouds, model.grid, True, device)
     some = _first(voxels, VOXELS)

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -174,6 +175,18 @@ def test_nobody_imports_a_plug_in():
     for module, names in IMPORTS.items():
         if not module.startswith(PLUGINS):
             assert not {name for name in names if name.startswith(PLUGINS)}, module
+
+
+def test_what_scripts_import_of_ours_is_there():
+    """Of benchmarks, studies and programs of the docs, which no other test runs."""
+    scripts = ("benchmarks", "docs", "studies")
+    for path in (path for folder in scripts for path in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).partition(".")[0] in OWN:
+                module = import_module(str(node.module))
+                for name in {alias.name for alias in node.names}:
+                    own = f"{node.module}.{name}" in MODULES or hasattr(module, name)
+                    assert own, f"{path}: {node.module} has no {name}"
 
 
 def test_no_modules_import_each_other():
