@@ -142,7 +142,7 @@ def parse_yaml(text: str) -> Any:
 
 def read_yaml_file(path: Path) -> Any:
     """The content of a YAML file, as `parse_yaml` has it. Raises OSError and, naming the file,
-    YamlError; also if it is no text or too large."""
+    YamlError; also if it is not text or is too large."""
     with regular(path).open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:

@@ -40,7 +40,7 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """The table in a CSV file; `options` are of `pandas.read_csv`.
 
     Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
-    two a number may have a decimal comma. Raises ValueError: it cannot be read, or is no table.
+    two a number may have a decimal comma. Raises ValueError: it cannot be read, or is not a table.
     """
     with reading(path):
         try:

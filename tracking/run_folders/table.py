@@ -115,8 +115,8 @@ class Table:
     def read(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame:
         """The table in `folder`; one without rows gets the needed columns and the grid's `axes`.
 
-        Raises ValueError: the file is no table, lacks a needed column, has one of a wrong kind, or
-            duplicate rows.
+        Raises ValueError: the file is not a table, lacks a needed column, has one of a wrong kind,
+            or duplicate rows.
         """
         table = read_parquet(folder / self.file)
         self._check(table, folder / self.file)

@@ -2,7 +2,7 @@
 
 In the paper's, Car is everything of a car's size: sedans, pickups, SUVs. Cyclist is its *Van and
 Cyclist*: bicycles, motorcycles, box trucks and the like. What its towns do not have (buses,
-trailers, construction machines, scooters) is ignored, and so is what is no road user.
+trailers, construction machines, scooters) is ignored, and so is what is not a road user.
 """
 
 import reprlib
@@ -62,7 +62,7 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
     """The class map of a data set, `known`, with what `class_map` says in its place.
 
     With `keep_ignored` ignored categories are `OTHER`, but for `NO_OBSTACLES`. Raises ValueError if
-    a category is no text, or a class no name.
+    a category is not text, or a class not a name.
     """
     result: ClassMap = {**known, **(class_map or {})}
     if isinstance(class_map, OwnNames):
