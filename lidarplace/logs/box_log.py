@@ -240,7 +240,7 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
     Raises ValueError as `read_box_log` does.
     """
     source = str(folder / "boxes.parquet")
-    boxes = read_parquet(folder / "boxes.parquet", None if frames is None else {"frame": frames})
+    boxes = read_parquet(folder / "boxes.parquet", frames)
     columns.check_columns(list(boxes.columns), BOX_COLUMNS, source)
     check_boxes(boxes, source)
     check_classes(boxes, source)

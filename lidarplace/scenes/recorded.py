@@ -58,9 +58,8 @@ class LogScene(Settings):
     @field_validator("folder", "test_folder")
     @classmethod
     def _tells_train_from_test(cls, folder: Path | None) -> Path | None:
-        if folder is None:
-            return None
-        read_frames(folder)  # raises ValueError for other splits
+        if folder is not None:
+            read_frames(folder)  # raises ValueError for other splits
         return folder
 
     @field_validator("class_map", mode="before")

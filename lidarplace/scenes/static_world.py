@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.clouds.shapes import OWN_BODY
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, full_poses
@@ -166,10 +167,8 @@ class WorldBuilder:
                 f"first one; expected at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height"
             )
         self._path.append(shift)
-        grown = np.concatenate([boxes, np.array([OWN_BODY])])
-        grown[:, 3:6] += 2 * MARGIN_M
         self._frames += 1
-        owned = _in_boxes(points, grown)
+        owned = box_of_points(points, np.vstack([boxes, OWN_BODY]), MARGIN_M) >= 0
         view = turn / CELL_M, shift / CELL_M
         done = _count_points(points, owned, *view, 0, self._frames, self._state)
         while done < len(points):
@@ -285,25 +284,6 @@ def _key(i, j, k):
     """Key of the block (i, j, k)."""
     tile = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
     return (tile * TILE**2 + i % TILE * TILE + j % TILE) * 2 * HALF_LEVELS + k + HALF_LEVELS
-
-
-@njit(cache=True, nogil=True)
-def _in_boxes(points, boxes) -> NDArray[np.bool_]:
-    """Whether each point is in one of the boxes."""
-    inside = np.zeros(len(points), np.bool_)
-    for b in range(len(boxes)):
-        x, y, z, length, width, height, yaw = boxes[b]
-        c, s = math.cos(yaw), math.sin(yaw)
-        around = 0.25 * (length * length + width * width)
-        for n in range(len(points)):
-            dx, dy = points[n, 0] - x, points[n, 1] - y
-            if dx * dx + dy * dy <= around:
-                inside[n] |= (
-                    abs(c * dx + s * dy) <= 0.5 * length
-                    and abs(c * dy - s * dx) <= 0.5 * width
-                    and abs(points[n, 2] - z) <= 0.5 * height
-                )
-    return inside
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ trailers, construction machines, scooters) is ignored, and so is what is not a r
 
 import reprlib
 from collections import ChainMap, Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -42,20 +42,14 @@ NO_OBSTACLES = ("DontCare", "EGO_VEHICLE")
 """Ignored categories that hide nothing: parts of an image, and the vehicle with the LiDARs."""
 
 
-class OwnNames(Mapping[str, str]):
+class OwnNames(dict[str, str]):
     """Every category whose name can be one of a class keeps it; what is no road user is ignored."""
 
-    def __getitem__(self, category: str) -> str:
+    def __missing__(self, category: str) -> str:
         return IGNORE if category in NO_ROAD_USERS else category
 
     def __contains__(self, category: object) -> bool:
         return fault_of_name(category) is None
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
 
 
 def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = False) -> ClassMap:
@@ -64,9 +58,7 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
     With `keep_ignored` ignored categories are `OTHER`, but for `NO_OBSTACLES`. Raises ValueError if
     a category is not text, or a class not a name.
     """
-    result: ClassMap = {**known, **(class_map or {})}
-    if isinstance(class_map, OwnNames):
-        result = class_map
+    result = class_map if isinstance(class_map, OwnNames) else {**known, **(class_map or {})}
     check_class_map(result)
     if not keep_ignored:
         return result
@@ -118,11 +110,9 @@ def classify(
     codes, names = pd.factorize(values)
     for code, name in enumerate(names):
         if name not in class_map:
-            place, fix = (
-                row(codes.tolist().index(code)),
-                f"name its class in a class map, or {IGNORE}",
-            )
-            raise InputError(f"unknown category {reprlib.repr(name)}", place=place, fix=fix)
+            place, fix = row(int(np.argmax(codes == code))), "name its class in a class map, or "
+            problem = f"unknown category {reprlib.repr(name)}"
+            raise InputError(problem, place=place, fix=fix + IGNORE)
     classes = np.array([class_map[name] for name in names], dtype=object)[codes]
     if ignored is not None:
         ignored.update(values[classes == IGNORE].tolist())

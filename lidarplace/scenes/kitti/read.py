@@ -79,8 +79,14 @@ def read_kitti(
     for frame in frames["frame"].tolist():
         file = f"{frame_name(frame)}.txt"
         if not standard_calibration:
+            path = part(folder, "calib") / file
             try:
-                pose = _pose(part(folder, "calib") / file, lidar_height)
+                pose = camera_to_ego(read_calibration(path), lidar_height)
+            except FileNotFoundError:
+                problem = "no such file, so nothing places the camera"
+                fix = "--standard-calibration takes KITTI's usual camera instead"
+                fault(f"{path}: {problem}; {fix}", skipped)
+                continue
             except ValueError as error:
                 fault(str(error), skipped)
                 continue
@@ -152,16 +158,6 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 def _is_name(stem: str) -> bool:
     return stem.isascii() and stem.isdigit() and stem == frame_name(int(stem))
-
-
-def _pose(path: Path, lidar_height: float) -> NDArray[np.float64]:
-    """`camera_to_ego` of a frame."""
-    try:
-        return camera_to_ego(read_calibration(path), lidar_height)
-    except FileNotFoundError:
-        fix = "--standard-calibration takes KITTI's usual camera instead"
-        problem = "no such file, so nothing places the camera"
-        raise ValueError(f"{path}: {problem}; {fix}") from None
 
 
 def read_labels(

@@ -1,6 +1,8 @@
 """A data set in KITTI's object layout, as OpenPCDet reads it."""
 
 import shutil
+import struct
+import zlib
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
@@ -8,7 +10,6 @@ import pandas as pd
 
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.files.atomic import replacing
-from lidarplace.files.png import black_png
 from lidarplace.logs.boxes import first
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
 from lidarplace.scenes.kitti.folder import frame_name
@@ -104,3 +105,14 @@ def _write_frames(
                 (own / "image_2" / f"{stem}.png").write_bytes(image)
             written.append(frame)
     return written
+
+
+def black_png(width: int, height: int) -> bytes:
+    """A black RGB image in PNG's format, in some kilobytes (ISO/IEC 15948)."""
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    rows = zlib.compress(bytes(height * (1 + 3 * width)), 9)
+    image = b"\x89PNG\r\n\x1a\n"
+    for name, data in ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b"")):
+        check = struct.pack(">I", zlib.crc32(name + data))
+        image += struct.pack(">I", len(data)) + name + data + check
+    return image
