@@ -31,11 +31,9 @@ def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFram
 
 
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
-    """The table in a CSV file; `options` are of `pandas.read_csv`.
-
-    Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
-    two a number may have a decimal comma. Raises ValueError: it cannot be read, or is not a table.
-    """
+    """The table in a CSV file; `options` are of `pandas.read_csv`. Commas, semicolons or tabs
+    separate columns, whichever the first line has most of. With the last two a number may have a
+    decimal comma. Raises ValueError: it cannot be read, or is not a table."""
     with reading(path):
         try:
             with regular(path).open("rb") as file:

@@ -105,8 +105,7 @@ class LogScene(Settings):
     def rig(self) -> RecordedRig:
         """The rig that recorded the folder's log, the same for all its scenes (`one_rig`).
 
-        Raises ValueError if a scene has none, or another one than the others.
-        """
+        Raises ValueError if a scene has none, or another one than the others."""
         rigs = read_rigs(self.folder)
         try:
             rig = one_rig(rigs)

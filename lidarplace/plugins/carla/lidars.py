@@ -105,11 +105,9 @@ def _deliver(arrived: queue.SimpleQueue[tuple[int, int, Points]], number: int, d
 def ego_points(
     returns: Points, mount: Mount, lidar: Lidar, crop: Crop, body: tuple[float, float, float]
 ) -> Points:
-    """Points in the ego frame, without those out of sight, out of `crop` and on the own body.
-
-    CARLA fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity
-    in the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height.
-    """
+    """Points in the ego frame, without those out of sight, out of `crop` and on the own body. CARLA
+    fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity in
+    the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height."""
     x, y, z = returns[:, :3].astype(np.float64).T * [[1.0], [-1.0], [1.0]]
     low, high = lidar.azimuth
     seen = lidar.full_turn | ((np.arctan2(y, x) - (low - HAIR)) % (2 * math.pi) < high - low)
