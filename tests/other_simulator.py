@@ -16,7 +16,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.scenes.real_clouds import RealClouds, count_real_points
+from lidarplace.scenes.real_clouds import count_real_points
 
 ELEVATIONS = np.radians(np.linspace(-24, 2, 14))
 STEPS = 300
@@ -65,9 +65,8 @@ def write_log(
             for name in rig.names
         ]
         pd.concat(parts, ignore_index=True).to_parquet(clouds / f"{frame}.parquet")
-    counted, _ = count_real_points(
-        log, RealClouds(clouds, (0.0, 0.0, 0.0)), folder / "clouds" / "recorded"
-    )
+    kept = folder / "clouds" / "recorded"
+    counted, _ = count_real_points(log, clouds, (0.0, 0.0, 0.0), kept)
     write_box_log(folder, counted)
     return counted
 

@@ -19,7 +19,7 @@ sides when its points are counted for a table."""
 def count_points(points: ArrayLike, boxes: ArrayLike) -> NDArray[np.int64]:
     """Number of `points` (N, 3 or more) in each of `boxes` (M, 7), shape (M,); same frame, metres
     and radians. A point on the surface is inside."""
-    return _count(np.asarray(points), np.asarray(boxes, np.float64))
+    return _count(np.asarray(points), np.asarray(boxes, np.float64), 0.0, np.empty(0, np.int64))
 
 
 def count_points_per_object(boxes: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:
@@ -67,32 +67,31 @@ def points_by_distance(objects: pd.DataFrame, points: pd.DataFrame) -> pd.DataFr
     return table[list(BY_DISTANCE)]
 
 
-def box_of_points(points: NDArray[np.float32], boxes: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Which of boxes (m, 7) holds each of points (n, 3 or more), within `MARGIN_M`, the last of
+def box_of_points(
+    points: NDArray[np.float32], boxes: NDArray[np.float64], margin: float = MARGIN_M
+) -> NDArray[np.int64]:
+    """Which of boxes (m, 7) holds each of points (n, 3 or more), within `margin`, the last of
     several; -1: none. Shape (n,)."""
     owner = np.full(len(points), -1)
-    for number, (*centre, length, width, height, yaw) in enumerate(boxes.tolist()):
-        x, y, z = (points[:, :3] - np.array(centre)).T
-        c, s = math.cos(yaw), math.sin(yaw)
-        inside = np.abs(c * x + s * y) <= length / 2 + MARGIN_M
-        inside &= np.abs(c * y - s * x) <= width / 2 + MARGIN_M
-        owner[inside & (np.abs(z) <= height / 2 + MARGIN_M)] = number
+    _count(points, boxes, margin, owner)
     return owner
 
 
 @njit(cache=True, nogil=True)
-def _count(points, boxes) -> NDArray[np.int64]:
+def _count(points, boxes, margin, owner) -> NDArray[np.int64]:
+    """Points in each box; `owner`, of every point or of none, gets the last box that holds it."""
     counts = np.zeros(len(boxes), np.int64)
     for b in range(len(boxes)):
-        x, y, z = boxes[b, 0], boxes[b, 1], boxes[b, 2]
-        half_length, half_width, half_height = 0.5 * boxes[b, 3:6]
-        cos, sin = math.cos(boxes[b, 6]), math.sin(boxes[b, 6])
+        x, y, z, length, width, height, yaw = boxes[b]
+        cos, sin = math.cos(yaw), math.sin(yaw)
         for i in range(len(points)):
             dx, dy = points[i, 0] - x, points[i, 1] - y
             if (
-                abs(cos * dx + sin * dy) <= half_length
-                and abs(cos * dy - sin * dx) <= half_width
-                and abs(points[i, 2] - z) <= half_height
+                abs(cos * dx + sin * dy) <= 0.5 * length + margin
+                and abs(cos * dy - sin * dx) <= 0.5 * width + margin
+                and abs(points[i, 2] - z) <= 0.5 * height + margin
             ):
                 counts[b] += 1
+                if len(owner):
+                    owner[i] = b
     return counts

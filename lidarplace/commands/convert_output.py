@@ -24,7 +24,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.ground_level import OFF, OFF_M, levelled, off_ground
-from lidarplace.scenes.real_clouds import RealClouds, count_real_points
+from lidarplace.scenes.real_clouds import count_real_points
 from lidarplace.scenes.sanity_checks.boxes import doubts_of_units
 from lidarplace.scenes.static_world import static_worlds
 
@@ -36,7 +36,7 @@ KEEP, LEVEL = "keep", "level"
 
 @dataclass(frozen=True)
 class Real:
-    """What options say of the real vehicle and world; `clouds` and `origin` are of `RealClouds`.
+    """What options say of the real vehicle and world; for `origin` see `count_real_points`.
 
     The static `world` is built of the clouds; if these are not `kept`, a wrong one is a warning.
     `rig` is the file of the rig of all scenes, `lidar` the model of mounts without one.
@@ -123,7 +123,7 @@ def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> Box
         raise ValueError("--ground level: moves boxes away from the real points of --clouds")
     keep = out / RECORDED if real.kept and out is not None else None
     try:
-        log, number = count_real_points(log, RealClouds(real.clouds, real.origin), keep)
+        log, number = count_real_points(log, real.clouds, real.origin, keep)
     except ValueError as error:
         if real.kept:
             raise

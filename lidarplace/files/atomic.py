@@ -41,7 +41,7 @@ def first_line(error: Exception) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path next to `path` to write to; it takes the place of `path` at the end.
+    """A temporary path next to `path`, for a file or a folder, which takes its place at the end.
     Raises OSError: `path` is a device, a pipe or a socket, which stays."""
     check_replaceable(path)
     partial = temporary(path)
@@ -51,7 +51,10 @@ def replacing(path: Path) -> Iterator[Path]:
             sync(partial)
             partial.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        if partial.is_dir():
+            shutil.rmtree(partial, ignore_errors=True)
+        else:
+            partial.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -99,10 +102,8 @@ def check_takes_files(folder: Path) -> Path:
 
 
 def remove_leftovers(folder: Path, pattern: str = ".*.part*") -> None:
-    """Remove what processes of this host were writing into a folder when they were killed.
-
-    What a running process writes stays, and what another host of a shared disk wrote.
-    """
+    """Remove what processes of this host were writing into a folder when they were killed. What a
+    running process writes stays, and what another host of a shared disk wrote."""
     own = re.compile(rf"\..+\.{re.escape(socket.gethostname())}-(\d+)-[0-9a-f]{{8}}\.part(-\w+)?")
     for path in list(folder.glob(pattern)):
         found = own.fullmatch(path.name)

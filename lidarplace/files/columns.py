@@ -32,19 +32,15 @@ def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> No
 
 def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
     """Columns of finite numbers; (rows, columns), float64."""
-    values = np.empty((len(table), len(names)))
-    for column, name in enumerate(names):
-        values[:, column] = _numeric(table[name]).to_numpy(np.float64, na_value=np.nan)
+    values = _floats(table, names)
     _check(table, names, ~np.isfinite(values), "a finite number", source)
     return values
 
 
 def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.float64]:
     """A column of finite numbers, NaN where they are missing; (rows,), float64."""
-    missing = table[name].isna().to_numpy(bool)
-    values = np.full(len(table), np.nan)
-    values[~missing] = _numeric(table[name][~missing]).to_numpy(np.float64, na_value=np.nan)
-    bad = ~np.isfinite(values) & ~missing
+    values = _floats(table, [name])[:, 0]
+    bad = ~np.isfinite(values) & table[name].notna().to_numpy(bool)
     _check(table, [name], bad, "a finite number, or missing", source)
     return values
 
@@ -100,15 +96,17 @@ def groups(table: pd.DataFrame, name: str, source: str) -> NDArray[Any]:
     return integers(table, name, source) if of_numbers else texts(table, name, source)
 
 
-def one_of(
-    table: pd.DataFrame, name: str, allowed: Collection[str], source: str, hint: str = ""
-) -> None:
+def one_of(table: pd.DataFrame, name: str, allowed: Collection[str], source: str) -> None:
     """Raise InputError that names the first row whose value is none of those allowed."""
-    known = (
-        table[name].astype(object).map(lambda value: isinstance(value, str) and value in allowed)
-    )
-    expected = f"{' or '.join(allowed)}{hint}"
-    _check(table, [name], ~known.to_numpy(bool), expected, source, reprlib.repr)
+    found = table[name].astype(object)
+    known = found.map(lambda value: isinstance(value, str) and value in allowed)
+    _check(table, [name], ~known.to_numpy(bool), " or ".join(allowed), source, reprlib.repr)
+
+
+def _floats(table: pd.DataFrame, names: Sequence[str]) -> NDArray[np.float64]:
+    """Columns as numbers, NaN where a value is none; (rows, columns)."""
+    values = [_numeric(table[name]).to_numpy(np.float64, na_value=np.nan) for name in names]
+    return np.reshape(values, (len(names), len(table))).T.copy()
 
 
 def _numeric(column: pd.Series) -> pd.Series:

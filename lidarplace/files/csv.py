@@ -10,11 +10,9 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write `table` without its index, see `replacing`.
-
-    Texts, heads included, that a spreadsheet would take for formulas have an apostrophe in front,
-    with which spreadsheets mark texts. Numbers are as they are.
-    """
+    """Write `table` without its index, see `replacing`. Texts, heads included, that a spreadsheet
+    would take for formulas have an apostrophe in front, with which spreadsheets mark texts. Numbers
+    are as they are."""
     texts = [not pd.api.types.is_numeric_dtype(kind) for kind in table.dtypes]
     shown = table.rename(columns=_as_text)
     for i in (i for i, is_text in enumerate(texts) if is_text):

@@ -1,9 +1,7 @@
 """Tables from files; what is wrong with a file is one line that names it."""
 
-import operator
 import re
-from collections.abc import Mapping, Sequence
-from functools import reduce
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,31 +15,25 @@ from lidarplace.files.columns import check_columns
 from lidarplace.files.regular import regular
 
 
-def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) -> pd.DataFrame:
-    """The table in a Parquet file, of rows with these values in columns of `only`; others are never
-    all in memory. Raises ValueError: the file cannot be read, or is no such table."""
+def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
+    """The table in a Parquet file, or its rows of these frames; others are never all in memory.
+    Raises ValueError: the file cannot be read, or is no such table."""
+    # Whatever type the column has: numbers stored as text are checked later.
+    rows = None if frames is None else pc.field("frame").cast("int64").isin(frames)
     with reading(path):
         try:
             # pandas would take a path such as http:/… for an address
             with regular(path).open("rb") as file:
-                return pd.read_parquet(file, filters=_filters(only))
+                return pd.read_parquet(file, filters=rows)
         # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
         except (pa.ArrowException, ValueError, KeyError) as error:
             raise ValueError(f"{path}: is no Parquet file: {first_line(error)}") from None
 
 
-def _filters(only: Mapping[str, Sequence[int]] | None) -> pc.Expression | None:
-    """Of whatever type the columns are: numbers stored as text are checked later."""
-    parts = [pc.field(name).cast("int64").isin(values) for name, values in (only or {}).items()]
-    return reduce(operator.and_, parts) if parts else None
-
-
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
-    """The table in a CSV file; `options` are of `pandas.read_csv`.
-
-    Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
-    two a number may have a decimal comma. Raises ValueError: it cannot be read, or is not a table.
-    """
+    """The table in a CSV file; `options` are of `pandas.read_csv`. Commas, semicolons or tabs
+    separate columns, whichever the first line has most of. With the last two a number may have a
+    decimal comma. Raises ValueError: it cannot be read, or is not a table."""
     with reading(path):
         try:
             with regular(path).open("rb") as file:

@@ -64,8 +64,7 @@ class BoxLog:
         world: what stands still and the ground, of each scene of which recorded clouds show it, by
             the scene's name, in the same frame as buildings.
 
-    Raises ValueError for an invalid rig.
-    """
+    Raises ValueError for an invalid rig."""
 
     boxes: pd.DataFrame
     frames: pd.DataFrame
@@ -119,8 +118,7 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
 def write_box_log(folder: Path, log: BoxLog) -> None:
     """Write `boxes.parquet`, `frames.parquet`, `buildings.parquet`, `rig.json` and `world.npz`.
 
-    They are renamed into place when all of them are written.
-    """
+    They are renamed into place when all of them are written."""
     folder.mkdir(parents=True, exist_ok=True)
     further = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
     known = [name for name in further if name in log.frames.columns]
@@ -161,8 +159,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 
     Raises ValueError that names file and row if a table cannot be read, lacks a column or has an
     invalid value, a box is in no frame of `frames`, a LiDAR has counts but is none of its scene's
-    rig, or there are buildings or a world without poses.
-    """
+    rig, or there are buildings or a world without poses."""
     if most_frames is None:
         boxes, frames = read_boxes(folder), read_frames(folder)
     else:
@@ -235,12 +232,10 @@ def read_frames(folder: Path) -> pd.DataFrame:
 
 
 def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
-    """The boxes alone; if `frames` are given those of others are not kept in memory.
-
-    Raises ValueError as `read_box_log` does.
-    """
+    """The boxes alone; if `frames` are given those of others are not kept in memory. Raises
+    ValueError as `read_box_log` does."""
     source = str(folder / "boxes.parquet")
-    boxes = read_parquet(folder / "boxes.parquet", None if frames is None else {"frame": frames})
+    boxes = read_parquet(folder / "boxes.parquet", frames)
     columns.check_columns(list(boxes.columns), BOX_COLUMNS, source)
     check_boxes(boxes, source)
     check_classes(boxes, source)

@@ -23,8 +23,7 @@ GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
 SIZE = GEOMETRY[3:6]
 BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
-SPLITS = ("train", "test")
-"""What a frame is for."""
+SPLITS = ("train", "test")  # what a frame is for
 POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
 """Where the vehicle was in the world frame of its scene; a log may lack them."""
 FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
@@ -32,10 +31,8 @@ FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 CLOUD = "cloud"
 """Column of frames that a reader adds: the file of the frame's real cloud, relative to the folder
 of a data set's clouds. No log on disk has it."""
-SOURCE = "source"
-"""Column of frames that a reader may add: how the source calls the frame."""
-BUILDING_COLUMNS = ("scene", *GEOMETRY)
-"""A building: a box in the world frame of its scene."""
+SOURCE = "source"  # column of frames that a reader may add: how the source calls the frame
+BUILDING_COLUMNS = ("scene", *GEOMETRY)  # a building: a box in the world frame of its scene
 POINTS = "points"
 """Column of the real points in a box, of all LiDARs; NaN where unknown. `points/NAME` holds those
 of the LiDAR NAME of the recorded rig."""
@@ -43,10 +40,8 @@ of the LiDAR NAME of the recorded rig."""
 
 def full_poses(frames: pd.DataFrame) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """From the ego frame to the world of the scene, by frame: rotation (3, 3) and position (3,).
-
     Height, roll and pitch are 0 where they are not known, so the world is level there. Frames
-    without a finite pose are left out. Needs `POSE_COLUMNS`.
-    """
+    without a finite pose are left out. Needs `POSE_COLUMNS`."""
     names = (*POSE_COLUMNS, *FULL_POSE_COLUMNS)
     table = frames.reindex(columns=[*names]).apply(pd.to_numeric, errors="coerce")
     table[list(FULL_POSE_COLUMNS)] = table[list(FULL_POSE_COLUMNS)].fillna(0.0)
@@ -66,11 +61,9 @@ def geometry_of(
 
 
 def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
-    """Raise ValueError that names the column or row, unless `boxes` can be used.
-
-    Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and
-    no frame (or scene, where there is one) missing.
-    """
+    """Raise ValueError that names the column or row, unless `boxes` can be used. Needs `frame`,
+    `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and no frame (or
+    scene, where there is one) missing."""
     if not isinstance(boxes, pd.DataFrame):
         raise ValueError(f"{source}: is a DataFrame, found {reprlib.repr(boxes)}")
     check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)

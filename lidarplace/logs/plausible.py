@@ -8,14 +8,11 @@ import pandas as pd
 
 from lidarplace.logs.boxes import first
 
-MOST_SIZE_M = 50.0
-"""Hardly a vehicle is so long; 4.5 m in centimetres is more."""
+MOST_SIZE_M = 50.0  # hardly a vehicle is so long; 4.5 m in centimetres is more
 MOST_YAW = 4 * math.pi
 """A yaw that was unwrapped may pass a turn; most directions in degrees are more."""
-SIZES = (30.0, 1000.0)
-"""Median longest side from which a box is in centimetres, and in millimetres."""
-STEP_S = (0.008, 15.0)
-"""From one labelled frame to the next, in the median."""
+SIZES = (30.0, 1000.0)  # median longest side from which a box is in centimetres, and in millimetres
+STEP_S = (0.008, 15.0)  # from one labelled frame to the next, in the median
 
 
 def implausible(boxes: pd.DataFrame) -> Iterator[str]:

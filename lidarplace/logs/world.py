@@ -14,12 +14,9 @@ from numpy.typing import NDArray
 from lidarplace.files.arrays import read_npz
 
 CELL_M = 0.2
-BLOCK = 8
-"""Cells along an edge of a block."""
-TILE = 16
-"""Columns along an edge of a tile."""
-PATCHES = 8
-"""Patches of ground along an edge of a tile."""
+BLOCK = 8  # cells along an edge of a block
+TILE = 16  # columns along an edge of a tile
+PATCHES = 8  # patches of ground along an edge of a tile
 TILE_M = CELL_M * BLOCK * TILE
 PATCH_M = TILE_M / PATCHES
 HALF_TILES, HALF_LEVELS = 2**12, 2**9
@@ -28,26 +25,19 @@ HALF_TILES, HALF_LEVELS = 2**12, 2**9
 
 @dataclass(frozen=True, eq=False)
 class StaticWorld:
-    """The static world of a scene.
-
-    Attributes:
-        origin: x, y, z of a corner of cell (0, 0, 0) in the world frame of the scene, metres,
-            shape (3,), float64.
-        keys: of the cells, see `cell_keys`; ascending, shape (n,), int64.
-        cells: x0, y0, z0, x1, y1, z1 of what is in each cell, in 1/255 of its edge; the share of
-            the rays at it that it stops; and its reflectivity, as a recorded intensity; both in
-            1/255; shape (n, 8), uint8.
-        tiles: i, j of tiles with ground, which start at (i, j) * `TILE_M` from the origin, shape
-            (t, 2), int32.
-        heights: of the ground at the corners of their patches, metres above the origin, [x, y],
-            shape (t, 9, 9), float32; NaN where it is unknown: a patch needs its four.
-    """
+    """The static world of a scene."""
 
     origin: NDArray[np.float64]
-    keys: NDArray[np.int64]
+    """Corner of cell (0, 0, 0) in the world frame of the scene, metres, shape (3,)."""
+    keys: NDArray[np.int64]  # of the cells, see `cell_keys`; ascending, shape (n,)
     cells: NDArray[np.uint8]
+    """x0, y0, z0, x1, y1, z1 of what is in each cell, in 1/255 of its edge; the share of the rays
+    at it that it stops; and its reflectivity, as a recorded intensity; both in 1/255; (n, 8)."""
     tiles: NDArray[np.int32]
+    """i, j of tiles with ground, which start at (i, j) * `TILE_M` from the origin, shape (t, 2)."""
     heights: NDArray[np.float32]
+    """Of the ground at the corners of their patches, metres above the origin, [x, y], shape
+    (t, 9, 9); NaN where it is unknown: a patch needs its four."""
 
     def boxes(self) -> NDArray[np.float64]:
         """Boxes of the cells: x0, y0, z0, x1, y1, z1 in the world frame, metres, shape (n, 6)."""
@@ -100,10 +90,8 @@ def write_worlds(path: Path, worlds: Mapping[str, StaticWorld]) -> None:
 
 
 def read_worlds(path: Path) -> dict[str, StaticWorld]:
-    """Read what `write_worlds` wrote, by the names of the scenes.
-
-    Raises OSError for a file that cannot be read, ValueError for another or a damaged one.
-    """
+    """Read what `write_worlds` wrote, by the names of the scenes. Raises OSError for a file that
+    cannot be read, ValueError for another or a damaged one."""
     arrays, worlds = read_npz(path), {}
     scenes = arrays.get("scenes", np.empty(0, str))
     if "scenes" not in arrays or scenes.dtype.kind != "U" or scenes.ndim != 1:

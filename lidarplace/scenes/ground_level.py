@@ -12,10 +12,8 @@ from scipy.spatial import cKDTree
 
 from lidarplace.logs.box_log import BoxLog
 
-OFF_M = 0.3
-"""An underside farther from z = 0 is off the ground."""
-OFF = ("buried", "below", "above")
-"""Columns of `off_ground`."""
+OFF_M = 0.3  # an underside farther from z = 0 is off the ground
+OFF = ("buried", "below", "above")  # columns of `off_ground`
 NEAR_M = 15.0
 NEIGHBOURS = 5
 """The ground at a box is the median underside of at most so many boxes so near, itself included."""
@@ -37,12 +35,10 @@ def off_ground(log: BoxLog) -> pd.DataFrame:
 
 
 def levelled(log: BoxLog) -> tuple[BoxLog, NDArray[np.float64]]:
-    """Set boxes on the ground by the log's own undersides, frame by frame.
-
-    Returns the log, and how far each box was moved upwards, metres, shape (boxes,). The height of
-    the road at a box is the median underside of its neighbours, see `NEIGHBOURS`, so a box that is
-    higher or lower than those around it stays so; a box alone is set on the ground.
-    """
+    """Set boxes on the ground by the log's own undersides, frame by frame. Returns the log, and how
+    far each box was moved upwards, metres, shape (boxes,). The height of the road at a box is the
+    median underside of its neighbours, see `NEIGHBOURS`, so a box that is higher or lower than
+    those around it stays so; a box alone is set on the ground."""
     boxes = log.boxes.reset_index(drop=True)
     under = undersides(boxes)
     place = boxes[["x", "y"]].to_numpy(np.float64)

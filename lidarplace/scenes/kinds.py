@@ -17,9 +17,7 @@ from lidarplace.scenes.sumo.settings import SumoScene
 
 class SceneKind(NamedTuple):
     """A kind of scenes: its settings, and what gives its parts, those with training frames first.
-
-    Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them.
-    """
+    Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them."""
 
     settings: type[BaseModel]
     parts: Callable[[Any], list[ScenePart]]

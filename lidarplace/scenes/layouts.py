@@ -26,8 +26,7 @@ def write_layout(
     Args:
         frames: of a box log.
         labels: of frames to train, columns of `lidarplace.clouds.visibility.ground_truth`.
-        clouds: of the frames.
-    """
+        clouds: of the frames."""
     told = frames.assign(**{SOURCE: frames["frame"].map(frame_name)})
     if layout == "kitti":
         write_kitti(folder, frames, [(to_labels(labels), clouds)], secret=True)

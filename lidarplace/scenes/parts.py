@@ -15,14 +15,8 @@ class Recording(Protocol):
 
 @dataclass(frozen=True)
 class ScenePart:
-    """A part of a scene.
+    """A part of a scene."""
 
-    Attributes:
-        name: what is added to the scene's label; empty if the scene has one part.
-        recording: gives its log.
-        splits: "train", "test" or both: what its frames are for.
-    """
-
-    name: str
-    recording: Recording
-    splits: tuple[str, ...]
+    name: str  # what is added to the scene's label; empty if the scene has one part
+    recording: Recording  # gives its log
+    splits: tuple[str, ...]  # "train", "test" or both: what its frames are for

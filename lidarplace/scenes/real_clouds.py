@@ -4,10 +4,8 @@ import shutil
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,85 +25,41 @@ KEPT: Crop = (-150.0, -150.0, -20.0, 150.0, 150.0, 40.0)
 """Real points are kept within these bounds, on a grid of 4.6 mm; all of them are counted."""
 PART = 500
 """Frames that are packed in memory before they are written: of 100,000 points about 260 MB."""
-NEAR_M = 40.0
-"""Boxes so near show whether clouds are in their frame."""
+NEAR_M = 40.0  # boxes so near show whether clouds are in their frame
 AROUND_M = 0.5
 FLOOR_M = 0.3
 """Points so far around and above a box, and so high above its underside: in the right frame most
 are inside."""
-LOOKED_AT = 100
-"""At most about so many frames are looked at for it."""
+LOOKED_AT = 100  # at most about so many frames are looked at for it
 LEAST_POINTS = 10
 LEAST_BOXES = 5
 MOST_OUTSIDE = 0.35
-
-
-@dataclass(frozen=True)
-class RealClouds:
-    """Where the clouds of a log are.
-
-    Attributes:
-        folder: holds the file of each frame by the path in column `CLOUD` of the frames, or by the
-            last part of it; without that column `SCENE/FRAME.*` or `FRAME.*` by the frame's number.
-        origin: where the frame of the points starts in our ego frame, metres, its axes being ours;
-            None: it is the frame of the rig's only LiDAR.
-    """
-
-    folder: Path
-    origin: Sequence[float] | None = None
-
-    def paths(self, frames: pd.DataFrame) -> dict[int, Path]:
-        """The file of each frame that has one, by the frame's number."""
-        numbers, own = frames["frame"].tolist(), self._numbered
-        if CLOUD in frames:
-            paths = [self._named(name) for name in frames[CLOUD]]
-        else:
-            keys = zip(frames["scene"].map(str), numbers, strict=True)
-            paths = [own.get(key) or own.get(("", key[1])) for key in keys]
-        return {n: path for n, path in zip(numbers, paths, strict=True) if path is not None}
-
-    def _named(self, name: str) -> Path | None:
-        names = (name, Path("training") / name, Path(name).name)
-        return next((self.folder / each for each in names if is_there(self.folder / each)), None)
-
-    @cached_property
-    def _numbered(self) -> dict[tuple[str, int], Path]:
-        """Files by scene ("" for those in the folder itself) and number."""
-        paths = sorted([*self.folder.glob("*"), *self.folder.glob("*/*")])
-        clouds = [path for path in paths if path.name.lower().endswith(CLOUD_SUFFIXES)]
-        scenes = ["" if path.parent == self.folder else path.parent.name for path in clouds]
-        named = zip(scenes, (path.name.partition(".")[0] for path in clouds), clouds, strict=True)
-        return {(scene, int(stem)): path for scene, stem, path in named if stem.isdecimal()}
-
-
-class Sweep(NamedTuple):
-    """The points of a frame.
-
-    Attributes:
-        points: x, y, z in the ego frame, metres, and intensity in [0, 1]; (n, 4), float32; those of
-            a LiDAR follow each other, in the order of the file.
-        counts: of each LiDAR of the rig, in its order; of all together where no LiDAR is known.
-    """
-
-    points: NDArray[np.float32]
-    counts: NDArray[np.int64]
+Sweep = tuple[NDArray[np.float32], NDArray[np.int64]]
+"""Points of a frame: x, y, z in the ego frame, metres, and intensity in [0, 1], shape (n, 4), by
+LiDAR, in the order of the file; and how many each LiDAR of the rig has, or all where none is known.
+"""
 
 
 def count_real_points(
-    log: BoxLog, clouds: RealClouds, keep: Path | None = None
+    log: BoxLog, folder: Path, origin: Sequence[float] | None = None, keep: Path | None = None
 ) -> tuple[BoxLog, int]:
     """The log with the points of its clouds in its boxes, and how many frames have a cloud.
 
     `points/NAME` is counted for each LiDAR of a rig, and `POINTS` where the log has no counts.
-    Boxes of frames without a cloud have NaN. The clouds, cut to `KEPT`, are written to `keep`, a
-    folder for `PART` frames of a scene. Raises ValueError if no frame has a cloud, a file is wrong,
-    or clouds do not fit rig or boxes.
-    """
-    paths = clouds.paths(log.frames)
+    Boxes of frames without a cloud have NaN. Raises ValueError if no frame has a cloud, a file is
+    wrong, or clouds do not fit rig or boxes.
+
+    Args:
+        folder: holds the file of each frame by the path in column `CLOUD` of the frames, or by the
+            last part of it; without that column `SCENE/FRAME.*` or `FRAME.*` by the frame's number.
+        origin: where the frame of the points starts in our ego frame, metres, its axes being ours;
+            None: it is the frame of the rig's only LiDAR.
+        keep: gets the clouds, cut to `KEPT`, a folder for `PART` frames of a scene."""
+    paths = _paths(log.frames, folder)
     if not paths:
         named = f"files named by frame numbers, such as SCENE/{log.frames['frame'].iloc[0]}.pcd"
         expected = str(log.frames[CLOUD].iloc[0]) if CLOUD in log.frames else named
-        raise InputError("no cloud of any frame", place=str(clouds.folder), expected=expected)
+        raise InputError("no cloud of any frame", place=str(folder), expected=expected)
     boxes = log.boxes.reset_index(drop=True)
     rows_of = boxes.groupby("frame").indices
     geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
@@ -116,13 +70,13 @@ def count_real_points(
     def sweeps(own: Sequence[int], rig: RecordedRig | None) -> Iterator[Sweep]:
         lidars = 0
         for frame in own:
-            sweep = read_sweep(paths[frame], rig, clouds.origin)
-            lidars = lidars or len(sweep.counts)
-            if lidars != len(sweep.counts):
+            sweep, split = read_sweep(paths[frame], rig, origin)
+            lidars = lidars or len(split)
+            if lidars != len(split):
                 problem = "column lidar is in some clouds of the scene and not in others"
                 raise InputError(problem, place=str(paths[frame]))
             rows = rows_of.get(frame, np.empty(0, np.int64))
-            points = np.split(sweep.points, np.cumsum(sweep.counts)[:-1])
+            points = np.split(sweep, np.cumsum(split)[:-1])
             by_lidar = np.array([count_points(each, geometry[rows]) for each in points])
             columns = {POINTS: by_lidar.sum(axis=0)}
             if rig is not None and len(rig.names) == len(by_lidar):
@@ -130,8 +84,8 @@ def count_real_points(
             for name, counts in columns.items():
                 counted.setdefault(name, np.full(len(boxes), np.nan))[rows] = counts
             if frame in looked_at:
-                inside[rows], around[rows] = _near_points(sweep.points, geometry[rows])
-            yield sweep
+                inside[rows], around[rows] = _near_points(sweep, geometry[rows])
+            yield sweep, split
 
     partial = None if keep is None else temporary(keep)
     scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
@@ -148,27 +102,43 @@ def count_real_points(
             else:
                 packed = PointClouds.from_frames(own, map(_kept, found), KEPT)
                 write_clouds(partial / f"{number:04d}", packed)
-        _check_frame(geometry, inside, around, clouds.folder)
+        _check_frame(geometry, inside, around, folder)
         if keep is not None and partial is not None:
             shutil.rmtree(keep, ignore_errors=True)
             partial.rename(keep)
     finally:
         if keep is not None and partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
-            for folder in keep.parents[:2]:  # a log's that was not written
+            for above in keep.parents[:2]:  # a log's that was not written
                 with suppress(OSError):
-                    folder.rmdir()
+                    above.rmdir()
     if POINTS in boxes:
         counted.pop(POINTS, None)
     return replace(log, boxes=boxes.assign(**counted)), len(paths)
 
 
-def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
-    """The points of a file, in the ego frame and by LiDAR; see `RealClouds.origin`.
+def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
+    """The file of each frame that has one, by the frame's number."""
+    numbers, found = frames["frame"].tolist(), []
+    if CLOUD in frames:
+        for name in frames[CLOUD]:
+            names = (name, Path("training") / name, Path(name).name)
+            found.append(next((folder / n for n in names if is_there(folder / n)), None))
+    else:
+        files: dict[tuple[str, int], Path] = {}  # "" is the scene of those in the folder itself
+        for path in sorted([*folder.glob("*"), *folder.glob("*/*")]):
+            stem = path.name.partition(".")[0]
+            if path.name.lower().endswith(CLOUD_SUFFIXES) and stem.isdecimal():
+                files["" if path.parent == folder else path.parent.name, int(stem)] = path
+        keys = zip(frames["scene"].map(str), numbers, strict=True)
+        found = [files.get(key) or files.get(("", key[1])) for key in keys]
+    return {n: path for n, path in zip(numbers, found, strict=True) if path is not None}
 
+
+def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
+    """The points of a file, in the ego frame and by LiDAR; `origin` as of `count_real_points`.
     Points without a place are left out. Raises ValueError as `read_cloud`, and if LiDARs or rings
-    are none of the rig's, or nothing places the sensor.
-    """
+    are none of the rig's, or nothing places the sensor."""
     cloud = read_cloud(path)
     cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
     lidar, number = np.zeros(len(cloud), np.int64), 1
@@ -188,7 +158,7 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
     if "intensity" in cloud:
         points[:, 3] = np.nan_to_num(cloud["intensity"].to_numpy(np.float32))
     order = np.argsort(lidar, kind="stable")
-    return Sweep(points[order], np.bincount(lidar, minlength=number))
+    return points[order], np.bincount(lidar, minlength=number)
 
 
 def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int64]:
@@ -261,10 +231,9 @@ def _check_frame(
         )
 
 
-def _kept(sweep: Sweep) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """The points within `KEPT`, and how many there are of each LiDAR."""
-    low, high = np.array(KEPT[:3]), np.array(KEPT[3:])
-    inside = ((sweep.points[:, :3] >= low) & (sweep.points[:, :3] <= high)).all(axis=1)
-    lidar = np.repeat(np.arange(len(sweep.counts)), sweep.counts)
-    counts = np.bincount(lidar[inside], minlength=len(sweep.counts))
-    return sweep.points[inside], counts
+def _kept(sweep: Sweep) -> Sweep:
+    """The points within `KEPT`."""
+    points, counts = sweep
+    inside = ((points[:, :3] >= KEPT[:3]) & (points[:, :3] <= KEPT[3:])).all(axis=1)
+    lidar = np.repeat(np.arange(len(counts)), counts)
+    return points[inside], np.bincount(lidar[inside], minlength=len(counts))

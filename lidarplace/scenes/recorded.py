@@ -58,9 +58,8 @@ class LogScene(Settings):
     @field_validator("folder", "test_folder")
     @classmethod
     def _tells_train_from_test(cls, folder: Path | None) -> Path | None:
-        if folder is None:
-            return None
-        read_frames(folder)  # raises ValueError for other splits
+        if folder is not None:
+            read_frames(folder)  # raises ValueError for other splits
         return folder
 
     @field_validator("class_map", mode="before")
@@ -106,8 +105,7 @@ class LogScene(Settings):
     def rig(self) -> RecordedRig:
         """The rig that recorded the folder's log, the same for all its scenes (`one_rig`).
 
-        Raises ValueError if a scene has none, or another one than the others.
-        """
+        Raises ValueError if a scene has none, or another one than the others."""
         rigs = read_rigs(self.folder)
         try:
             rig = one_rig(rigs)

@@ -9,12 +9,10 @@ from pydantic import Field
 
 from lidarplace.configuration.settings import CountFromOne, Distance, Seconds, Settings
 
-STEP_S = 0.05
-"""One simulation step: the sensors of the paper turn at 20 Hz."""
+STEP_S = 0.05  # one simulation step: the sensors of the paper turn at 20 Hz
 KEEP_M = 60.0
 """Boxes whose centre is farther from the ego are not logged; the ROI's far corner is 45 m away."""
-TEST_EVERY = 10
-"""In the paper's split every tenth frame of a route is test."""
+TEST_EVERY = 10  # in the paper's split every tenth frame of a route is test
 Part = Literal["train", "test"]
 
 
@@ -47,10 +45,8 @@ class RouteSettings(Settings):
 
 
 def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArray[np.str_]:
-    """What each of the kept frames of a route is for, "train" or "test", shape (frames,).
-
-    `part` is what the route is for, if routes are not divided.
-    """
+    """What each of the kept frames of a route is for, "train" or "test", shape (frames,). `part` is
+    what the route is for, if routes are not divided."""
     if split == "route":
         return np.full(frames, part)
     tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1

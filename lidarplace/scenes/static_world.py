@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.clouds.shapes import OWN_BODY
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, full_poses
@@ -34,16 +35,11 @@ from lidarplace.logs.world import (
     cells_of_keys,
 )
 
-LEAST_FRAMES = 3
-"""Frames that hit a cell that stands still; fewer if the scene has fewer."""
-LEAST_SHARE = 0.2
-"""Of the rays at a cell, that it stops; what moves is in a cell for a moment only."""
-REACH_M = 100.0
-"""Points farther from the vehicle are left out: too few hit a cell there."""
-CLEAR_M = 0.35
-"""Lower above the ground nothing stands: it is ground."""
-MARGIN_M = 0.2
-"""Labelled boxes are grown by so much to all sides: labels err."""
+LEAST_FRAMES = 3  # frames that hit a cell that stands still; fewer if the scene has fewer
+LEAST_SHARE = 0.2  # of the rays at a cell, that it stops; what moves is in a cell for a moment only
+REACH_M = 100.0  # points farther from the vehicle are left out: too few hit a cell there
+CLEAR_M = 0.35  # lower above the ground nothing stands: it is ground
+MARGIN_M = 0.2  # labelled boxes are grown by so much to all sides: labels err
 _BEHIND_M = 0.5  # a ray passes a cell if it ends so far behind: it may end at the same surface
 _STEEPEST, _KERB_M = 0.08, 0.08  # of the ground, from column to column
 _AROUND = 3  # columns among which ground is compared, and over which gaps are filled
@@ -54,23 +50,15 @@ _HITS, _PASSES, _LIGHT, _FRAMES, _LAST, _X, _Y, _Z = range(8)
 
 
 class _State(NamedTuple):
-    """Counts of the cells around the vehicle, by blocks in a hash table.
+    """Counts of the cells around the vehicle, by blocks in a hash table."""
 
-    Attributes:
-        table: rows of blocks by hash of their keys, -1 where free, int64.
-        keys: of the blocks, -1 for a row without one, int64.
-        free: rows without a block, the first `size[0]` of them, int64.
-        size: shape (1,), int64.
-        cells: points, passes, mean intensity in 1/65280, frames, the last of them, and from where
-            to where along x, y and z points are, in 1/256, the upper end in the high byte;
-            shape (rows, 512, 8), uint16.
-    """
-
-    table: NDArray[np.int64]
-    keys: NDArray[np.int64]
-    free: NDArray[np.int64]
-    size: NDArray[np.int64]
+    table: NDArray[np.int64]  # rows of blocks by hash of their keys, -1 where free
+    keys: NDArray[np.int64]  # of the blocks, -1 for a row without one
+    free: NDArray[np.int64]  # rows without a block, the first `size[0]` of them
+    size: NDArray[np.int64]  # shape (1,)
     cells: NDArray[np.uint16]
+    """Points, passes, mean intensity in 1/65280, frames, the last of them, and from where to where
+    along x, y and z points are, in 1/256, the upper end in the high byte; shape (rows, 512, 8)."""
 
 
 def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, StaticWorld]:
@@ -80,8 +68,7 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
         log: frames with poses, boxes, and the rig of every scene, which says where rays start.
         clouds: of the log's frames, in the ego frame; the frames of a scene follow each other.
 
-    Raises ValueError if a frame has no pose, a scene no rig, or clouds distinguish other LiDARs.
-    """
+    Raises ValueError if a frame has no pose, a scene no rig, or clouds distinguish other LiDARs."""
     if missing := [name for name in POSE_COLUMNS if name not in log.frames.columns]:
         problem, found = "a static world needs poses of the vehicle", f"no {', '.join(missing)}"
         raise InputError(problem, place="frames", expected=", ".join(POSE_COLUMNS), found=found)
@@ -103,10 +90,8 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
 
 
 def _eyes(log: BoxLog, scene: str, lidars: int) -> NDArray[np.float64]:
-    """Where the rays of each LiDAR of a scene start, ego frame, shape (LiDARs, 3).
-
-    Points of an unknown LiDAR start in the middle of the rig.
-    """
+    """Where the rays of each LiDAR of a scene start, ego frame, shape (LiDARs, 3). Points of an
+    unknown LiDAR start in the middle of the rig."""
     place = f"scene {scene}"
     if scene not in log.rigs:
         problem = "a static world needs the rig that recorded the clouds"
@@ -154,8 +139,7 @@ class WorldBuilder:
             turn, place: from the ego frame to the world of the scene, shapes (3, 3) and (3,).
             boxes: labelled objects, rows of `GEOMETRY`, ego frame, shape (m, 7).
 
-        Raises ValueError if the vehicle is farther from the first frame than a world reaches.
-        """
+        Raises ValueError if the vehicle is farther from the first frame than a world reaches."""
         if self._origin is None:
             self._origin = np.floor(place / TILE_M) * TILE_M
         shift = place - self._origin
@@ -166,10 +150,8 @@ class WorldBuilder:
                 f"first one; expected at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height"
             )
         self._path.append(shift)
-        grown = np.concatenate([boxes, np.array([OWN_BODY])])
-        grown[:, 3:6] += 2 * MARGIN_M
         self._frames += 1
-        owned = _in_boxes(points, grown)
+        owned = box_of_points(points, np.vstack([boxes, OWN_BODY]), MARGIN_M) >= 0
         view = turn / CELL_M, shift / CELL_M
         done = _count_points(points, owned, *view, 0, self._frames, self._state)
         while done < len(points):
@@ -285,25 +267,6 @@ def _key(i, j, k):
     """Key of the block (i, j, k)."""
     tile = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
     return (tile * TILE**2 + i % TILE * TILE + j % TILE) * 2 * HALF_LEVELS + k + HALF_LEVELS
-
-
-@njit(cache=True, nogil=True)
-def _in_boxes(points, boxes) -> NDArray[np.bool_]:
-    """Whether each point is in one of the boxes."""
-    inside = np.zeros(len(points), np.bool_)
-    for b in range(len(boxes)):
-        x, y, z, length, width, height, yaw = boxes[b]
-        c, s = math.cos(yaw), math.sin(yaw)
-        around = 0.25 * (length * length + width * width)
-        for n in range(len(points)):
-            dx, dy = points[n, 0] - x, points[n, 1] - y
-            if dx * dx + dy * dy <= around:
-                inside[n] |= (
-                    abs(c * dx + s * dy) <= 0.5 * length
-                    and abs(c * dy - s * dx) <= 0.5 * width
-                    and abs(points[n, 2] - z) <= 0.5 * height
-                )
-    return inside
 
 
 @njit(cache=True, nogil=True)
@@ -435,10 +398,8 @@ def _pass_block(cells, p, d, block, step, start, end):
 
 @inner
 def _extent(cell, axis):
-    """From where to where along an axis something is in a cell, as shares of its edge.
-
-    Few points do not reach to its ends: of n at random a share (n - 1) / (n + 1) is between them.
-    """
+    """From where to where along an axis something is in a cell, as shares of its edge. Few points
+    do not reach to its ends: of n at random a share (n - 1) / (n + 1) is between them."""
     hits = float(cell[_HITS])
     if hits < 2.0:
         return 0.0, 1.0
@@ -494,10 +455,8 @@ def _standing(cells, rows, block_keys, least):
 def _lows(
     keys: NDArray[np.int64], cells: NDArray[np.uint8], columns: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Height above the origin of the lowest cells of columns, in the median over them, metres.
-
-    NaN where there is none. `keys` and `columns` ascend; a column is a key without block and cell.
-    """
+    """Height above the origin of the lowest cells of columns, in the median over them, metres. NaN
+    where there is none. `keys` and `columns` ascend; a column is a key without block and cell."""
     place = cells_of_keys(keys)
     fine, first = np.unique(place[:, :2], axis=0, return_inverse=True)
     height = CELL_M * (place[:, 2] + (cells[:, 2] + 0.0 + cells[:, 5]) / 510.0)
@@ -521,11 +480,9 @@ def _column_at(keys, i, j):
 @njit(cache=True, nogil=True)
 def _grown(keys, lows, path):
     """Ground grown from under the vehicle's path to columns that start about as high, gaps filled.
-
     What a column starts with may be a roof, a branch or the upper part of a wall. `keys` are of
     tiles, ascending, `lows` their columns, shape (tiles, 16, 16); so are the heights returned, NaN
-    where ground is unknown.
-    """
+    where ground is unknown."""
     low, heights = lows.reshape(-1), np.full(lows.size, np.nan)
     queue, tail = np.empty((lows.size, 2), np.int64), 0
     for n in range(len(path)):

@@ -33,8 +33,7 @@ def scores(
 
     Returns objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of
     its absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
-    for each n of `LEAST` the shares real_n and simulated_n of objects with n points.
-    """
+    for each n of `LEAST` the shares real_n and simulated_n of objects with n points."""
     ratio = log_ratio(simulated, real)
     found = {
         "objects": float(len(real)),
@@ -75,11 +74,8 @@ def chances(
 def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     """`scores` of models by distance, class and route; rows of few objects are left out. Objects
     have columns class, route, distance, world, real, rays/MODEL (of them, before anything gets
-    lost) and points/MODEL.
-
-    Returns columns model, by (all, distance, class or route), group, those of `scores`, and world,
-    the share of objects in scenes with a static world.
-    """
+    lost) and points/MODEL. Returns columns model, by (all, distance, class or route), group, those
+    of `scores`, and world, the share of objects in scenes with a static world."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)
     names = band.map(lambda own: f"{own.left:g} to {own.right:g} m").astype(object)

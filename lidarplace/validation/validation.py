@@ -71,8 +71,7 @@ def validate(
     object_id or its beginning, such as wrong labels, neither hide nor count.
 
     Raises InputError: an object to leave out is not there, there are no counts, no rig, rigs of
-    different scenes differ in their LiDARs, or no object has real points.
-    """
+    different scenes differ in their LiDARs, or no object has real points."""
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
     frames = log.frames["frame"].tolist()

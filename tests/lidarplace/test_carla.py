@@ -20,8 +20,7 @@ from carla_world import Server, cast
 
 from lidarplace.plugins.carla.command import Collection, app
 from lidarplace.plugins.carla.drive import object_class, starts
-from lidarplace.plugins.carla.lidars import mount_transform
-from lidarplace.plugins.carla.returns import ego_points
+from lidarplace.plugins.carla.lidars import ego_points, mount_transform
 from lidarplace.plugins.carla.server import check_versions
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.rig_files.carla import attributes, even_fans

@@ -13,7 +13,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.scenes.real_clouds import RealClouds, count_real_points
+from lidarplace.scenes.real_clouds import count_real_points
 from tests.refused import refused
 
 RIG = RecordedRig(
@@ -50,14 +50,14 @@ def on_sides(log, points=40, seed=0):
 def write(folder, cloud, name="3.parquet"):
     (folder / "a").mkdir(parents=True, exist_ok=True)
     cloud.to_parquet(folder / "a" / name)
-    return RealClouds(folder, EGO)
+    return folder, EGO
 
 
 def test_points_are_counted_by_lidar_and_kept(tmp_path):
     log = log_of()
     cloud = pd.concat([on_sides(log), pd.DataFrame({"x": [np.nan, 500.0], "y": 0.0, "z": 1.0})])
     clouds = write(tmp_path / "in", cloud.assign(lidar=cloud["lidar"].fillna(1)))
-    counted, number = count_real_points(log, clouds, tmp_path / "kept")
+    counted, number = count_real_points(log, *clouds, tmp_path / "kept")
     assert number == 1
     by_lidar = counted.boxes[["points", "points/top", "points/left"]]
     assert by_lidar.to_numpy().tolist() == [[40, 20, 20]] * 12
@@ -74,7 +74,7 @@ def test_a_long_scene_is_kept_in_parts(tmp_path, monkeypatch):
     log = log_of()
     clouds = write(tmp_path / "in", on_sides(log))
     write(tmp_path / "in", on_sides(log).iloc[:3], "0004.parquet")
-    _, number = count_real_points(log, clouds, tmp_path / "kept")
+    _, number = count_real_points(log, *clouds, tmp_path / "kept")
     assert number == 2
     kept = recorded_clouds(tmp_path / "kept", np.array([4, 3]), (-50, -50, -5, 50, 50, 5))
     assert kept.counts.tolist() == [[2, 1], [240, 240]]
@@ -84,14 +84,14 @@ def test_counts_of_the_source_stay_and_lidars_may_have_names(tmp_path):
     log = log_of()
     log.boxes["points"] = 7.0
     cloud = on_sides(log).assign(lidar=["left"] * 480)
-    counted, _ = count_real_points(log, write(tmp_path, cloud))
+    counted, _ = count_real_points(log, *write(tmp_path, cloud))
     by_lidar = counted.boxes[["points", "points/top", "points/left"]]
     assert by_lidar.to_numpy().tolist() == [[7, 0, 40]] * 12
 
 
 def test_without_a_rig_or_lidars_only_all_points_are_counted(tmp_path):
     for rig, cloud in ((None, on_sides(log_of())), (RIG, on_sides(log_of()).drop(columns="lidar"))):
-        counted, _ = count_real_points(log_of(rig=rig), write(tmp_path, cloud), tmp_path / "kept")
+        counted, _ = count_real_points(log_of(rig=rig), *write(tmp_path, cloud), tmp_path / "kept")
         assert set(counted.boxes["points"]) == {40}
         assert "points/top" not in counted.boxes
         assert read_clouds(tmp_path / "kept" / "0000").counts.tolist() == [[480]]
@@ -110,7 +110,7 @@ def test_a_cloud_in_the_frame_of_its_lidar_is_placed_by_the_rig(tmp_path_factory
     cloud[list("xyz")] = (cloud[list("xyz")].to_numpy() - mount.position) @ mount.rotation
     folder = tmp_path_factory.mktemp("c")
     write(folder, cloud)
-    counted, _ = count_real_points(log, RealClouds(folder))
+    counted, _ = count_real_points(log, folder)
     assert set(counted.boxes["points/top"]) == {40}
 
 
@@ -118,7 +118,7 @@ def test_a_cloud_in_the_frame_of_its_lidar_is_placed_by_the_rig(tmp_path_factory
 def test_clouds_in_another_frame_are_refused_and_leave_nothing(tmp_path, shift):
     clouds = write(tmp_path / "in", on_sides(log_of()).add([*shift, 0, 0, 0]))
     with refused(r"of the points around a box are outside of it, in the median of \d+ boxes"):
-        count_real_points(log_of(), clouds, tmp_path / "kept")
+        count_real_points(log_of(), *clouds, tmp_path / "kept")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
@@ -126,7 +126,7 @@ def test_a_frame_a_turn_away_is_refused(tmp_path):
     cloud = on_sides(log_of(6))
     with refused("are the clouds in another frame"):
         turned = write(tmp_path, cloud.assign(x=cloud["y"], y=-cloud["x"]))
-        count_real_points(log_of(6), turned)
+        count_real_points(log_of(6), *turned)
 
 
 @pytest.mark.parametrize(
@@ -139,19 +139,19 @@ def test_a_frame_a_turn_away_is_refused(tmp_path):
 )
 def test_clouds_of_another_rig_are_refused(tmp_path, change, message):
     with refused(message, "3.parquet"):
-        count_real_points(log_of(), write(tmp_path, on_sides(log_of()).assign(**change)))
+        count_real_points(log_of(), *write(tmp_path, on_sides(log_of()).assign(**change)))
 
 
 def test_lidars_are_known_in_all_clouds_of_a_scene_or_in_none(tmp_path):
     clouds = write(tmp_path, on_sides(log_of()))
     write(tmp_path, on_sides(log_of()).drop(columns="lidar"), "4.parquet")
     with refused("column lidar is in some clouds of the scene and not in others", "4.parquet"):
-        count_real_points(log_of(), clouds)
+        count_real_points(log_of(), *clouds)
 
 
 def test_a_folder_without_clouds_is_refused(tmp_path):
     with refused("no cloud of any frame; expected files named by frame numbers, such as SCENE/3"):
-        count_real_points(log_of(), RealClouds(tmp_path, EGO))
+        count_real_points(log_of(), tmp_path, EGO)
     with refused("clouds in the frame of a LiDAR need a rig of one LiDAR"):
         write(tmp_path, on_sides(log_of()))
-        count_real_points(log_of(), RealClouds(tmp_path))
+        count_real_points(log_of(), tmp_path)

@@ -56,8 +56,7 @@ def collect(
     line per route and what was left out; `connected` makes the client. Raises, besides what that
     does, ValueError: `out` holds another scene, or another placement of a name, a LiDAR has what
     none of CARLA's has, or the server lacks a map, blueprint or room; TimeoutError: a LiDAR does
-    not deliver; RuntimeError: the server failed.
-    """
+    not deliver; RuntimeError: the server failed."""
     for name, placement in placements.items():
         for lidar in placement.lidars:
             check_possible(lidar, f"placement {name!r}: lidar")

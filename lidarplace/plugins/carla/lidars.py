@@ -9,16 +9,23 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarplace.clouds.clouds import Crop
-from lidarplace.plugins.carla.returns import Points, ego_points
 from lidarplace.plugins.carla.server import Actors
 from lidarplace.rig_files.carla import BLUEPRINT, attributes, even_fans
+from lidarplace.rigs.lidar import HAIR, Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.pose import from_carla
 
 if TYPE_CHECKING:
     import carla
+
+
+BODY_MARGIN_M = 0.1
+"""Mirrors and aerials reach so far out of the ego's box; returns from it are left out."""
+
+Points = NDArray[np.float32]
 
 
 def mount_transform(mount: Mount, origin: tuple[float, float]) -> carla.Transform:
@@ -93,3 +100,22 @@ def _deliver(arrived: queue.SimpleQueue[tuple[int, int, Points]], number: int, d
     """Called by CARLA's own thread. The data are copied: their memory is CARLA's."""
     points = np.frombuffer(data.raw_data, np.float32).reshape(-1, 4).copy()
     arrived.put((data.frame, number, points))
+
+
+def ego_points(
+    returns: Points, mount: Mount, lidar: Lidar, crop: Crop, body: tuple[float, float, float]
+) -> Points:
+    """Points in the ego frame, without those out of sight, out of `crop` and on the own body. CARLA
+    fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity in
+    the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height."""
+    x, y, z = returns[:, :3].astype(np.float64).T * [[1.0], [-1.0], [1.0]]
+    low, high = lidar.azimuth
+    seen = lidar.full_turn | ((np.arctan2(y, x) - (low - HAIR)) % (2 * math.pi) < high - low)
+    ahead, left, up = mount.rotation.T[:, :, None]
+    place = ahead * x + left * y + up * z + mount.position[:, None]
+    low_ends, high_ends = np.reshape(crop, (2, 3, 1))
+    seen &= ((low_ends <= place) & (place <= high_ends)).all(axis=0)
+    half = np.array(body)[:, None] / 2
+    middle = half * [[0.0], [0.0], [1.0]]
+    seen &= ~(np.abs(place - middle) <= half + BODY_MARGIN_M).all(axis=0)
+    return np.column_stack([place.T, returns[:, 3]])[seen].astype(np.float32)

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarplace.clouds.clouds import PointClouds
-from lidarplace.plugins.carla.lidars import Rig
-from lidarplace.plugins.carla.returns import Points
+from lidarplace.plugins.carla.lidars import Points, Rig
 from lidarplace.plugins.carla.server import Actors, load_town, synchronous
 from lidarplace.plugins.carla.settings import CarlaScene, Route
 from lidarplace.plugins.carla.traffic import EGO, POSE, Traffic

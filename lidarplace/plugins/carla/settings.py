@@ -38,8 +38,7 @@ class CarlaScene(RouteSettings):
 
     The ego is driven by CARLA's traffic manager from starts that lie far apart. Every route has
     traffic of its own. A town is the same place in training and testing, unless `test_towns` names
-    others.
-    """
+    others."""
 
     source: Literal["carla"] = Field("carla", description="scene type")
     host: Text = Field("localhost", description="where the server runs")

@@ -22,12 +22,9 @@ from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, rec
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.850 / 2, 0.0, -0.33)
-"""Our ego origin in the ego frame of Argoverse, metres.
-
-Theirs is the centre of the rear axle, about 33 cm above the ground
-(https://github.com/argoverse/argoverse-api/issues/286); ours is on the ground, half a wheelbase
-ahead. The vehicles are Ford Fusion Hybrids, whose wheelbase is 2.850 m.
-"""
+"""Our ego origin in the ego frame of Argoverse, metres. Theirs is the centre of the rear axle,
+about 33 cm above the ground (https://github.com/argoverse/argoverse-api/issues/286); ours is on the
+ground, half a wheelbase ahead. The vehicles are Ford Fusion Hybrids, whose wheelbase is 2.850 m."""
 
 CLOUDS_ORIGIN = (-ORIGIN[0], 0.0, -ORIGIN[2])
 """The ego frame of Argoverse, in which its sweeps are, starts here in ours, metres."""
@@ -37,8 +34,7 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 TRANSLATION = ("tx_m", "ty_m", "tz_m")
 SIZE = ("length_m", "width_m", "height_m")
 COUNT = "num_interior_pts"
-LIDARS = ("up_lidar", "down_lidar")
-"""In the order in which lasers count through them."""
+LIDARS = ("up_lidar", "down_lidar")  # in the order in which lasers count through them
 
 
 def read_argoverse(
@@ -137,9 +133,7 @@ def _transforms(
 
 def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
     """Columns of `GEOMETRY` from `SIZE`, `QUATERNION` and `TRANSLATION` of a table of Argoverse.
-
-    Raises ValueError that names file, row and value.
-    """
+    Raises ValueError that names file, row and value."""
     size = sizes(table, SIZE, source)
     pose = poses(*_transforms(table, source), rows_of(source))
     return geometry_of(pose.position - ORIGIN, size, pose.yaw)

@@ -7,7 +7,7 @@ trailers, construction machines, scooters) is ignored, and so is what is not a r
 
 import reprlib
 from collections import ChainMap, Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -21,8 +21,7 @@ from lidarplace.configuration.settings import found
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, count_columns, first
 
-ClassMap = Mapping[str, str]
-"""Category -> class, or `IGNORE`."""
+ClassMap = Mapping[str, str]  # category -> class, or `IGNORE`
 BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
 """A log that already has our classes."""
 _SHIPPED = read_yaml_file(Path(__file__).with_name("class_maps.yaml"))
@@ -33,8 +32,7 @@ NUSCENES, ARGOVERSE, WAYMO, KITTI, NO_ROAD_USERS = (
 """Those of data sets, and what is ignored where all others keep their own names: `_SHIPPED`."""
 PAPER_GROUPS: ClassMap = ChainMap(_SHIPPED["usual"], _SHIPPED["argoverse"], _SHIPPED["nuscenes"])
 """The paper's grouping of names that data sets have, and of usual ones."""
-PAPER, OWN = "paper", "own"
-"""Class maps that have a name."""
+PAPER, OWN = "paper", "own"  # class maps that have a name
 OTHER = "Other"
 """Class of ignored categories whose boxes are kept: they hide what is behind them, and count in no
 other class."""
@@ -42,31 +40,22 @@ NO_OBSTACLES = ("DontCare", "EGO_VEHICLE")
 """Ignored categories that hide nothing: parts of an image, and the vehicle with the LiDARs."""
 
 
-class OwnNames(Mapping[str, str]):
+class OwnNames(dict[str, str]):
     """Every category whose name can be one of a class keeps it; what is no road user is ignored."""
 
-    def __getitem__(self, category: str) -> str:
+    def __missing__(self, category: str) -> str:
         return IGNORE if category in NO_ROAD_USERS else category
 
     def __contains__(self, category: object) -> bool:
         return fault_of_name(category) is None
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
 
 
 def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = False) -> ClassMap:
     """The class map of a data set, `known`, with what `class_map` says in its place.
 
     With `keep_ignored` ignored categories are `OTHER`, but for `NO_OBSTACLES`. Raises ValueError if
-    a category is not text, or a class not a name.
-    """
-    result: ClassMap = {**known, **(class_map or {})}
-    if isinstance(class_map, OwnNames):
-        result = class_map
+    a category is not text, or a class not a name."""
+    result = class_map if isinstance(class_map, OwnNames) else {**known, **(class_map or {})}
     check_class_map(result)
     if not keep_ignored:
         return result
@@ -77,9 +66,7 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
 
 def named_class_map(name: str) -> ClassMap | None:
     """The class map of a name: None for "paper", `OwnNames` for "own", else that of a YAML file.
-
-    Raises OSError if the file cannot be read, ValueError if it is no YAML, or no class map.
-    """
+    Raises OSError if the file cannot be read, ValueError if it is no YAML, or no class map."""
     if name in (PAPER, OWN):
         return None if name == PAPER else OwnNames()
     content = read_yaml_file(path := Path(name))
@@ -104,11 +91,9 @@ def classify(
     row: Callable[[int], str],
     ignored: Counter[str] | None,
 ) -> NDArray[np.object_]:
-    """The class of every row of `categories`, or `IGNORE`; shape (rows,), text.
-
-    Adds to `ignored` how many rows of each ignored category there are. Raises ValueError if a row
-    has no category, or one not in `class_map`; `row` names the row.
-    """
+    """The class of every row of `categories`, or `IGNORE`; shape (rows,), text. Adds to `ignored`
+    how many rows of each ignored category there are. Raises ValueError if a row has no category, or
+    one not in `class_map`; `row` names the row."""
     values = categories.astype(object)
     if (index := first(values.isna())) is not None:
         raise InputError("the category is missing", place=row(index))
@@ -118,11 +103,9 @@ def classify(
     codes, names = pd.factorize(values)
     for code, name in enumerate(names):
         if name not in class_map:
-            place, fix = (
-                row(codes.tolist().index(code)),
-                f"name its class in a class map, or {IGNORE}",
-            )
-            raise InputError(f"unknown category {reprlib.repr(name)}", place=place, fix=fix)
+            place, fix = row(int(np.argmax(codes == code))), "name its class in a class map, or "
+            problem = f"unknown category {reprlib.repr(name)}"
+            raise InputError(problem, place=place, fix=fix + IGNORE)
     classes = np.array([class_map[name] for name in names], dtype=object)[codes]
     if ignored is not None:
         ignored.update(values[classes == IGNORE].tolist())

@@ -28,8 +28,7 @@ def drives_in(
         pattern: of the paths.
         each: what there must be for each drive.
 
-    Raises ValueError if a split is unknown, or a folder has no drive.
-    """
+    Raises ValueError if a split is unknown, or a folder has no drive."""
     for split in splits:
         if split not in known:
             raise ValueError(f"split {split!r}: allowed are {', '.join(known)}")

@@ -21,17 +21,13 @@ from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.588 / 2, 0.0, 0.0)
-"""Our ego origin in the ego frame of nuScenes, metres.
-
-Theirs is the middle of the rear axle, projected onto the ground
-(https://github.com/nutonomy/nuscenes-devkit/issues/161); ours lies half a wheelbase ahead. The
-vehicles are Renault Zoes, whose wheelbase is 2.588 m.
-"""
+"""Our ego origin in the ego frame of nuScenes, metres. Theirs is the middle of the rear axle,
+projected onto the ground (https://github.com/nutonomy/nuscenes-devkit/issues/161); ours lies half a
+wheelbase ahead. The vehicles are Renault Zoes, whose wheelbase is 2.588 m."""
 
 LIDAR = "LIDAR_TOP"
 """The annotations of a sample belong to the sweep of this sensor, so its pose is the ego's."""
-STEPS = 1084
-"""Of its HDL-32E, which turns at 20 Hz; the data sheet's steps are those of 10 Hz."""
+STEPS = 1084  # of its HDL-32E, which turns at 20 Hz; the data sheet's steps are those of 10 Hz
 
 
 def read_nuscenes(
@@ -60,8 +56,7 @@ def read_nuscenes(
         lidar: model of the LiDAR; None: HDL-32E at 20 Hz.
         keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
-    Raises ValueError if a table is wrong, a token leads nowhere, or a category is unknown.
-    """
+    Raises ValueError if a table is wrong, a token leads nowhere, or a category is unknown."""
     folder = _tables(folder, version)
     class_map = merged(NUSCENES, class_map, keep_ignored)
     scene = read_table(folder / "scene.json", ("name", "log_token"))
@@ -98,10 +93,8 @@ def read_nuscenes(
 
 
 def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world.
-
-    `ego` is our ego frame of every row. Raises ValueError that names file, row and value.
-    """
+    """Columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world. `ego`
+    is our ego frame of every row. Raises ValueError that names file, row and value."""
     size = box.numbers("size", 3)
     if (row := first((size < 0).any(axis=1))) is not None:
         raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
@@ -176,9 +169,9 @@ def _sweeps(folder: Path, sample: Table) -> Table:
     sweep = read_table(folder / "sample_data.json", (*tokens, "is_key_frame", "filename"))
     lidar = np.array(sensor.columns["channel"], dtype=object) == LIDAR
     by_lidar = lidar[calibrated.rows_in(sensor, "sensor_token")]
-    is_key = sweep.flags("is_key_frame")
+    sweep.check("is_key_frame", lambda value: isinstance(value, bool), "true or false")
     by_lidar = by_lidar[sweep.rows_in(calibrated, "calibrated_sensor_token")]
-    sweep = sweep.take(np.flatnonzero(is_key & by_lidar))
+    sweep = sweep.take(np.flatnonzero(by_lidar & np.array(sweep.columns["is_key_frame"], bool)))
     in_sample = sweep.rows_in(sample, "sample_token")
     number = np.bincount(in_sample, minlength=len(sample))
     if (row := first(number != 1)) is not None:

@@ -21,15 +21,10 @@ TEXT = re.compile(r"(\w+_)?token|name|channel|modality|filename")
 
 @dataclass(frozen=True)
 class Table:
-    """Some columns of a table.
-
-    Attributes:
-        path: the file.
-        columns: values by column, all of one length; `token` names the row.
-    """
+    """Some columns of a table in a file."""
 
     path: Path
-    columns: Mapping[str, Sequence[Any]]
+    columns: Mapping[str, Sequence[Any]]  # values, all of one length; `token` names the row
 
     def __len__(self) -> int:
         return len(self.columns["token"])
@@ -57,16 +52,9 @@ class Table:
                 where = f"{self.path}: row {index}" if name == "token" else self.row(index)
                 raise ValueError(f"{where}: {name} must be {wanted}, found {reprlib.repr(value)}")
 
-    def flags(self, name: str) -> NDArray[np.bool_]:
-        """A column of true and false: (rows,), bool. Raises ValueError."""
-        self.check(name, lambda value: isinstance(value, bool), "true or false")
-        return np.array(self.columns[name], bool)
-
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
-        """Which row of `other` the tokens in column `name` point at; (rows,), int64.
-
-        Raises ValueError if `other` has no such row, or two.
-        """
+        """Which row of `other` the tokens in column `name` point at; (rows,), int64. Raises
+        ValueError if `other` has no such row, or two."""
         index = pd.Index(other.columns["token"], dtype=object)
         if (twice := first(index.duplicated())) is not None:
             raise ValueError(f"{other.row(twice)}: is there twice")
@@ -95,10 +83,8 @@ def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
 
 
 def read_table(path: Path, names: Sequence[str]) -> Table:
-    """Columns `token` and `names` of a table.
-
-    Raises ValueError if there is no such file, or it is no JSON list of objects with these columns.
-    """
+    """Columns `token` and `names` of a table. Raises ValueError if there is no such file, or it is
+    no JSON list of objects with these columns."""
     names = ("token", *names)
     # Rows become tuples while they are read: all columns as dicts would take half as much again.
     try:

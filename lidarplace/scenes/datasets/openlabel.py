@@ -45,8 +45,7 @@ def read_openlabel(
         class_map: from types of objects to classes; our own stand for themselves.
         ignored: gets the number of boxes left out by type.
 
-    Raises ValueError if a file is wrong, a type unknown, or no transform leads to the vehicle.
-    """
+    Raises ValueError if a file is wrong, a type unknown, or no transform leads to the vehicle."""
     classes = merged(BOX_LOG, class_map)
     paths = sorted(source.glob("*.json")) if source.is_dir() else [source]
     if not paths:
@@ -129,9 +128,9 @@ def _time(stamp: str | float | None, seconds: float, path: Path) -> float:
 def _boxes(content: Content, vehicle: str, path: Path) -> pd.DataFrame:
     """Boxes of a drive: `row` of the frame, `object_id`, `type` and `GEOMETRY` in the vehicle."""
     rows = [
-        (row, uid, kind, *geometry)
+        (row, *box)
         for row, number in enumerate(sorted(content.frames))
-        for uid, kind, geometry in _boxes_of_frame(content, number, vehicle, path)
+        for box in _boxes_of_frame(content, number, vehicle, path)
     ]
     boxes = pd.DataFrame(rows, columns=["row", "object_id", "type", *GEOMETRY])
     return boxes.astype(dict.fromkeys(GEOMETRY, np.float64))
@@ -139,7 +138,7 @@ def _boxes(content: Content, vehicle: str, path: Path) -> pd.DataFrame:
 
 def _boxes_of_frame(
     content: Content, number: int, vehicle: str, path: Path
-) -> Iterator[tuple[str, str, tuple[float, ...]]]:
+) -> Iterator[tuple[str | float, ...]]:
     """Object, type and geometry of every box of a frame, in the vehicle's system."""
     frame = content.frames[number]
     systems = Systems(content, frame)
@@ -165,4 +164,4 @@ def _boxes_of_frame(
             to_vehicle[system] = matrix
         pose = to_vehicle[system] @ own[0].pose()
         yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        yield uid, known.type, (*pose[:3, 3].tolist(), *own[0].val[-3:], yaw)
+        yield uid, known.type, *pose[:3, 3].tolist(), *own[0].val[-3:], yaw

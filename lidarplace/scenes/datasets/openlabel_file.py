@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarplace.configuration.record import Number
 
-VEHICLE = "local_cs"
-"""The type of a coordinate system that moves with the vehicle."""
+VEHICLE = "local_cs"  # the type of a coordinate system that moves with the vehicle
 Matrix = NDArray[np.float64]
 
 
@@ -146,10 +145,8 @@ class OpenLabel(BaseModel):
 
 
 class Systems:
-    """The coordinate systems of one frame, by the transforms that are known between them.
-
-    Those of a frame win over those that hold throughout.
-    """
+    """The coordinate systems of one frame, by the transforms that are known between them. Those of
+    a frame win over those that hold throughout."""
 
     def __init__(self, content: Content, frame: Frame) -> None:
         self._known: dict[tuple[str, str], Matrix] = {}

@@ -13,15 +13,10 @@ from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS, first
 
 @dataclass(frozen=True)
 class Poses:
-    """N poses in one frame, or each in a frame of its own.
+    """N poses in one frame, or each in a frame of its own."""
 
-    Attributes:
-        position: origins, shape (N, 3), float64, metres.
-        rotation: N rotations that take directions of the posed frame to the outer one.
-    """
-
-    position: NDArray[np.float64]
-    rotation: Rotation
+    position: NDArray[np.float64]  # origins, shape (N, 3), metres
+    rotation: Rotation  # N that take directions of the posed frame to the outer one
 
     @classmethod
     def of_boxes(cls, boxes: pd.DataFrame) -> "Poses":
@@ -67,10 +62,8 @@ class Poses:
 def poses(
     position: NDArray[np.float64], quaternion: NDArray[np.float64], row: Callable[[int], str]
 ) -> Poses:
-    """Poses from positions, (N, 3), and quaternions w, x, y, z of any length but 0, (N, 4).
-
-    Raises ValueError if a quaternion has no length; `row` names its row.
-    """
+    """Poses from positions, (N, 3), and quaternions w, x, y, z of any length but 0, (N, 4). Raises
+    ValueError if a quaternion has no length; `row` names its row."""
     if (none := first(~(np.linalg.norm(quaternion, axis=1) > 0))) is not None:
         raise ValueError(f"{row(none)}: the rotation is a quaternion of length 0")
     return Poses(position, Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]))

@@ -33,8 +33,7 @@ SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split", CLOUD)
 LOG, NO_BOXES = "log", "no boxes"
 """Scene of a frame where it is unknown, and of empty frames of which only the number is known."""
-OF_FRAMES = ("scene", "timestamp_s")
-"""What a frame has, and each of its boxes too."""
+OF_FRAMES = ("scene", "timestamp_s")  # what a frame has, and each of its boxes too
 
 
 def read_tabular(
@@ -65,8 +64,7 @@ def read_tabular(
 
     Raises:
         OSError: a file cannot be read.
-        ValueError: a column is missing, a value is wrong, or the frames are unknown.
-    """
+        ValueError: a column is missing, a value is wrong, or the frames are unknown."""
     class_map = merged(BOX_LOG, class_map)
     further: dict[str, Any] = {}
     if source.is_dir():
@@ -100,10 +98,8 @@ def _found(folder: Path, name: str) -> Path:
 
 
 def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
-    """The table in a Parquet or a CSV file; `texts` are columns in which `007` is no number.
-
-    Raises ValueError if the file cannot be read, or has another suffix.
-    """
+    """The table in a Parquet or a CSV file; `texts` are columns in which `007` is no number. Raises
+    ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path}: must end in {' or '.join(SUFFIXES)}")
     if path.suffix.lower() == ".csv":
@@ -124,10 +120,8 @@ def _boxes(path: Path) -> pd.DataFrame:
 
 
 def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
-    """Make `frame` and `numeric` columns numbers, and see that no text is missing.
-
-    A `timestamp_s` of which nothing is known, as this reader itself leaves it, is dropped.
-    """
+    """Make `frame` and `numeric` columns numbers, and see that no text is missing. A `timestamp_s`
+    of which nothing is known, as this reader itself leaves it, is dropped."""
     if "timestamp_s" in table and table["timestamp_s"].isna().all():
         del table["timestamp_s"]
     columns.check_columns(list(table.columns), needed, str(path))

@@ -26,12 +26,10 @@ from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, rec
 from lidarplace.scenes.datasets.se3 import Poses
 
 ORIGIN = (3.0 / 2, 0.0, 0.0)
-"""Our ego origin in the vehicle frame of Waymo, metres.
-
-Theirs is the middle of the rear axle (https://github.com/waymo-research/waymo-open-dataset/issues/165)
-on the ground (issues/597 there); ours lies half a wheelbase ahead. Waymo does not say which vehicle
-drove; the wheelbases of its fleet, Chrysler Pacifica and Jaguar I-Pace, are 3.09 and 2.99 m.
-"""
+"""Our ego origin in the vehicle frame of Waymo, metres. Theirs is the middle of the rear axle
+(https://github.com/waymo-research/waymo-open-dataset/issues/165) on the ground (issues/597 there);
+ours lies half a wheelbase ahead. Waymo does not say which vehicle drove; the wheelbases of its
+fleet, Chrysler Pacifica and Jaguar I-Pace, are 3.09 and 2.99 m."""
 
 SPLITS = {"training": "train", "validation": "test", "testing": "test"}
 """Folder of the data set -> split of the box log."""
@@ -56,8 +54,7 @@ LIDARS = ("TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR")
 IMAGE = {"TOP": (64, 2650, 75.0)}
 """Of a range image: beams, azimuth steps of a turn, and metres that it was cut to
 (https://waymo.com/open/data/perception)."""
-SHORT_RANGE_IMAGE = (200, 600, 20.0)
-"""Of the others."""
+SHORT_RANGE_IMAGE = (200, 600, 20.0)  # of the others
 _CALIBRATION = "[LiDARCalibrationComponent]"
 LASER, EXTRINSIC = "key.laser_name", f"{_CALIBRATION}.extrinsic.transform"
 INCLINATIONS = tuple(f"{_CALIBRATION}.beam_inclination.{name}" for name in ("min", "max", "values"))
@@ -84,8 +81,7 @@ def read_waymo(
         class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.WAYMO`.
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
 
-    Raises ValueError if a file is missing or wrong, a box is in no frame, or a type is unknown.
-    """
+    Raises ValueError if a file is missing or wrong, a box is in no frame, or a type is unknown."""
     pattern, each = "lidar_box/*.parquet", "a file for each segment"
     drives = drives_in(folder, splits, SPLITS, pattern, each)
     classes = merged(WAYMO, class_map, keep_ignored)
@@ -195,10 +191,8 @@ def _boxes(
 
 
 def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from those of a table of Waymo: `CENTRE`, `SIZE` and `HEADING`.
-
-    Raises ValueError that names file, row and value.
-    """
+    """Columns of `GEOMETRY` from those of a table of Waymo: `CENTRE`, `SIZE` and `HEADING`. Raises
+    ValueError that names file, row and value."""
     centre, size = numbers(table, CENTRE, source) - ORIGIN, sizes(table, SIZE, source)
     return geometry_of(centre, size, numbers(table, [HEADING], source)[:, 0])
 

@@ -15,15 +15,11 @@ from lidarplace.files.regular import regular
 LIDAR_HEIGHT_M = 1.73
 """The LiDAR frame's origin is so far above that of the ego frame; their axes are parallel."""
 CAMERA_AHEAD_M = 0.27
-CAMERA_BELOW_M = 0.08
-"""The camera, seen from the LiDAR."""
-IMAGE_SIZE = (1242, 375)
-"""Width and height of the image, pixels."""
+CAMERA_BELOW_M = 0.08  # both: the camera, seen from the LiDAR
+IMAGE_SIZE = (1242, 375)  # width and height of the image, pixels
 FOCAL_PX = 721.5377
-CENTRE_PX = (609.5593, 172.854)
-"""Intrinsics of most of KITTI's drives, without lens offsets."""
-BASELINE_M = 0.54
-"""Cameras 1 and 3 stand so far to the right of cameras 0 and 2."""
+CENTRE_PX = (609.5593, 172.854)  # both: of most of KITTI's drives, without lens offsets
+BASELINE_M = 0.54  # cameras 1 and 3 stand so far to the right of cameras 0 and 2
 
 
 def _standard() -> dict[str, NDArray[np.float64]]:
@@ -55,10 +51,8 @@ def calibration_text(calibration: Mapping[str, NDArray[np.float64]] = STANDARD) 
 
 
 def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Read a file of `calib`: its matrices by name.
-
-    Raises OSError, and ValueError if a line is no matrix, or what places the camera is missing.
-    """
+    """Read a file of `calib`: its matrices by name. Raises OSError, and ValueError if a line is no
+    matrix, or what places the camera is missing."""
     matrices: dict[str, NDArray[np.float64]] = {}
     for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
         key, *values = line.split() or [""]
@@ -88,9 +82,7 @@ def camera_to_ego(
     calibration: Mapping[str, NDArray[np.float64]] = STANDARD, lidar_height: float = LIDAR_HEIGHT_M
 ) -> NDArray[np.float64]:
     """From the rectified camera frame, that of the labels, to the ego frame; shape (3, 4).
-
-    `calibration` has `R0_rect` and `Tr_velo_to_cam`; `lidar_height` is in metres.
-    """
+    `calibration` has `R0_rect` and `Tr_velo_to_cam`; `lidar_height` is in metres."""
     to_camera = np.eye(4)
     to_camera[:3] = calibration["R0_rect"] @ calibration["Tr_velo_to_cam"]
     to_ego = np.array(np.linalg.inv(to_camera)[:3], np.float64)

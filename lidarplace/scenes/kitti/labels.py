@@ -20,8 +20,7 @@ LABEL_COLUMNS = (
 )
 """The fields of a line, in its order. x, y, z: centre of the bottom, camera frame."""
 DECIMALS = 2
-NEAR_M = 0.1
-"""What is nearer to the plane of the camera is not in the image."""
+NEAR_M = 0.1  # what is nearer to the plane of the camera is not in the image
 _LINE = "%s %.2f %d" + 12 * " %.2f"
 
 
@@ -34,8 +33,7 @@ def to_labels(objects: pd.DataFrame) -> pd.DataFrame:
     `truncated` 1 and an image box of zeros.
 
     Args:
-        objects: `frame`, `class`, `occluded` (0 to 3) and the columns of `GEOMETRY`, ego frame.
-    """
+        objects: `frame`, `class`, `occluded` (0 to 3) and the columns of `GEOMETRY`, ego frame."""
     ego = dict(zip(GEOMETRY, objects[list(GEOMETRY)].to_numpy(np.float64).T, strict=True))
     bottom = ego["z"] - 0.5 * ego["height"]
     height, width, length = (_rounded(ego[name]) for name in ("height", "width", "length"))
@@ -81,11 +79,9 @@ def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _image_boxes(*box: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Left, top, right, bottom of the boxes in an image without end, shape (N, 4); else zeros.
-
-    Box and camera are upright, so the part of a box before the camera stands on the part of its
-    footprint there: at most four corners and two points where edges pass `NEAR_M`.
-    """
+    """Left, top, right, bottom of the boxes in an image without end, shape (N, 4); else zeros. Box
+    and camera are upright, so the part of a box before the camera stands on the part of its
+    footprint there: at most four corners and two points where edges pass `NEAR_M`."""
     height, width, length, x, y, z, rotation_y = box
     along = 0.5 * length[:, None] * [1.0, 1.0, -1.0, -1.0]
     across = 0.5 * width[:, None] * [1.0, -1.0, -1.0, 1.0]

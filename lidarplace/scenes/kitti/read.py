@@ -29,10 +29,8 @@ from lidarplace.scenes.kitti.calibration import (
 )
 from lidarplace.scenes.kitti.folder import fault, frame_name, part
 
-SETS = {"train": "train", "val": "test"}
-"""Lists in `ImageSets` -> split of the box log."""
-STEPS = 2007
-"""Of its HDL-64E, counted in raw sweeps: 2,005 to 2,008."""
+SETS = {"train": "train", "val": "test"}  # lists in `ImageSets` -> split of the box log
+STEPS = 2007  # of its HDL-64E, counted in raw sweeps: 2,005 to 2,008
 _NUMBERS = 14  # fields of a line after the type, without the score
 
 
@@ -65,8 +63,7 @@ def read_kitti(
         lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
 
     Raises OSError without labels, ValueError that names file and line if one is broken or of an
-    unknown type, a calibration or a label file is missing, or no frame is left.
-    """
+    unknown type, a calibration or a label file is missing, or no frame is left."""
     LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
     types = merged(KITTI, class_map, keep_ignored)
     ignored = Counter() if ignored is None else ignored
@@ -79,8 +76,14 @@ def read_kitti(
     for frame in frames["frame"].tolist():
         file = f"{frame_name(frame)}.txt"
         if not standard_calibration:
+            path = part(folder, "calib") / file
             try:
-                pose = _pose(part(folder, "calib") / file, lidar_height)
+                pose = camera_to_ego(read_calibration(path), lidar_height)
+            except FileNotFoundError:
+                problem = "no such file, so nothing places the camera"
+                fix = "--standard-calibration takes KITTI's usual camera instead"
+                fault(f"{path}: {problem}; {fix}", skipped)
+                continue
             except ValueError as error:
                 fault(str(error), skipped)
                 continue
@@ -154,16 +157,6 @@ def _is_name(stem: str) -> bool:
     return stem.isascii() and stem.isdigit() and stem == frame_name(int(stem))
 
 
-def _pose(path: Path, lidar_height: float) -> NDArray[np.float64]:
-    """`camera_to_ego` of a frame."""
-    try:
-        return camera_to_ego(read_calibration(path), lidar_height)
-    except FileNotFoundError:
-        fix = "--standard-calibration takes KITTI's usual camera instead"
-        problem = "no such file, so nothing places the camera"
-        raise ValueError(f"{path}: {problem}; {fix}") from None
-
-
 def read_labels(
     path: Path,
     types: Mapping[str, str],
@@ -172,9 +165,7 @@ def read_labels(
     fields_of_line: Sequence[int] = (_NUMBERS + 1, _NUMBERS + 2),
 ) -> list[tuple[int, str, list[float]]]:
     """Line, type and numbers, 14 and maybe a score, of the boxes of a file; counts those ignored.
-
-    Raises ValueError that names file and line, unless `skipped` gets it.
-    """
+    Raises ValueError that names file and line, unless `skipped` gets it."""
     wanted = " or ".join(map(str, fields_of_line))
     found = []
     for number, line in _lines(path):
@@ -206,10 +197,8 @@ def in_ego(
     labels: NDArray[np.float64], to_ego: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """Columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).
-
     `to_ego` (B, 3, 4) may be tilted: centre and heading are turned as vectors, and the box is set
-    upright about its centre.
-    """
+    upright about its centre."""
     height, width, length, x, y, z, rotation_y = labels.T
     centre = np.stack([x, y - 0.5 * height, z, np.ones_like(x)], axis=1)
     heading = np.stack([np.cos(rotation_y), np.zeros_like(x), -np.sin(rotation_y)], axis=1)

@@ -39,8 +39,7 @@ def read_kitti_clouds(
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
         lidar_height: of the LiDAR above the ground, metres.
         skipped: gets what is wrong with points and files, which are then left out. Without it the
-            first such fault is a ValueError.
-    """
+            first such fault is a ValueError."""
     LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
     whole = {}
     for frame in frames:

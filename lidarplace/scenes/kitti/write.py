@@ -1,6 +1,7 @@
 """A data set in KITTI's object layout, as OpenPCDet reads it."""
 
-import shutil
+import struct
+import zlib
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
@@ -8,7 +9,6 @@ import pandas as pd
 
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.files.atomic import replacing
-from lidarplace.files.png import black_png
 from lidarplace.logs.boxes import first
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
 from lidarplace.scenes.kitti.folder import frame_name
@@ -46,8 +46,7 @@ def write_kitti(
         secret: write split test into `testing`, without labels, and list it in `test.txt`.
 
     Raises ValueError if the folder is not empty, a split or a frame number is not possible, or the
-    portions are not of these frames.
-    """
+    portions are not of these frames."""
     check_new(folder)
     if (row := first(~frames["split"].isin(list(SETS.values())))) is not None:
         raise ValueError(f"split {frames['split'].iloc[row]!r}: allowed are train and test")
@@ -55,24 +54,16 @@ def write_kitti(
         raise ValueError(f"frame {frames['frame'].min()}: a file needs a number of at least 0")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with replacing(folder) as partial:
-        try:
-            tests = frames["frame"][frames["split"] == "test"].tolist() if secret else []
-            written = _write_frames(partial, portions, images, frozenset(tests))
-            if sorted(written) != sorted(frames["frame"].tolist()):
-                raise ValueError(f"clouds of {len(written)} frames for {len(frames)} frames")
-            train, test = (
-                [frame_name(frame) for frame in frames["frame"][frames["split"] == split]]
-                for split in SETS.values()
-            )
-            lists = {"train": train, "val": [] if secret else test, "test": test if secret else []}
-            lists["trainval"] = lists["train"] + lists["val"]
-            (partial / "ImageSets").mkdir()
-            for name, stems in lists.items():
-                text = "".join(f"{stem}\n" for stem in sorted(stems))
-                (partial / "ImageSets" / f"{name}.txt").write_text(text)
-        except BaseException:
-            shutil.rmtree(partial, ignore_errors=True)
-            raise
+        train, test = (frames["frame"][frames["split"] == s].tolist() for s in SETS.values())
+        val, test = ([], test) if secret else (test, [])
+        written = _write_frames(partial, portions, images, frozenset(test))
+        if sorted(written) != sorted(frames["frame"].tolist()):
+            raise ValueError(f"clouds of {len(written)} frames for {len(frames)} frames")
+        (partial / "ImageSets").mkdir()
+        lists = {"train": train, "val": val, "test": test, "trainval": train + val}
+        for name, numbers in lists.items():
+            text = "".join(f"{stem}\n" for stem in sorted(map(frame_name, numbers)))
+            (partial / "ImageSets" / f"{name}.txt").write_text(text)
 
 
 def _write_frames(
@@ -104,3 +95,14 @@ def _write_frames(
                 (own / "image_2" / f"{stem}.png").write_bytes(image)
             written.append(frame)
     return written
+
+
+def black_png(width: int, height: int) -> bytes:
+    """A black RGB image in PNG's format, in some kilobytes (ISO/IEC 15948)."""
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    rows = zlib.compress(bytes(height * (1 + 3 * width)), 9)
+    image = b"\x89PNG\r\n\x1a\n"
+    for name, data in ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b"")):
+        check = struct.pack(">I", zlib.crc32(name + data))
+        image += struct.pack(">I", len(data)) + name + data + check
+    return image

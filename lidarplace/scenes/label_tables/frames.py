@@ -11,17 +11,13 @@ from lidarplace.files.columns import integers, numbers, texts
 from lidarplace.scenes.label_tables.mapping import TableMapping
 from lidarplace.scenes.label_tables.units import SECONDS
 
-OFF_GRID = 0.25
-"""By so much of a frame's duration may time stamps differ from an even rate."""
-DRIVE = "log"
-"""Scene of a file that has no column of drives."""
+OFF_GRID = 0.25  # by so much of a frame's duration may time stamps differ from an even rate
+DRIVE = "log"  # scene of a file that has no column of drives
 
 
 class Stamps(NamedTuple):
     """When each row is: name of the drive, (rows,), and time in the file's own unit, (rows,).
-
-    Doubles hold microseconds of our epoch exactly, nanoseconds to a quarter of a microsecond.
-    """
+    Doubles hold microseconds of our epoch exactly, nanoseconds to a quarter of a microsecond."""
 
     drive: NDArray[np.object_]
     value: NDArray[np.float64]
@@ -39,12 +35,10 @@ def read_stamps(
 def frames_of(
     stamps: Stamps, mapping: TableMapping, source: str
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """The table of frames, and the frame number of every row.
-
-    Frames have `FRAME_COLUMNS`, and `stamp` in the file's own unit. Numbers count through the
-    drives in the order of their names. Raises ValueError if time stamps do not keep the rate, or a
-    drive of the mapping is not there.
-    """
+    """The table of frames, and the frame number of every row. Frames have `FRAME_COLUMNS`, and
+    `stamp` in the file's own unit. Numbers count through the drives in the order of their names.
+    Raises ValueError if time stamps do not keep the rate, or a drive of the mapping is not
+    there."""
     drives, route = np.unique(stamps.drive.astype(str), return_inverse=True)
     split = _splits(drives, mapping, source)
     of_row = np.zeros(len(route), np.int64)

@@ -53,8 +53,7 @@ class Origin(Settings):
     """Where the origin of the label file's vehicle frame is, in metres of our ego frame.
 
     Ours is on the ground under the centre of the vehicle. A rear axle 1.4 m behind the centre and
-    0.33 m above the ground is x: -1.4, z: 0.33.
-    """
+    0.33 m above the ground is x: -1.4, z: 0.33."""
 
     x: Length = Field(0.0, description="ahead of the centre; < 0 behind it")
     y: Length = Field(0.0, description="left of it")

@@ -18,11 +18,9 @@ from lidarplace.scenes.datasets.tabular import read_table
 from lidarplace.scenes.label_tables import units
 from lidarplace.scenes.label_tables.mapping import Columns
 
-ALIKE = 0.8
-"""Names less alike than this share of their letters are not taken for each other."""
+ALIKE = 0.8  # names less alike than this share of their letters are not taken for each other
 _NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
-USUAL: Mapping[str, str] = _NAMES["usual"]
-"""Key of the mapping -> names that it has in label files."""
+USUAL: Mapping[str, str] = _NAMES["usual"]  # key of the mapping -> names that it has in label files
 _STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["stems"].items()))
 """Of German and French words, in groups called by the English one."""
 TEST_SHARE = 0.2
@@ -31,11 +29,9 @@ NEAR_GROUND_M = 0.1
 
 
 def propose_mapping(path: Path) -> str:
-    """A mapping of the label file as YAML, with comments that say what each guess is from.
-
-    A column that its name does not identify is a key without value, an error to who reads it.
-    Raises ValueError if the file cannot be read, or has no rows.
-    """
+    """A mapping of the label file as YAML, with comments that say what each guess is from. A column
+    that its name does not identify is a key without value, an error to who reads it. Raises
+    ValueError if the file cannot be read, or has no rows."""
     table = read_table(path, ())
     if table.empty:
         raise ValueError(f"{path}: no rows")

@@ -22,8 +22,7 @@ from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import EgoPoses, TableMapping
 from lidarplace.scenes.label_tables.units import METRES, RADIANS, SECONDS
 
-SLACK_S = 0.1
-"""Boxes may be by so much earlier than the first pose, or later than the last."""
+SLACK_S = 0.1  # boxes may be by so much earlier than the first pose, or later than the last
 
 
 class Track(NamedTuple):
@@ -82,12 +81,10 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
 
 
 def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -> BoxLog:
-    """The boxes of a label file, a row a box; its frames have poses if the mapping has.
-
-    `ignored` gets the number of boxes left out by category. Raises ValueError that names file and
-    column if one is missing, a value is none, a category is in no class, an object is twice in a
-    frame, or time stamps, drives or poses do not fit.
-    """
+    """The boxes of a label file, a row a box; its frames have poses if the mapping has. `ignored`
+    gets the number of boxes left out by category. Raises ValueError that names file and column if
+    one is missing, a value is none, a category is in no class, an object is twice in a frame, or
+    time stamps, drives or poses do not fit."""
     columns, source = mapping.columns, str(path)
     names = (columns.drive, columns.object, columns.category)
     table = read_table(path, filter(None, names))

@@ -12,19 +12,14 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.scenes.sanity_checks.doubt import Doubt
 
 FARTHEST_M = 1000.0
-NEAREST_M = 2.0
-"""A log none of whose boxes is farther away has another unit."""
-IN_VEHICLE = 0.01
-"""Share of boxes whose centre may be in the vehicle's body: people who touch it."""
+NEAREST_M = 2.0  # a log none of whose boxes is farther away has another unit
+IN_VEHICLE = 0.01  # share of boxes whose centre may be in the vehicle's body: people who touch it
 OFF_GROUND_M = 0.25
-NEAR_M = 40.0
-"""Boxes up to here show where the ground is; farther away it may rise."""
+NEAR_M = 40.0  # boxes up to here show where the ground is; farther away it may rise
 LENGTHS_M = {"Car": (1.5, 20.0), "Cyclist": (0.7, 25.0), "Pedestrian": (0.3, 4.0)}
 """Longest side of the median object of a class."""
-LEAST_WHOLE = 3
-"""So many turned boxes, all by whole numbers of radians, are no chance."""
-LEAST_BOXES = 20
-"""So many boxes come close to a full turn, and are not all next to the vehicle."""
+LEAST_WHOLE = 3  # so many turned boxes, all by whole numbers of radians, are no chance
+LEAST_BOXES = 20  # so many boxes come close to a full turn, and are not all next to the vehicle
 
 
 def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:

@@ -14,21 +14,13 @@ Check = Literal["yaw", "size", "place", "ground", "time", "poses"]
 
 
 class Doubt(NamedTuple):
-    """Boxes, or for `poses` frames, with implausible values.
+    """Boxes, or for `poses` frames, with implausible values."""
 
-    Attributes:
-        check: what was looked at.
-        column: of the box log, or of its frames; the first of several.
-        boxes: which, or which frames, shape (boxes,), bool; at least one.
-        why: what is wrong with them.
-        remedy: the keys of a mapping that would mend it.
-    """
-
-    check: Check
-    column: str
-    boxes: NDArray[np.bool_]
-    why: str
-    remedy: str
+    check: Check  # what was looked at
+    column: str  # of the box log, or of its frames; the first of several
+    boxes: NDArray[np.bool_]  # which, or which frames, shape (boxes,); at least one
+    why: str  # what is wrong with them
+    remedy: str  # the keys of a mapping that would mend it
 
     def where(self, boxes: pd.DataFrame) -> str:
         """How many of the boxes (or frames) of the log, and the first of them with its values."""

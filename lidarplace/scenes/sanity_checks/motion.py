@@ -12,19 +12,16 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
 from lidarplace.scenes.sanity_checks.doubt import Doubt
 
-STEP_M = 0.2
-"""Shorter steps from frame to frame say more of the labels' noise than of motion."""
+STEP_M = 0.2  # shorter steps from frame to frame say more of the labels' noise than of motion
 MOST_STEPS = 20_000
-LEAST_STEPS = 20
-"""Steps of vehicles that are needed to compare yaw with motion."""
+LEAST_STEPS = 20  # steps of vehicles that are needed to compare yaw with motion
 ACROSS = 0.3
 """Sine of the angle between motion and length axis, 17 degrees, above which a step is across."""
 MOST_ACROSS = 0.1
 """Share of steps that are across without a doubt: labels jitter, and cars in car parks turn."""
 MOST_OFF = 0.5
 """Share of steps in which the vehicle itself may drive another way than it heads: it reverses."""
-CLEARLY = 4
-"""So many times fewer are across in the unit that is meant."""
+CLEARLY = 4  # so many times fewer are across in the unit that is meant
 UNKNOWNS = 2
 """Of the vehicle's own motion in a frame: how far ahead, and by which angle to the left."""
 
@@ -69,23 +66,16 @@ def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
 
 
 class Steps(NamedTuple):
-    """Objects from one frame to the next.
+    """Objects from one frame to the next, shape (steps,)."""
 
-    Attributes:
-        sine: |sine| of the angle between motion and length axis, shape (steps,).
-        box: the box at the end of the step, by its place in the log, shape (steps,).
-    """
-
-    sine: NDArray[np.float64]
-    box: NDArray[np.int64]
+    sine: NDArray[np.float64]  # |sine| of the angle between motion and length axis
+    box: NDArray[np.int64]  # the box at the end of the step, by its place in the log
 
 
 def steps_across(log: BoxLog, factor: float = 1.0, of_world: bool = False) -> Steps:
-    """Steps of the vehicles of a log (pedestrians step aside), their yaw taken `factor` times.
-
-    With `of_world` it is the angle in the world that is taken so, the vehicle's own being right.
-    Where the log has poses, motion is that in the world; elsewhere see `_beside_the_vehicle`.
-    """
+    """Steps of the vehicles of a log (pedestrians step aside), their yaw taken `factor` times. With
+    `of_world` it is the angle in the world that is taken so, the vehicle's own being right. Where
+    the log has poses, motion is that in the world; elsewhere see `_beside_the_vehicle`."""
     steps = _steps(log)
     if len(steps) > MOST_STEPS:  # whole frames, spread over the log
         number = steps["frame"].rank(method="dense").astype(int)
@@ -141,10 +131,8 @@ def _in_the_world(steps: pd.DataFrame, factor: float, of_world: bool) -> Motion:
 
 def _beside_the_vehicle(steps: pd.DataFrame, factor: float) -> Motion:
     """By the motion of the vehicle, v ahead and w to the left, under which objects slide least.
-
     `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the normal of an object's
-    length axis, d its step and p its place in the ego frame. Needs over two objects in a frame.
-    """
+    length axis, d its step and p its place in the ego frame. Needs over two objects in a frame."""
     x, y, yaw = _columns(steps, "", "x", "y", "yaw")
     before_x, before_y = _columns(steps, "before_", "x", "y")
     dx, dy = x - before_x, y - before_y

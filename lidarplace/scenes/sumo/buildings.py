@@ -22,10 +22,8 @@ Rectangles = NDArray[np.float64]
 
 
 def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
-    """All pairs of road users on one level whose rectangles on the ground meet.
-
-    Shape (P, 3), int64: recorded step, and the two indices, ascending.
-    """
+    """All pairs of road users on one level whose rectangles on the ground meet. Shape (P, 3),
+    int64: recorded step, and the two indices, ascending."""
     half = np.array([(user.length, user.width) for user in traffic.users]) / 2
     radius = np.hypot(*half.T)
     reach = radius[:, None] + radius
@@ -41,11 +39,8 @@ def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
 
 
 def rectangles_meet(a: Rectangles, b: Rectangles) -> NDArray[np.bool_]:
-    """Whether the n-th of `a` and the n-th of `b` share a point, shape (P,).
-
-    Two convex shapes are apart exactly if some edge's normal separates them; rectangles have two
-    normals each.
-    """
+    """Whether the n-th of `a` and the n-th of `b` share a point, shape (P,). Two convex shapes are
+    apart exactly if some edge's normal separates them; rectangles have two normals each."""
     dx, dy, turn = (b - a)[:, :3].T
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     meet = np.ones(len(a), bool)
@@ -59,25 +54,20 @@ def rectangles_meet(a: Rectangles, b: Rectangles) -> NDArray[np.bool_]:
 ROUNDS = (((12.0, 26.0), (8.0, 14.0), (0.3, 16.0)), ((7.0, 12.0), (6.0, 9.0), (10.0, 50.0)))
 """Length along the road and depth of a building, and the gap to the next one, metres: large ones
 first, then smaller ones where room is left. Together they line two thirds of a street."""
-SETBACK_M = (0.5, 4.0)
-"""From the outer edge of the road, its sidewalk included, to the wall."""
-VERGE_M = (4.0, 12.0)
-"""The same for every lane, where there is no sidewalk or the road is broad."""
+SETBACK_M = (0.5, 4.0)  # from the outer edge of the road, its sidewalk included, to the wall
+VERGE_M = (4.0, 12.0)  # the same for every lane, where there is no sidewalk or the road is broad
 BROAD = 3
 """From so many lanes one way on a road counts as a highway: houses keep away, and there are none
 between its halves."""
 STOREYS = (1, 6)
 STOREY_M = 3.2
-REACH_M = 80.0
-"""Buildings farther from every recorded pose are left out."""
+REACH_M = 80.0  # buildings farther from every recorded pose are left out
 
 
 def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> pd.DataFrame:
-    """Buildings of the town `name`, columns `BUILDING_COLUMNS`, in the frame of the network.
-
-    The log is flat, so all stand on z = 0, and none over or under a bridge.
-    `network` was read with its junctions' inner lanes; `lefthand` says that vehicles keep left.
-    """
+    """Buildings of the town `name`, columns `BUILDING_COLUMNS`, in the frame of the network. The
+    log is flat, so all stand on z = 0, and none over or under a bridge. `network` was read with its
+    junctions' inner lanes; `lefthand` says that vehicles keep left."""
     rng = np.random.default_rng(seed)
     roads, polygons = _roads(network)
     edges = sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
@@ -156,11 +146,9 @@ def _frontage(
 
 
 def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
-    """What is kept free: rectangles, and polygons.
-
-    Every piece of every lane and crossing, with its width; and the outlines of junctions and
-    walking areas, once as polygons and once as rectangles without width.
-    """
+    """What is kept free: rectangles, and polygons. Every piece of every lane and crossing, with its
+    width; and the outlines of junctions and walking areas, once as polygons and once as rectangles
+    without width."""
     pieces: list[NDArray[np.float64]] = []
     polygons = [
         np.array(node.getShape(), np.float64)[:, :2]

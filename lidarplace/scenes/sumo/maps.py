@@ -14,16 +14,13 @@ from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.settings import GENERATED, MAP_SUFFIXES
 from lidarplace.scenes.sumo.town import TownMap, build_town, sumo_home
 
-PACKAGE = "py123d"
-"""A package on PyPI that carries CARLA's maps (CC-BY 4.0)."""
+PACKAGE = "py123d"  # a package on PyPI that carries CARLA's maps (CC-BY 4.0)
 IN_PACKAGE, IN_CARLA = "parser/opendrive/carla_maps", "CarlaUE4/Content/Carla/Maps/OpenDrive"
 
 
 def build_network(town: str, seed: int, folder: Path) -> TownMap:
     """SUMO network of `town`, which is named as in `SumoScene.towns`; made in `folder` if need be.
-
-    Raises ImportError without SUMO, ValueError if the map is missing or SUMO cannot read it.
-    """
+    Raises ImportError without SUMO, ValueError if the map is missing or SUMO cannot read it."""
     if town == GENERATED:
         return TownMap(build_town(seed, folder))
     path = find_map(town)
@@ -49,11 +46,9 @@ def find_map(town: str) -> Path:
 
 
 def find_carla_map(name: str) -> Path:
-    """OpenDRIVE file of the CARLA map `name`, such as Town03.
-
-    Looks in the package `py123d`, without importing it, and then in the installation of CARLA that
-    the environment variable `CARLA_ROOT` names. Raises ValueError if neither has it.
-    """
+    """OpenDRIVE file of the CARLA map `name`, such as Town03. Looks in the package `py123d`,
+    without importing it, and then in the installation of CARLA that the environment variable
+    `CARLA_ROOT` names. Raises ValueError if neither has it."""
     spec, root = find_spec(PACKAGE), os.environ.get("CARLA_ROOT")
     package = spec.submodule_search_locations if spec else None
     looked = []
@@ -99,13 +94,11 @@ By netconvert's own table sidewalks are left out, or open to cars."""
 
 
 def convert_opendrive(path: Path, folder: Path) -> TownMap:
-    """Convert `path` (`.xodr` or `.xodr.gz`) to a SUMO network in `folder`.
-
-    x and y stay those of OpenDRIVE, but for a map with left-hand traffic, of which the network is
-    the mirror image. Cars may turn round at dead ends only; lights adapt to traffic; crossings are
-    guessed, and so are sidewalks if the map has none at all. Raises ValueError for what is not
-    OpenDRIVE, or has something that netconvert cannot read.
-    """
+    """Convert `path` (`.xodr` or `.xodr.gz`) to a SUMO network in `folder`. x and y stay those of
+    OpenDRIVE, but for a map with left-hand traffic, of which the network is the mirror image. Cars
+    may turn round at dead ends only; lights adapt to traffic; crossings are guessed, and so are
+    sidewalks if the map has none at all. Raises ValueError for what is not OpenDRIVE, or has
+    something that netconvert cannot read."""
     root = read_opendrive(path)
     lefthand = drives_left(root, path)
     if lefthand:
@@ -139,11 +132,9 @@ RULES = ("RHT", "LHT")
 
 
 def read_opendrive(path: Path) -> Element:
-    """The tree of `path` (`.xodr` or `.xodr.gz`), without namespaces.
-
-    Centre lanes without a type get "none": they have no width, and OpenDRIVE 1.8 has them so.
-    Raises ValueError for no OpenDRIVE, a lane without id or type, or a direct junction.
-    """
+    """The tree of `path` (`.xodr` or `.xodr.gz`), without namespaces. Centre lanes without a type
+    get "none": they have no width, and OpenDRIVE 1.8 has them so. Raises ValueError for no
+    OpenDRIVE, a lane without id or type, or a direct junction."""
     try:
         data = regular(path).read_bytes()
         data = gzip.decompress(data) if path.suffix == ".gz" else data

@@ -30,8 +30,7 @@ from lidarplace.scenes.sumo.trajectories import LEVEL_M, Trajectories, simulate
 if TYPE_CHECKING:
     from sumolib.net import Net
 
-MEETS_M = 40.0
-"""Who comes so near has been met: as far as the paper's ROI reaches ahead."""
+MEETS_M = 40.0  # who comes so near has been met: as far as the paper's ROI reaches ahead
 FASTEST_M_S = 30.0
 LEAP_M = 5.0
 """A car that gets farther than it can drive, and than a bend of its road explains, was moved."""
@@ -45,8 +44,7 @@ def choose_egos(traffic: Trajectories, count: int) -> list[int]:
     increases the sum over all road users of ln(1 + frames in which an ego meets them). The sum is
     submodular, so it reaches at least 1 - 1/e of what any choice has. Cars that drove less than
     half the median are the last choice: a standing ego gives near-duplicates of one frame. A car
-    that SUMO put elsewhere is no ego. Raises ValueError if fewer cars stayed on the road.
-    """
+    that SUMO put elsewhere is no ego. Raises ValueError if fewer cars stayed on the road."""
     car = np.array([user.kind is CAR for user in traffic.users])
     hops = np.hypot(*np.diff(traffic.pose[:, :, :2], axis=0).transpose(2, 0, 1))
     leap = LEAP_M + FASTEST_M_S * np.diff(traffic.time_s)[:, None]
@@ -98,8 +96,7 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
     of the route before. The same settings give the same bytes.
 
     Raises ImportError without SUMO, ValueError if the map is missing or broken, or has no sidewalks
-    for pedestrians, or there are fewer cars on the road than routes, or more vehicles than fit.
-    """
+    for pedestrians, or there are fewer cars on the road than routes, or more vehicles than fit."""
     sumo_home()
     if run.routes > (cars := cars_among(scene.density)):
         raise ValueError(
@@ -168,11 +165,9 @@ def boxes_around(
     run: TownRun,
     first_frame: int,
 ) -> pd.DataFrame:
-    """Boxes within `KEEP_M` of the ego and on its level at `steps`, in its frame.
-
-    Of two that overlap the smaller is left out: SUMO lets some road users brush each other where
-    lanes and crossings meet, about one pair in twenty frames of a whole town.
-    """
+    """Boxes within `KEEP_M` of the ego and on its level at `steps`, in its frame. Of two that
+    overlap the smaller is left out: SUMO lets some road users brush each other where lanes and
+    crossings meet, about one pair in twenty frames of a whole town."""
     near = _near(traffic, ego, KEEP_M)
     area = np.array([u.length * u.width for u in traffic.users])
     area[ego] = np.inf
@@ -205,16 +200,11 @@ def _wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class TownRecording:
-    """One simulation of traffic.
+    """One simulation of traffic."""
 
-    Attributes:
-        scene: without what says which runs there are: `run` has its own.
-        map: SHA-256 of the town's map; None for a generated town.
-    """
-
-    scene: SumoScene
+    scene: SumoScene  # without what says which runs there are: `run` has its own
     run: TownRun
-    map: str | None
+    map: str | None  # SHA-256 of the town's map; None for a generated town
 
     def record(self) -> BoxLog:
         """Simulate it. Raises as `record_town` does."""

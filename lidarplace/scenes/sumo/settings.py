@@ -27,36 +27,25 @@ Town = Annotated[Text, AfterValidator(_town)]
 
 
 class TownRun(BaseModel):
-    """One simulation of a scene, in one town, from which one or several egos are recorded.
-
-    Attributes:
-        name: `scene` of its boxes; its poses and buildings share a world frame.
-        town: as in `SumoScene.towns`.
-        part: whether its routes are for training or for testing.
-        first_route, first_frame: their numbers in the log.
-        routes: egos to record.
-        town_seed: decides a generated town, and where the buildings stand.
-        traffic_seed: decides who drives where.
-    """
+    """One simulation of a scene, in one town, from which one or several egos are recorded."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: str
-    town: str
-    part: Part
-    first_route: int
-    first_frame: int
-    routes: int
-    town_seed: int
-    traffic_seed: int
+    name: str  # `scene` of its boxes; its poses and buildings share a world frame
+    town: str  # as in `SumoScene.towns`
+    part: Part  # whether its routes are for training or for testing
+    first_route: int  # its number in the log
+    first_frame: int  # likewise
+    routes: int  # egos to record
+    town_seed: int  # decides a generated town, and where the buildings stand
+    traffic_seed: int  # decides who drives where
 
 
 class SumoScene(RouteSettings):
     """Towns, their traffic, and which drives through them are recorded.
 
     Training and test routes never share traffic. A generated town is another one for testing; a
-    map is the same place in both, its buildings included, unless `test_towns` names others.
-    """
+    map is the same place in both, its buildings included, unless `test_towns` names others."""
 
     source: Literal["sumo"] = Field("sumo", description="scene type: simulated traffic")
     seed: Seed = Field(
@@ -96,8 +85,7 @@ class SumoScene(RouteSettings):
     def town_runs(self) -> tuple[TownRun, ...]:
         """The simulations of the scene, training first; each can be recorded on its own.
 
-        Routes and frames are numbered through the whole scene, before anything is recorded.
-        """
+        Routes and frames are numbered through the whole scene, before anything is recorded."""
         tests = self.towns if self.test_towns is None else self.test_towns
         places: list[tuple[Part, str, int]] = [
             *(("train", town, self.routes) for town in self.towns),

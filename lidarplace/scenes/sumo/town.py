@@ -16,22 +16,15 @@ BLOCK_M = (80.0, 105.0)
 """Shortest and longest distance of neighbouring junctions before they are shifted."""
 SHIFT_M = 9.0
 """Standard deviation of a junction's shift along x and y; bends the grid, so yaws vary."""
-SPEED_M_S = 11.0
-"""Speed limit, 40 km/h."""
+SPEED_M_S = 11.0  # speed limit, 40 km/h
 
 
 class TownMap(NamedTuple):
-    """A SUMO network of a town.
-
-    Attributes:
-        path: its file.
-        lefthand: whether vehicles keep left in the network.
-        mirrored: whether it is the mirror image, y for -y, of a town in which vehicles keep left.
-    """
+    """A SUMO network of a town."""
 
     path: Path
-    lefthand: bool = False
-    mirrored: bool = False
+    lefthand: bool = False  # whether vehicles keep left in the network
+    mirrored: bool = False  # whether it is the mirror image, y for -y, of a town that keeps left
 
 
 def sumo_home() -> Path:
@@ -48,11 +41,9 @@ def sumo_home() -> Path:
 
 
 def build_town(seed: int, folder: Path) -> Path:
-    """Generate the town of `seed` and return the SUMO network file in `folder`.
-
-    Every junction has at least two arms, so no street is a dead end. Raises ImportError without
-    SUMO, RuntimeError with netgenerate's message.
-    """
+    """Generate the town of `seed` and return the SUMO network file in `folder`. Every junction has
+    at least two arms, so no street is a dead end. Raises ImportError without SUMO, RuntimeError
+    with netgenerate's message."""
     home = sumo_home()
     rng = np.random.default_rng(seed)
     length_x, length_y = rng.uniform(*BLOCK_M, size=2)

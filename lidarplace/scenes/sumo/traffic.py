@@ -18,23 +18,15 @@ Interval = tuple[float, float]
 
 
 class Kind(NamedTuple):
-    """A kind of road user.
+    """A kind of road user; sizes are from the smallest to the largest, uniform and independent."""
 
-    Attributes:
-        name: first part of the ids of its objects.
-        object_class: class in the box log.
-        sumo_class: SUMO's vehicle class, which decides where it may go.
-        length, width, height: (smallest, largest) size in metres; uniform and independent.
-        share: share of the vehicles in a scene.
-    """
-
-    name: str
-    object_class: str
-    sumo_class: str
-    length: Interval
+    name: str  # first part of the ids of its objects
+    object_class: str  # in the box log
+    sumo_class: str  # SUMO's vehicle class, which decides where it may go
+    length: Interval  # metres
     width: Interval
     height: Interval
-    share: float = 0.0
+    share: float = 0.0  # of the vehicles in a scene
 
 
 CAR = Kind("car", "Car", "passenger", (3.8, 5.0), (1.65, 2.0), (1.4, 1.8), share=0.70)
@@ -45,8 +37,7 @@ MOTORCYCLE = Kind(
 BICYCLE = Kind("bicycle", "Cyclist", "bicycle", (1.6, 1.9), (0.5, 0.7), (1.6, 1.85), share=0.12)
 VEHICLES = (CAR, BOX_TRUCK, MOTORCYCLE, BICYCLE)
 PEDESTRIAN = Kind("pedestrian", "Pedestrian", "pedestrian", (0.4, 0.7), (0.5, 0.7), (1.5, 1.9))
-WALK_M_S = 1.5
-"""A pedestrian's speed; like the speed limits it decides how long a route must be."""
+WALK_M_S = 1.5  # a pedestrian's speed; like the speed limits it decides how long a route must be
 SPARE = 1.5
 """Routes are so much longer than that: SUMO's drivers differ and may exceed the limit a little."""
 
@@ -86,12 +77,10 @@ class Demand(NamedTuple):
 def write_demand(
     network: Net, scene: SumoScene, rng: np.random.Generator, town: str, path: Path
 ) -> Demand:
-    """Write SUMO's route file of the vehicles and pedestrians of `scene` to `path`.
-
-    Everybody starts at once and wanders at random for longer than the simulation, so that nobody
-    leaves. `network` was read with its pedestrian connections; `town` names it in errors. Raises
-    ValueError if there are no lanes or no sidewalks on which to wander without end.
-    """
+    """Write SUMO's route file of the vehicles and pedestrians of `scene` to `path`. Everybody
+    starts at once and wanders at random for longer than the simulation, so that nobody leaves.
+    `network` was read with its pedestrian connections; `town` names it in errors. Raises ValueError
+    if there are no lanes or no sidewalks on which to wander without end."""
     drives = {kind.sumo_class: drive_graph(network, kind.sumo_class) for kind in VEHICLES}
     foot = foot_graph(network, WALK_M_S)
     users: list[RoadUser] = []

@@ -14,46 +14,33 @@ from lidarplace.scenes.routes import STEP_S
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.traffic import PEDESTRIAN, SPARE, Demand, RoadUser
 
-LATERAL_RESOLUTION_M = 0.8
-"""Width of a sublane; narrower costs time."""
+LATERAL_RESOLUTION_M = 0.8  # width of a sublane; narrower costs time
 TELEPORT_S = 120
 """A vehicle that is stuck for so long is put elsewhere on its route: a jam never freezes a town."""
-LEVEL_M = 3.0
-"""Road users whose ground differs more in height are on different levels of a bridge."""
-CHECK_STEPS = round(2 / STEP_S)
-"""Steps between looks at who waits."""
+LEVEL_M = 3.0  # road users whose ground differs more in height are on different levels of a bridge
+CHECK_STEPS = round(2 / STEP_S)  # steps between looks at who waits
 PATIENCE_S = 30.0
 """A vehicle that has stood for so long takes another way; most red lights are shorter."""
 
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Where every road user was at every recorded step, in the town's frame.
+    """Where every road user was at every recorded step, in the town's frame; NaN while off the
+    road."""
 
-    Attributes:
-        users: the road users, sorted by id; U of them.
-        time_s: seconds since the end of the warm-up, shape (F,), float64.
-        pose: x, y of the box's centre and yaw from the x axis, shape (F, U, 3), float64, metres
-            and radians; NaN while a user is not on the road.
-        z: height of the road under the user, shape (F, U), float64, metres, NaN likewise.
-        speed: metres per second, shape (F, U), float64, NaN likewise.
-    """
-
-    users: list[RoadUser]
-    time_s: NDArray[np.float64]
-    pose: NDArray[np.float64]
-    z: NDArray[np.float64]
-    speed: NDArray[np.float64]
+    users: list[RoadUser]  # sorted by id; U of them
+    time_s: NDArray[np.float64]  # seconds since the end of the warm-up, shape (F,)
+    pose: NDArray[np.float64]  # x, y of the box's centre and yaw from the x axis, shape (F, U, 3)
+    z: NDArray[np.float64]  # height of the road under the user, metres, shape (F, U)
+    speed: NDArray[np.float64]  # metres per second, shape (F, U)
 
 
 def simulate(
     scene: SumoScene, network: Path, demand: Demand, routes: Path, seed: int
 ) -> Trajectories:
     """Run the traffic of `demand`, written to `routes`, and record `scene.frames_per_route` steps.
-
     Raises ValueError if the town has no room for so many vehicles, or SUMO cannot read the network,
-    RuntimeError if a simulation already runs in this process: SUMO has room for one.
-    """
+    RuntimeError if a simulation already runs in this process: SUMO has room for one."""
     import libsumo
 
     if libsumo.isLoaded():

@@ -17,35 +17,24 @@ if TYPE_CHECKING:
     from sumolib.net.edge import Edge
     from sumolib.net.lane import Lane
 
-CHANGE_M = 40.0
-"""Edges shorter than this are no place to plan a change of lanes."""
+CHANGE_M = 40.0  # edges shorter than this are no place to plan a change of lanes
 START_M = 10.0
 """Shorter lanes are no place to start: a truck and the gap to the next vehicle need as much."""
-TURNAROUND = "t"
-"""SUMO's direction of a connection that leads back."""
+TURNAROUND = "t"  # SUMO's direction of a connection that leads back
 
 
 @dataclass(frozen=True)
 class WalkGraph:
     """States that a walk passes through, each with a way on: one strongly connected component.
 
-    A state of a vehicle is a lane; of a pedestrian, an edge and the direction he walks in.
+    A state of a vehicle is a lane; of a pedestrian, an edge and the direction he walks in."""
 
-    Attributes:
-        keys: a lane's id or (edge id, direction) of every state, sorted.
-        edges: the edge of every state.
-        following: the states that may come after each, sorted; never empty.
-        length: metres of each state.
-        seconds: least time in each state.
-        index: number of the state by its key.
-    """
-
-    keys: list[Any]
-    edges: list[str]
-    following: list[list[int]]
-    length: list[float]
-    seconds: list[float]
-    index: dict[Any, int]
+    keys: list[Any]  # a lane's id or (edge id, direction) of every state, sorted
+    edges: list[str]  # of every state
+    following: list[list[int]]  # the states that may come after each, sorted; never empty
+    length: list[float]  # metres of each state
+    seconds: list[float]  # least time in each state
+    index: dict[Any, int]  # number of the state by its key
 
     def walk(self, seconds: float, rng: np.random.Generator, start: int) -> Iterator[str]:
         """Ids of connected edges from state `start` on, for at least `seconds` after the first."""
@@ -64,11 +53,9 @@ class WalkGraph:
 
 
 def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
-    """The lanes that vehicles of `sumo_class` may use.
-
-    A vehicle may leave an edge of `CHANGE_M` or more from any of its lanes, a shorter one from the
-    lane on which it came. Turning round is left to dead ends.
-    """
+    """The lanes that vehicles of `sumo_class` may use. A vehicle may leave an edge of `CHANGE_M` or
+    more from any of its lanes, a shorter one from the lane on which it came. Turning round is left
+    to dead ends."""
     every = (lane for edge in _edges(network) for lane in edge.getLanes())
     lanes = [lane for lane in every if lane.allows(sumo_class)]
     onward = {lane.getID(): _onward(lane, sumo_class) for lane in lanes}
@@ -84,10 +71,8 @@ def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
 
 
 def foot_graph(network: Net, speed: float) -> WalkGraph:
-    """The sidewalks, both ways, as walking areas and crossings join them; `speed` in m/s.
-
-    Needs a network that was read with its pedestrian connections.
-    """
+    """The sidewalks, both ways, as walking areas and crossings join them; `speed` in m/s. Needs a
+    network that was read with its pedestrian connections."""
     joined = _joined_areas(network)
     states: dict[Any, tuple[str, float, float]] = {}
     first: dict[Any, int] = {}
@@ -142,10 +127,8 @@ def _joined_areas(network: Net) -> dict[str, int]:
 
 
 def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[Any]]) -> WalkGraph:
-    """The longest strongly connected component; states are (edge, length, speed) by key.
-
-    A single state counts only if it leads to itself, so the component may be empty.
-    """
+    """The longest strongly connected component; states are (edge, length, speed) by key. A single
+    state counts only if it leads to itself, so the component may be empty."""
     keys = sorted(states)
     index = {key: k for k, key in enumerate(keys)}
     arcs = [(index[key], index[way]) for key in keys for way in sorted(ways[key]) if way in index]
