@@ -153,7 +153,8 @@ def main() -> None:
 
     def points(stride: int) -> float:
         traced = ray_counts(RIG, ROI, "dda", azimuth_stride=stride)
-        return expected_points(grid, Crossings.of_grid(grid, traced), ray_weight(RIG, stride))
+        crossings = Crossings.of_grid(grid, traced)
+        return expected_points(grid.frames, crossings, ray_weight(RIG, stride))
 
     print("\nError of the strides, relative to stride 1")
     print("  stride   expected_points               expected_ig with occlusion")

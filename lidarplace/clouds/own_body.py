@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarplace.base.number_text import point
 from lidarplace.clouds.convex import fill_corners
-from lidarplace.clouds.shapes import BODY, Parts, bricks, own_body
+from lidarplace.clouds.shapes import BODY, Parts, between, bricks, own_body
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.trailer import FACES, BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
@@ -20,11 +20,7 @@ _SEDAN = own_body()
 
 def body_parts(vehicle: Vehicle | None) -> Parts:
     """What of the body is convex parts, without light; a sedan for None."""
-    if vehicle is None:
-        return _SEDAN
-    low, high = vehicle.boxes[:, 0], vehicle.boxes[:, 1]
-    level = np.zeros((len(low), 1))
-    return bricks(np.concatenate([(low + high) / 2, high - low, level], axis=1), BODY, 0.0)
+    return _SEDAN if vehicle is None else bricks(between(vehicle.boxes), BODY, 0.0)
 
 
 @cache

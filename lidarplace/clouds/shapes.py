@@ -75,6 +75,13 @@ class Parts:
         )
 
 
+def between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Level boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, by their lowest and highest corners,
+    shape (m, 2, 3); shape (m, 7), metres."""
+    low, high = corners[:, 0], corners[:, 1]
+    return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
+
+
 def bricks(
     boxes: NDArray[np.float64],
     owner: NDArray[np.int32] | int,

@@ -1,8 +1,7 @@
 """Stop rays at the static world of a log: its cells, and ground that is not flat.
 
-Cells are tested block by block, from near to far: a block costs only the beams and azimuths that
-can meet it, and of those only the rays that nothing nearer has stopped. The result is that of
-testing every ray against every cell, and against every patch of ground, which is bilinear.
+A ray is followed from column to column of blocks of cells and of the ground, which is bilinear. The
+result is that of testing every ray against every cell and every patch of ground.
 
 A cell that stops a share of the rays stops a ray by chance: a hash of cell and ray, so that it is
 the same whenever the ray is cast."""
@@ -16,18 +15,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.hashed import uniform
-from lidarplace.clouds.raycast import (
-    EVERYWHERE,
-    GROUND,
-    HAIR,
-    NO_ENDS,
-    Hits,
-    along,
-    beams_in,
-    cast,
-    rays_of,
-    runs,
-)
+from lidarplace.clouds.raycast import EVERYWHERE, GROUND, HAIR, NO_ENDS, Hits, along, cast, rays_of
 from lidarplace.clouds.shapes import WORLD, Parts
 from lidarplace.logs.world import (
     BLOCK,
@@ -37,7 +25,6 @@ from lidarplace.logs.world import (
     PATCH_M,
     PATCHES,
     TILE,
-    TILE_M,
     StaticWorld,
     cells_of_keys,
 )
@@ -47,7 +34,6 @@ from lidarplace.rigs.placement import Mount
 
 _EDGE = BLOCK * CELL_M
 _COLUMNS = TILE * TILE
-_ANY = -(2**31)  # of targets, panes among them
 _IN_BLOCK = BLOCK**3
 _LEVELS = 2 * HALF_LEVELS
 _SUNK_M = 1e-6
@@ -62,7 +48,7 @@ class Worlds(NamedTuple):
         grids: first tile i and j, their numbers, and where they start in `tile_of`, shape (S, 5).
         tile_of: row of each tile of the grids, -1 where there is none, int32.
         heights: of the ground of each tile, NaN where unknown, shape (T, 9, 9), float32.
-        bounds: lowest and highest of what is over each patch of each tile, shape (T * 64, 2).
+        bounds: lowest and highest of what is in each column of each tile, shape (T * 256, 2).
         first_block: of each column of each tile, shape (T * 256 + 1,), int64.
         block_keys: `cell_keys` without the place in the block, shape (B,), int64.
         block_boxes: corner of the block, and the box that holds its cells, shape (B, 9), float64.
@@ -177,13 +163,12 @@ def _bounds(
 ) -> NDArray[np.float64]:
     """As of `Worlds`; `columns` and `boxes` are of its blocks."""
     ends = [slice(0, PATCHES), slice(1, PATCHES + 1)]
-    corners = np.array([ground[:, a, b].ravel() for a in ends for b in ends], np.float64)
+    corners = np.array([ground[:, a, b] for a in ends for b in ends], np.float64)
+    corners = np.kron(corners, np.ones((2, 2))).reshape(4, -1)  # of the columns of each patch
     bounds = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
     bounds[np.isnan(bounds[:, 0])] = np.inf, -np.inf
-    tile, place = np.divmod(columns, _COLUMNS)
-    row = (tile * PATCHES + place // TILE // 2) * PATCHES + place % TILE // 2
-    np.minimum.at(bounds[:, 0], row, boxes[:, 5])
-    np.maximum.at(bounds[:, 1], row, boxes[:, 8])
+    np.minimum.at(bounds[:, 0], columns, boxes[:, 5])
+    np.maximum.at(bounds[:, 1], columns, boxes[:, 8])
     return bounds + 2 * _SUNK_M * np.array([-1.0, 1.0])
 
 
@@ -328,81 +313,10 @@ def _slope(x, y, dx, dy, dz, patch):
 
 
 @inner
-def _seen_under(centre, half, origin, rotation):
-    """Azimuth and half width, least and greatest elevation, and least distance of a box: of the
-    upright ring around the sensor's axis that holds it; all azimuths if that meets the axis."""
-    ex, ey, ez = centre[0] - origin[0], centre[1] - origin[1], centre[2] - origin[2]
-    x, y, z = turned(rotation.T, ex, ey, ez)
-    hx = hy = hz = 0.0
-    for k in range(3):
-        hx += abs(rotation[k, 0]) * half[k]
-        hy += abs(rotation[k, 1]) * half[k]
-        hz += abs(rotation[k, 2]) * half[k]
-    radius, away = math.sqrt(hx * hx + hy * hy), math.sqrt(x * x + y * y)
-    azimuth, width, near = math.atan2(y, x), math.pi, 0.0
-    if away > radius * 1.0001 + 1e-9:
-        near = away - radius
-        # The tangent of the half width is above it.
-        width = min(radius / math.sqrt(away * away - radius * radius) + HAIR, math.pi)
-    low, high, far = z - hz, z + hz, away + radius
-    lowest = math.atan2(low, near if low < 0.0 else far) - HAIR
-    highest = math.atan2(high, near if high > 0.0 else far) + HAIR
-    height = max(low, -high, 0.0)
-    return azimuth, width, lowest, highest, math.sqrt(near * near + height * height)
-
-
-@inner
-def _render(centre, half, patch, block, view):
-    """Stop the rays at a patch of ground, or, if `block` is none of -1, at the cells of a block."""
-    origin, rotation, fired, worlds, only_objects, hits = view
-    azimuth, width, lowest, highest, near = _seen_under(centre, half, origin, rotation)
-    if near > fired.reach:
-        return
-    elevations = fired.elevations
-    ranges, targets, reflected = hits
-    least = 0 if only_objects else _ANY
-    steps = fired.azimuths.shape[2]
-    first_beam, last_beam = beams_in(fired, azimuth, width, width)
-    spans = runs(fired, first_beam, azimuth, width, width)
-    for beam in range(first_beam, last_beam):
-        if not lowest <= elevations[beam, 0] <= highest:
-            continue
-        ce, se = elevations[beam, 1], elevations[beam, 2]
-        cosines, sines = along(fired, beam)
-        if len(fired.aimed):
-            spans = runs(fired, beam, azimuth, width, width)
-        for first, last in spans:
-            # Counted without branches, as vector code: mostly something nearer has stopped them.
-            left = 0
-            for ray in range(beam * steps + first, beam * steps + last):
-                left += (ranges[ray] >= near) & (targets[ray] >= least)
-            if left == 0:
-                continue
-            for step in range(first, last):
-                ray = beam * steps + step
-                most = ranges[ray]
-                if most < near or targets[ray] < least:
-                    continue
-                most = min(most, fired.reach)
-                dx, dy, dz = turned(rotation, ce * cosines[step], ce * sines[step], se)
-                ox, oy, oz = origin[0], origin[1], origin[2]
-                if block < 0:
-                    t = _meet_patch(ox, oy, oz, dx, dy, dz, patch, most)
-                    if t < ranges[ray]:
-                        ranges[ray], targets[ray] = t, GROUND
-                        reflected[ray] = _slope(ox + t * dx, oy + t * dy, dx, dy, dz, patch)
-                else:
-                    t, cell = _meet_block(ox, oy, oz, dx, dy, dz, block, most, ray, worlds)
-                    if t < ranges[ray]:
-                        ranges[ray], targets[ray] = t, WORLD
-                        reflected[ray] = worlds.cells[cell, 7] / 255.0
-
-
-@inner
 def _tile_at(worlds, scene, i, j):
-    """Row of the tile that holds the patch (i, j), -1 if there is none."""
+    """Row of the tile that holds the column (i, j), -1 if there is none."""
     grids = worlds.grids
-    ti, tj = i // PATCHES - grids[scene, 0], j // PATCHES - grids[scene, 1]
+    ti, tj = i // TILE - grids[scene, 0], j // TILE - grids[scene, 1]
     if ti < 0 or tj < 0 or ti >= grids[scene, 2] or tj >= grids[scene, 3]:
         return -1
     return worlds.tile_of[grids[scene, 4] + ti * grids[scene, 3] + tj]
@@ -410,46 +324,50 @@ def _tile_at(worlds, scene, i, j):
 
 @inner
 def _fill_patch(worlds, tile, i, j, patch):
-    """Fill `patch` with the patch (i, j), see `_meet_patch`; return whether its ground is known."""
-    heights, p, q = worlds.heights, i % PATCHES, j % PATCHES
-    patch[0], patch[1] = i * PATCH_M, j * PATCH_M
+    """Fill `patch` with that below the column (i, j), see `_meet_patch`; return whether its ground
+    is known."""
+    heights, p, q = worlds.heights, i % TILE // 2, j % TILE // 2
+    patch[0], patch[1] = i // 2 * PATCH_M, j // 2 * PATCH_M
     patch[2], patch[3] = heights[tile, p, q], heights[tile, p, q + 1]
     patch[4], patch[5] = heights[tile, p + 1, q], heights[tile, p + 1, q + 1]
     return not math.isnan(patch[2] + patch[3] + patch[4] + patch[5])
 
 
 @inner
-def stopped(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):
-    """Whether the world stops a ray nearer than `most`: from patch to patch. Start and direction
-    are in the axes of the world, metres from its origin; `patch` is memory, shape (6,)."""
-    i, j = math.floor(ox / PATCH_M), math.floor(oy / PATCH_M)
+def first_met(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):
+    """Distance at which a ray meets the world first, and the cell, -1 for ground; `most` if it
+    meets nothing nearer: from column to column. Start and direction are in the axes of the world,
+    metres from its origin; `patch`, shape (6,), becomes that of the ground."""
+    i, j = math.floor(ox / _EDGE), math.floor(oy / _EDGE)
     si, sj = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
-    ti = ((i + (si > 0)) * PATCH_M - ox) / dx if dx != 0.0 else np.inf
-    tj = ((j + (sj > 0)) * PATCH_M - oy) / dy if dy != 0.0 else np.inf
+    ti = ((i + (si > 0)) * _EDGE - ox) / dx if dx != 0.0 else np.inf
+    tj = ((j + (sj > 0)) * _EDGE - oy) / dy if dy != 0.0 else np.inf
     t = 0.0
     while t < most:
         tile = _tile_at(worlds, scene, i, j)
-        row = (tile * PATCHES + i % PATCHES) * PATCHES + j % PATCHES
+        at = tile * _COLUMNS + i % TILE * TILE + j % TILE
         leave = min(ti, tj, most)
         low, high = min(oz + t * dz, oz + leave * dz), max(oz + t * dz, oz + leave * dz)
-        if tile >= 0 and low <= worlds.bounds[row, 1] and high >= worlds.bounds[row, 0]:
-            known = _fill_patch(worlds, tile, i, j, patch)
-            if known and _meet_patch(ox, oy, oz, dx, dy, dz, patch, most) < most:
-                return True
-            # Two columns of a patch follow each other along y.
-            column = row // PATCHES * 2 * TILE + row % PATCHES * 2
-            for at in (column, column + TILE):
-                for block in range(worlds.first_block[at], worlds.first_block[at + 2]):
-                    if worlds.block_boxes[block, 5] > high or worlds.block_boxes[block, 8] < low:
-                        continue
-                    if _meet_block(ox, oy, oz, dx, dy, dz, block, most, ray, worlds)[0] < most:
-                        return True
+        if tile >= 0 and low <= worlds.bounds[at, 1] and high >= worlds.bounds[at, 0]:
+            nearest, cell = most, -1
+            if _fill_patch(worlds, tile, i, j, patch) and low <= max(
+                patch[2], patch[3], patch[4], patch[5]
+            ):
+                nearest = min(_meet_patch(ox, oy, oz, dx, dy, dz, patch, leave), most)
+            for block in range(worlds.first_block[at], worlds.first_block[at + 1]):
+                if worlds.block_boxes[block, 5] > high or worlds.block_boxes[block, 8] < low:
+                    continue
+                near, own = _meet_block(ox, oy, oz, dx, dy, dz, block, nearest, ray, worlds)
+                if near < nearest:
+                    nearest, cell = near, own
+            if nearest < most:
+                return nearest, cell
         t = min(ti, tj)
         if ti <= tj:
-            i, ti = i + si, ti + abs(PATCH_M / dx)
+            i, ti = i + si, ti + abs(_EDGE / dx)
         else:
-            j, tj = j + sj, tj + abs(PATCH_M / dy)
-    return False
+            j, tj = j + sj, tj + abs(_EDGE / dy)
+    return most, -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -466,92 +384,36 @@ def stop_at_world(
         level: where no ground is known it is flat, as seen from the vehicle.
         hits: of the `Beams` that are fired, without ground.
     """
-    origin, rotation = turn @ place + shift, turn @ turn_in_ego
-    view = origin, rotation, fired, worlds, only_objects, hits
+    ox, oy, oz = turn @ place + shift
+    rotation, patch = turn @ turn_in_ego, np.empty(6)
     ranges, targets, reflected = hits
-    steps, patch = fired.azimuths.shape[2], np.empty(6)
-    for beam in range(len(fired.elevations) if level and place[2] > 0.0 else 0):
-        ce, se = fired.elevations[beam, 1], fired.elevations[beam, 2]
+    steps = fired.azimuths.shape[2]
+    for beam in range(len(fired.elevations)):
+        _, ce, se = fired.elevations[beam]
         cosines, sines = along(fired, beam)
         for step in range(steps):
             ray = beam * steps + step
             if only_objects and targets[ray] < 0:
                 continue
             x, y = ce * cosines[step], ce * sines[step]
-            down = -turned(turn_in_ego, x, y, se)[2]
-            if down * min(ranges[ray], fired.reach) <= place[2]:
+            dx, dy, dz = turned(rotation, x, y, se)
+            way = turned(turn_in_ego, x, y, se)
+            most = min(ranges[ray], fired.reach)
+            if level and -way[2] * most > place[2] > 0.0:
+                t = -place[2] / way[2]
+                i, j = math.floor((ox + t * dx) / _EDGE), math.floor((oy + t * dy) / _EDGE)
+                tile = _tile_at(worlds, scene, i, j)
+                if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
+                    ranges[ray], targets[ray], reflected[ray], most = t, GROUND, -way[2], t
+            for axis in range(3):  # beyond the crop, and rounding, all may stay as it is
+                _, leave = _span(place[axis], way[axis], crop[axis], crop[axis + 3])
+                most = min(most, leave + HAIR)
+            t, cell = first_met(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch)
+            if t >= most:
                 continue
-            t, (dx, dy, _) = place[2] / down, turned(rotation, x, y, se)
-            px, py = origin[0] + t * dx, origin[1] + t * dy
-            i, j = math.floor(px / PATCH_M), math.floor(py / PATCH_M)
-            tile = _tile_at(worlds, scene, i, j)
-            if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
-                ranges[ray], targets[ray], reflected[ray] = t, GROUND, down
-    # What the hull of crop and sensor is apart from cannot stand before a point in the crop.
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    corner = np.empty(3)
-    for n in range(8):
-        for axis in range(3):
-            limit = place[axis] - fired.reach, place[axis] + fired.reach
-            near, far = max(crop[axis], limit[0]), min(crop[axis + 3], limit[1])
-            corner[axis] = max(far, place[axis]) if n >> axis & 1 else min(near, place[axis])
-        for axis in range(2):
-            at = turn[axis] @ corner + shift[axis]
-            low[axis], high[axis] = min(low[axis], at), max(high[axis], at)
-    i0, j0, ni, nj, start = worlds.grids[scene]
-    ti, tj = math.floor(origin[0] / TILE_M), math.floor(origin[1] / TILE_M)
-    farthest = max(ti - i0, i0 + ni - 1 - ti, tj - j0, j0 + nj - 1 - tj)
-    farthest = min(farthest, int(fired.reach / TILE_M) + 1)
-    for ring in range(farthest + 1):
-        for i in range(max(ti - ring, i0), min(ti + ring, i0 + ni - 1) + 1):
-            if i * TILE_M > high[0] or (i + 1) * TILE_M < low[0]:
-                continue
-            step_j = 1 if abs(i - ti) == ring else max(2 * ring, 1)
-            for j in range(tj - ring, tj + ring + 1, step_j):
-                if j < j0 or j >= j0 + nj or j * TILE_M > high[1] or (j + 1) * TILE_M < low[1]:
-                    continue
-                tile = worlds.tile_of[start + (i - i0) * nj + j - j0]
-                if tile >= 0:
-                    _render_tile(tile, i, j, low, high, view)
-
-
-@inner
-def _render_tile(tile, i, j, low, high, view):
-    """Ground and cells of a tile, its near side first."""
-    centre, half, patch = np.empty(3), np.empty(3), np.empty(6)
-    origin, _, _, worlds, _, _ = view
-    x, y = i * TILE_M, j * TILE_M
-    back_x, back_y = origin[0] > x + 0.5 * TILE_M, origin[1] > y + 0.5 * TILE_M
-    for a in range(PATCHES):
-        p = PATCHES - 1 - a if back_x else a
-        patch[0] = x + p * PATCH_M
-        if patch[0] > high[0] or patch[0] + PATCH_M < low[0]:
-            continue
-        for b in range(PATCHES):
-            q = PATCHES - 1 - b if back_y else b
-            patch[1] = y + q * PATCH_M
-            if patch[1] > high[1] or patch[1] + PATCH_M < low[1]:
-                continue
-            if not _fill_patch(worlds, tile, i * PATCHES + p, j * PATCHES + q, patch):
-                continue
-            top, bottom = patch[2:].max(), patch[2:].min()
-            centre[0], centre[1] = patch[0] + 0.5 * PATCH_M, patch[1] + 0.5 * PATCH_M
-            centre[2], half[2] = 0.5 * (top + bottom), 0.5 * (top - bottom)
-            half[0] = half[1] = 0.5 * PATCH_M
-            _render(centre, half, patch, -1, view)
-    for a in range(TILE):
-        p = TILE - 1 - a if back_x else a
-        if x + p * _EDGE > high[0] or x + (p + 1) * _EDGE < low[0]:
-            continue
-        for b in range(TILE):
-            q = TILE - 1 - b if back_y else b
-            column = tile * _COLUMNS + p * TILE + q
-            first, last = worlds.first_block[column], worlds.first_block[column + 1]
-            if first == last or y + q * _EDGE > high[1] or y + (q + 1) * _EDGE < low[1]:
-                continue
-            for block in range(first, last):
-                box = worlds.block_boxes[block]
-                for axis in range(3):
-                    centre[axis] = 0.5 * (box[axis + 3] + box[axis + 6])
-                    half[axis] = 0.5 * (box[axis + 6] - box[axis + 3])
-                _render(centre, half, patch, block, view)
+            ranges[ray] = t
+            if cell < 0:
+                slope = _slope(ox + t * dx, oy + t * dy, dx, dy, dz, patch)
+                targets[ray], reflected[ray] = GROUND, slope
+            else:
+                targets[ray], reflected[ray] = WORLD, worlds.cells[cell, 7] / 255.0

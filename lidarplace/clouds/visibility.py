@@ -12,7 +12,7 @@ from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Interval
 from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
 from lidarplace.clouds.shapes import PANE, Parts
-from lidarplace.clouds.static_world import WorldAround, stopped, worlds_of
+from lidarplace.clouds.static_world import WorldAround, first_met, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
 from lidarplace.logs.box_log import BoxLog
@@ -151,7 +151,8 @@ def _visible_share(
                 ce, se = elevations[j]
                 dx, dy, dz = turned(into, ce * cosines[i], ce * sines[i], se)
                 most = 1.0 / own[j, i]
-                if stopped(eye[0], eye[1], eye[2], dx, dy, dz, most, ray, worlds, scene, patch):
+                place, way = (eye[0], eye[1], eye[2]), (dx, dy, dz)
+                if first_met(*place, *way, most, ray, worlds, scene, patch)[0] < most:
                     own[j, i] = -1.0
         share[o] = (own > 0.0).sum() / alone
     return share

@@ -26,7 +26,7 @@ from lidarplace.clouds.raycast import (
     runs,
 )
 from lidarplace.clouds.shade import ends_in_rig
-from lidarplace.clouds.shapes import bricks
+from lidarplace.clouds.shapes import between, bricks
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.surface_cells import slices_of
 from lidarplace.requirements.requirement import DARK
@@ -54,8 +54,7 @@ class Sight(NamedTuple):
 
 def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     """The LiDARs of a rig, for objects of no class; see `at_class`."""
-    low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
-    body = bricks(np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], 1), 0)
+    body = bricks(between(vehicle.interior), 0)
     sights = []
     lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement, vehicle), strict=True)
     for number, (mount, lidar, ends) in enumerate(lidars):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.near_field import seen_in_columns, sensors_over_columns
+from lidarplace.mounting.near_field import sensors_over_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.judge import Outcome
 from lidarplace.rigs.placement import Placement
@@ -40,36 +40,32 @@ def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -
     The share is of all cells outside of the body. `height` is in metres, a multiple of EDGE_M above
     LOWEST_M. Without a LiDAR, all is blind.
     """
-    roi = _around(vehicle, height)
-    if placement is None:
-        return BlindGround(_middles(roi, np.ones(roi.shape[:2], bool)), 1.0)
-    seen, outside = seen_in_columns(placement, vehicle, roi)
-    blind = (seen == 0) & (outside > 0)
-    return BlindGround(_middles(roi, blind), float(blind.sum() / (outside > 0).sum()))
+    middles, sensors = _counted(placement, vehicle, height)
+    return BlindGround(middles[sensors == 0], float((sensors == 0).mean()))
 
 
 def counted_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
     """All cells around the vehicle with the number of LiDARs that see a voxel below `height` there.
     The share is of those with less than two. Arguments as of `blind_ground`."""
-    roi = _around(vehicle, height)
+    middles, sensors = _counted(placement, vehicle, height)
+    return BlindGround(middles, float((sensors < 2).mean()), sensors=sensors)
+
+
+def _counted(
+    placement: Placement | None, vehicle: Vehicle, height: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Middles of the cells, and the sensors over each."""
+    low = vehicle.extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
+    high = vehicle.extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
+    (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
+    roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
     sensors, there = np.zeros(roi.shape[:2], np.int64), np.ones(roi.shape[:2], bool)
     if placement is not None:
         sensors, outside = sensors_over_columns(placement, vehicle, roi)
         there = outside > 0
-    few = float((sensors[there] < 2).mean())
-    return BlindGround(_middles(roi, there), few, sensors=sensors[there])
-
-
-def _around(vehicle: Vehicle, height: float) -> Roi:
-    low = vehicle.extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
-    high = vehicle.extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
-    (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
-    return Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
-
-
-def _middles(roi: Roi, cells: NDArray[np.bool_]) -> NDArray[np.float64]:
-    rows, columns = np.nonzero(cells)
-    return np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
+    rows, columns = np.nonzero(there)
+    middles = np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
+    return middles, sensors[there]
 
 
 def failing_ground(outcome: Outcome) -> BlindGround:

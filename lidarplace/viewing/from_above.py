@@ -8,12 +8,13 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.clouds.shapes import between
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing import style
 from lidarplace.viewing.page import write_page
-from lidarplace.viewing.solids import between, corners, headings
+from lidarplace.viewing.solids import corners, headings
 
 FRAMES = 6
 """Drawn of a log: the first that hold a box."""

@@ -7,6 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.shapes import between
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
@@ -14,7 +15,7 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
-from lidarplace.viewing.solids import between, edges, headings, triangles
+from lidarplace.viewing.solids import edges, headings, triangles
 from lidarplace.viewing.vehicle import Surface, add_lidars, vehicle_surface
 
 POINTS = 160_000

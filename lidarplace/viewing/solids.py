@@ -35,13 +35,6 @@ def edges(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     return points[:, _EDGES].reshape(-1, 3).astype(np.float32)
 
 
-def between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Level boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, by their lowest and highest corners,
-    shape (m, 2, 3); shape (m, 7), metres."""
-    low, high = corners[:, 0], corners[:, 1]
-    return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
-
-
 def headings(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     """A line on the roof of each of boxes (m, 7), from its middle to its front edge, then NaN.
     Shape (m, 3, 3), metres."""

@@ -4,11 +4,11 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.clouds.shapes import OWN_BODY
+from lidarplace.clouds.shapes import OWN_BODY, between
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
-from lidarplace.viewing.solids import between, triangles
+from lidarplace.viewing.solids import triangles
 
 Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
 """Vertices (n, 3), metres, and triangles of them (m, 3)."""

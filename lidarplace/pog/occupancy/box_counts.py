@@ -2,8 +2,8 @@
 
 All columns of a box share one run of voxels along z, and in a row of constant x its voxels are one
 run along y. So a box is written row by row, as the four corners of a rectangle of a second
-difference, and one pass at the end adds the differences up. Where boxes of a frame overlap, bit
-masks mark which voxels of a rectangle the frame has counted already.
+difference, and one pass at the end adds the differences up. Where boxes of a frame overlap, the
+rectangle is cut into those that hold none of the voxels which the frame has counted already.
 """
 
 import math
@@ -28,12 +28,8 @@ def count_boxes(
     nx, ny, nz = roi.shape
     counts = np.zeros((nx, ny, nz), np.int32)
     if len(frame):
-        words = -(-nz // 64)
         grid = (roi.minimum, roi.resolution, *map(roi.centres, range(3)))
-        seen = np.zeros((words, nx, -(-ny // 64)), np.int64)  # what no box touches is never written
-        counted = np.empty((words, nx, ny), np.int64)
-        changes = np.zeros((nz, nx, ny), np.int32)
-        _count(geometry, frame, grid, seen, counted, changes, counts)
+        _count(geometry, frame, grid, np.zeros((nz, nx, ny), np.int32), counts)
     return counts
 
 
@@ -131,57 +127,39 @@ def _add(changes, i, j0, j1, k0, k1):
 
 
 @inner
-def _ones(first, last):
-    """The bits first..last of a word."""
-    if last - first == 63:
-        return np.int64(-1)
-    return ((np.int64(1) << (last - first + 1)) - 1) << first
+def _overlapping(others, n, j0, j1, k0, k1):
+    """The first of `others` from the n-th on that holds a voxel of a rectangle, or their number."""
+    while n < len(others) and (
+        others[n, 0] > j1 or others[n, 1] < j0 or others[n, 2] > k1 or others[n, 3] < k0
+    ):
+        n += 1
+    return n
 
 
 @inner
-def _add_bits(changes, i, j0, j1, k0, k1, bits):
-    """`_add` for every run of ones in `bits`, which are those of k0..k1 in their word."""
-    k = k0
-    while k <= k1:
-        bottom = k
-        while k <= k1 and (bits >> (k & 63)) & 1:
-            k += 1
-        if k > bottom:
-            _add(changes, i, j0, j1, bottom, k - 1)
-        k += 1
-
-
-@inner
-def _meets(seen, word, i, j0, j1):
-    """Whether the frame has counted in one of the columns j0..j1 of row i."""
-    found = np.int64(0)
-    for w in range(j0 // 64, j1 // 64 + 1):
-        found |= seen[word, i, w] & _ones(max(j0 - 64 * w, 0), min(j1 - 64 * w, 63))
-    return found != 0
-
-
-@inner
-def _see(seen, word, i, j0, j1):
-    """Mark the columns j0..j1 of row i."""
-    for w in range(j0 // 64, j1 // 64 + 1):
-        seen[word, i, w] |= _ones(max(j0 - 64 * w, 0), min(j1 - 64 * w, 63))
-
-
-@inner
-def _add_new(changes, seen, counted, i, j0, j1, k0, k1):
-    """`_add` where the frame has not counted yet; k0..k1 are of one word of `counted`."""
-    word = k0 // 64
-    bits = _ones(k0 - 64 * word, k1 - 64 * word)
-    begin, new = j0, np.int64(0)  # columns from `begin` on have the same new voxels
-    for j in range(j0, j1 + 1):
-        old = counted[word, i, j] if (seen[word, i, j // 64] >> (j % 64)) & 1 else np.int64(0)
-        counted[word, i, j] = old | bits
-        if bits & ~old != new:
-            if new != 0:
-                _add_bits(changes, i, begin, j - 1, k0, k1, new)
-            begin, new = j, bits & ~old
-    if new != 0:
-        _add_bits(changes, i, begin, j1, k0, k1, new)
+def _add_new(changes, i, j0, j1, k0, k1, others):
+    """`_add` without the voxels of `others`: rows of first and last j, first and last k."""
+    n = _overlapping(others, 0, j0, j1, k0, k1)
+    if n == len(others):
+        _add(changes, i, j0, j1, k0, k1)
+        return
+    parts = [(j0, j1, k0, k1, n)]
+    while parts:
+        j0, j1, k0, k1, n = parts.pop()
+        n = _overlapping(others, n, j0, j1, k0, k1)
+        if n == len(others):
+            _add(changes, i, j0, j1, k0, k1)
+            continue
+        left, right, bottom, top = others[n]
+        if j0 < left:
+            parts.append((j0, left - 1, k0, k1, n))
+        if j1 > right:
+            parts.append((right + 1, j1, k0, k1, n))
+        j0, j1 = max(j0, left), min(j1, right)
+        if k0 < bottom:
+            parts.append((j0, j1, k0, bottom - 1, n))
+        if k1 > top:
+            parts.append((j0, j1, top + 1, k1, n))
 
 
 @inner
@@ -198,7 +176,7 @@ def _sum_up(changes, i, j0, j1, k0, k1, counts):
 
 @inner
 def _bounds(box, grid):
-    """Cosine, sine, and first and last voxel on each axis that a box can reach; along z exact."""
+    """First and last voxel on each axis that a box can reach, along z exact; `sides` of `_run`."""
     x, y, z, length, width, height, yaw = box
     minimum, resolution, xs, ys, zs = grid
     nx, ny = len(xs), len(ys)
@@ -209,14 +187,21 @@ def _bounds(box, grid):
     reach_x = abs(c) * (length / 2) + abs(s) * (width / 2) + rounding
     reach_y = abs(s) * (length / 2) + abs(c) * (width / 2) + rounding
     i0, i1 = _reach(x, reach_x, minimum[0], resolution, nx)
-    j0, j1 = _reach(y, reach_y, minimum[1], resolution, ny)
+    near, far = _reach(y, reach_y, minimum[1], resolution, ny)
     k0, k1 = _slab(0.0, 1.0, height / 2, z, zs, minimum[2], resolution)
-    return c, s, rounding, i0, i1, j0, j1, k0, k1
+    if near > far or k0 > k1:
+        i1 = i0 - 1
+    # Voxels a metre along y for each side of the box; large, not infinite, along an axis.
+    per_along = 1 / (resolution * s) if abs(s) > 1e-200 else 1e200 / resolution
+    per_across = 1 / (resolution * c) if abs(c) > 1e-200 else 1e200 / resolution
+    slack = rounding * (abs(per_along) + abs(per_across))
+    at = (y - minimum[1]) / resolution - 0.5
+    return (i0, i1, k0, k1), (y, c, s, length / 2, width / 2, at, per_along, per_across, slack)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count(boxes, frame, grid, seen, counted, changes, counts):
-    """Count boxes in `counts`, shape (nx, ny, nz), which is zero as are `seen` and `changes`."""
+def _count(boxes, frame, grid, changes, counts):
+    """Count boxes in `counts`, shape (nx, ny, nz), which is zero as is `changes`."""
     minimum, resolution, xs, ys, _ = grid
     nx, ny, nz = counts.shape
     j_first, j_last, k_first, k_last = np.full(nx, ny), np.full(nx, -1), nz, -1
@@ -225,45 +210,23 @@ def _count(boxes, frame, grid, seen, counted, changes, counts):
         end = begin + 1
         while end < len(boxes) and frame[end] == frame[begin]:
             end += 1
-        alone = end == begin + 1
-        for b in range(begin, end):
-            x, y, _, length, width, _, _ = boxes[b]
-            c, s, rounding, i0, i1, near, far, k0, k1 = _bounds(boxes[b], grid)
-            if i0 > i1 or near > far or k0 > k1:
-                continue
-            k_first, k_last = min(k_first, k0), max(k_last, k1)
-            # Voxels a metre along y for each side of the box; large, not infinite, along an axis.
-            per_along = 1 / (resolution * s) if abs(s) > 1e-200 else 1e200 / resolution
-            per_across = 1 / (resolution * c) if abs(c) > 1e-200 else 1e200 / resolution
-            slack = rounding * (abs(per_along) + abs(per_across))
-            at = (y - minimum[1]) / resolution - 0.5
-            sides = (y, c, s, length / 2, width / 2, at, per_along, per_across, slack)
-            for i in range(i0, i1 + 1):
-                j0, j1 = _run(xs[i] - x, sides, ys, minimum[1], resolution)
-                if j0 > j1:
+        reach, sides = np.empty((end - begin, 4), np.int64), np.empty((end - begin, 9))
+        for n in range(end - begin):
+            reach[n], sides[n] = _bounds(boxes[begin + n], grid)
+        known = np.empty((end - begin, 4), np.int64)  # rectangles of the frame in a row
+        for i in range(reach[:, 0].min(), reach[:, 1].max() + 1):
+            number = 0
+            for n in range(end - begin):
+                i0, i1, k0, k1 = reach[n]
+                if i < i0 or i > i1:
                     continue
-                j_first[i], j_last[i] = min(j_first[i], j0), max(j_last[i], j1)
-                if alone:
-                    _add(changes, i, j0, j1, k0, k1)
-                    continue
-                for word in range(k0 // 64, k1 // 64 + 1):
-                    bottom, top = max(k0, 64 * word), min(k1, 64 * word + 63)
-                    if _meets(seen, word, i, j0, j1):
-                        _add_new(changes, seen, counted, i, j0, j1, bottom, top)
-                    else:
-                        _add(changes, i, j0, j1, bottom, top)
-                        bits = _ones(bottom - 64 * word, top - 64 * word)
-                        # Unsigned indices cannot count from the end: a loop of vectors.
-                        for j in range(np.uint64(j0), np.uint64(j1 + 1)):
-                            counted[word, i, j] = bits
-                    _see(seen, word, i, j0, j1)
-        if not alone:  # nothing is seen yet in the next frame
-            for b in range(begin, end):
-                _, _, _, i0, i1, j0, j1, k0, k1 = _bounds(boxes[b], grid)
-                for word in range(k0 // 64, k1 // 64 + 1):
-                    for i in range(i0, i1 + 1):
-                        for w in range(j0 // 64, j1 // 64 + 1):
-                            seen[word, i, w] = 0
+                j0, j1 = _run(xs[i] - boxes[begin + n, 0], sides[n], ys, minimum[1], resolution)
+                if j0 <= j1:
+                    _add_new(changes, i, j0, j1, k0, k1, known[:number])
+                    known[number] = j0, j1, k0, k1
+                    number += 1
+                    j_first[i], j_last[i] = min(j_first[i], j0), max(j_last[i], j1)
+                    k_first, k_last = min(k_first, k0), max(k_last, k1)
         begin = end
     for i in range(nx):
         if j_first[i] <= j_last[i]:

@@ -201,7 +201,7 @@ class _Rays:
 
         def information() -> float:
             if not occlusion:
-                return expected_ig(grid, crossings(), self.weight * log_miss_of_ray(self.q))
+                return expected_ig(grid.frames, crossings(), self.weight * log_miss_of_ray(self.q))
             own = self.placement, self.occupied, self.method, self.q, self.stride
             return expected_ig_with_occlusion(grid, log_miss_in(grid, *own))
 
@@ -213,7 +213,7 @@ class _Rays:
             entropy=grid.entropy_of_level,
             h_pog=grid.h_pog,
             crossings=crossings,
-            points=lambda: expected_points(grid, crossings(), self.weight),
+            points=lambda: expected_points(grid.frames, crossings(), self.weight),
             information=information,
         )
 
@@ -250,7 +250,7 @@ def expected_ig_by_q(
     gains = {}
     for name, grid in grids.items():
         crossings = Crossings.of_grid(grid, rays)
-        gains[name] = {q: expected_ig(grid, crossings, miss) for q, miss in misses.items()}
+        gains[name] = {q: expected_ig(grid.frames, crossings, miss) for q, miss in misses.items()}
     return pd.DataFrame.from_dict(gains, orient="index")
 
 

@@ -74,13 +74,13 @@ def _list_crossed(rays, first, voxels, level, level_of_voxel, rays_of_voxel):
     return size
 
 
-def expected_points(grid: OccupancyGrid, crossings: Crossings, ray_weight: float) -> float:
-    """`sum of m(v) p(v)`: rays that meet an object in a frame, if nothing hid anything.
+def expected_points(frames: int, crossings: Crossings, ray_weight: float) -> float:
+    """`sum of m(v) p(v)`: rays that meet an object in one of `frames`, if nothing hid anything.
 
     `ray_weight` rays stand behind each one traced. Products of integers are summed without
     error."""
     meetings = math.fsum(crossings.counts * crossings.rays * crossings.voxels.astype(np.float64))
-    return meetings * ray_weight / grid.frames
+    return meetings * ray_weight / frames
 
 
 def log_miss_of_ray(q: float) -> float:
@@ -88,14 +88,13 @@ def log_miss_of_ray(q: float) -> float:
     return math.log1p(-q) if q < 1 else -math.inf
 
 
-def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss: float) -> float:
+def expected_ig(frames: int, crossings: Crossings, log_miss: float) -> float:
     """Mutual information, in nats, between occupancy and a sensor that can miss.
 
     With `d = 1 - (1 - q)^m` the probability that an object in v is detected, no false alarms: `I(v)
     = H(p) - (1 - p d) h(p (1 - d) / (1 - p d))`, h the binary entropy; the sum over v. `log_miss`:
     `log_miss_of_ray(q)`, times the rays that stand behind each one traced."""
-    p = crossings.counts / grid.frames
-    rest = (grid.frames - crossings.counts) / grid.frames
+    p, rest = crossings.counts / frames, (frames - crossings.counts) / frames
     gain = information(p, rest, crossings.rays * log_miss)
     return float(np.sum(crossings.voxels * gain))
 

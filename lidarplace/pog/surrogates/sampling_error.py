@@ -26,7 +26,13 @@ from lidarplace.logs.boxes import frame_keys
 from lidarplace.pog.occupancy.block_counts import BlockCounts
 from lidarplace.pog.occupancy.entropy import entropy_of_counts
 from lidarplace.pog.occupancy.grid import OccupancyGrid
-from lidarplace.pog.surrogates.formulas import Crossings, information, log_miss_of_ray
+from lidarplace.pog.surrogates.formulas import (
+    Crossings,
+    expected_ig,
+    expected_points,
+    information,
+    log_miss_of_ray,
+)
 from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
 from lidarplace.pog.surrogates.seen import Seen
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, POG_SURROGATES, SURROGATES
@@ -34,8 +40,6 @@ from lidarplace.rigs.placement import Placement
 
 NORMAL_95 = 1.959963984540054
 """97.5 % quantile of the normal distribution."""
-LN2 = math.log(2)
-_BITS = 60  # a ray more changes nothing once ln(1 - d) is below -60 ln 2
 
 
 @dataclass(frozen=True)
@@ -116,18 +120,20 @@ def pog_sampling_error(
             occupied[here] = histories.counts(draws[0])[histories.history]
             log = occupied.reshape(roi.shape), int(totals[0])
             log_misses = log_miss(placement, roi, ray_method, *log, detection_probability)
-            gain = _gain_by_voxel(histories, log_misses.reshape(-1)[here])
-        else:
-            gain = _gain_by_rays(histories, rays[here], log_miss_of_ray(detection_probability))
+            log_misses = log_misses.reshape(-1)[here]
         voxels = _by_history(histories, np.ones(len(here), np.int64))
         covered_voxels = _by_history(histories, covered[here])
-        met_rays = _by_history(histories, rays[here])
+        crossings_of = _crossings_of(histories, rays[here])
         values: dict[str, list[float]] = {name: [] for name in surrogates}
         for draw, total in zip(draws, totals.tolist(), strict=True):
             counts = histories.counts(draw)
             levels = np.arange(1, int(counts.max()) + 1)
             of_level = np.bincount(counts, voxels)[1:]
             entropy = entropy_of_counts(levels, total)
+            crossings = crossings_of(counts)
+            gain = partial(expected_ig, total, crossings, log_miss_of_ray(detection_probability))
+            if occlusion:
+                gain = partial(_gain, counts[histories.history], total, log_misses)
             seen = Seen(
                 frames=total,
                 counts=levels,
@@ -135,9 +141,9 @@ def pog_sampling_error(
                 covered=np.bincount(counts, covered_voxels)[1:],
                 entropy=entropy,
                 h_pog=math.fsum(of_level * entropy),
-                crossings=partial(_crossings, histories, rays[here], counts),
-                points=partial(float, int(met_rays @ counts) / total),
-                information=partial(gain, counts, total),
+                crossings=partial(crossings_of, counts),
+                points=partial(expected_points, total, crossings, 1.0),
+                information=gain,
             )
             found = {name: compute(seen) for name, compute in computed.items()}
             nonzero = int(seen.covered.sum())
@@ -181,50 +187,24 @@ def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[
     return np.bincount(histories.history, amount, len(histories.parent)).astype(np.int64)
 
 
-def _crossings(
-    histories: BlockCounts, rays: NDArray[np.integer], counts: NDArray[np.int64]
-) -> Crossings:
-    """The voxels that are crossed and occupied, each by itself."""
-    count = counts[histories.history]
-    met = (rays > 0) & (count > 0)
-    return Crossings(count[met], rays[met].astype(np.int64), np.ones(met.sum(), np.int64))
+def _crossings_of(
+    histories: BlockCounts, rays: NDArray[np.integer]
+) -> Callable[[NDArray[np.int64]], Crossings]:
+    """Those of the counts of the histories; voxels of equal history and rays are one term."""
+    base = int(rays.max(initial=0)) + 1
+    pairs, voxels = np.unique(histories.history * np.int64(base) + rays, return_counts=True)
+    history, crossing = np.divmod(pairs, base)
 
-
-_Gain = Callable[[NDArray[np.int64], int], float]
-"""expected_ig from the counts of the histories and the number of frames."""
-
-
-def _gain_by_rays(histories: BlockCounts, rays: NDArray[np.integer], log_miss: float) -> _Gain:
-    """Without occlusion: voxels of equal history and rays are one term.
-
-    Rays beyond the point where a miss has probability 2**-_BITS change no bit of the result."""
-    enough = 1 if log_miss == -math.inf else math.ceil(-_BITS * LN2 / log_miss)
-    most = min(enough, int(rays.max(initial=0)))
-    met = rays > 0
-    key = histories.history[met].astype(np.int64) * (most + 1) + np.minimum(rays[met], most)
-    pairs, number = np.unique(key, return_counts=True)
-    history, crossing = np.divmod(pairs, most + 1)
-
-    def gain(counts: NDArray[np.int64], frames: int) -> float:
-        terms = np.zeros((int(counts.max()) + 1, most + 1), np.int64)
-        np.add.at(terms, (counts[history], crossing), number)
-        terms[0] = 0  # never occupied in this draw
-        count, through = np.nonzero(terms)
-        p, rest = count / frames, (frames - count) / frames
-        return math.fsum(terms[count, through] * information(p, rest, through * log_miss))
-
-    return gain
-
-
-def _gain_by_voxel(histories: BlockCounts, log_misses: NDArray[np.float64]) -> _Gain:
-    """With occlusion: every voxel has its own ln(1 - d)."""
-    met = log_misses < 0
-    history, log_misses = histories.history[met], log_misses[met]
-
-    def gain(counts: NDArray[np.int64], frames: int) -> float:
+    def crossings(counts: NDArray[np.int64]) -> Crossings:
         count = counts[history]
-        some = count > 0
-        p, rest = count[some] / frames, (frames - count[some]) / frames
-        return float(information(p, rest, log_misses[some]).sum())
+        met = (crossing > 0) & (count > 0)
+        return Crossings(count[met], crossing[met], voxels[met])
 
-    return gain
+    return crossings
+
+
+def _gain(count: NDArray[np.int64], frames: int, log_misses: NDArray[np.float64]) -> float:
+    """expected_ig with occlusion: every voxel has its own ln(1 - d)."""
+    met = (log_misses < 0) & (count > 0)
+    p, rest = count[met] / frames, (frames - count[met]) / frames
+    return float(information(p, rest, log_misses[met]).sum())

@@ -9,13 +9,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
+from lidarplace.clouds.shapes import between
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.zone import Zone
 from lidarplace.studio.blind_ground import BlindGround
 from lidarplace.studio.page.rig_nodes import rgb
 from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.viewing import style
-from lidarplace.viewing.solids import between, edges, headings, triangles
+from lidarplace.viewing.solids import edges, headings, triangles
 
 if TYPE_CHECKING:
     import viser
