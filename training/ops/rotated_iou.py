@@ -121,42 +121,20 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
 # another file calls.
 @njit(cache=True)
 def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
-    """Kept boxes hang on the cells of a horizontal grid, so that only near ones are compared."""
-    count = len(boxes)
-    kept = np.empty(min(count, limit), np.int64)
-    if len(kept) == 0:
-        return kept
+    kept = np.empty(min(len(boxes), limit), np.int64)
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    low_x, low_y = boxes[:, 0].min(), boxes[:, 1].min()
-    extent = max(boxes[:, 0].max() - low_x, boxes[:, 1].max() - low_y)
-    # Boxes that touch lie in the same cell or in adjacent ones; a few cells for each box, at most.
-    touching = 1.001 * np.sqrt(boxes[:, 3] ** 2 + boxes[:, 4] ** 2).max()
-    width = max(touching, extent / (2 * np.sqrt(count)), 1e-300)
-    nx = int((boxes[:, 0].max() - low_x) / width) + 1
-    ny = int((boxes[:, 1].max() - low_y) / width) + 1
-    newest = np.full((ny, nx), -1)
-    older = np.empty(count, np.int64)
     work = np.empty((4, 16))
     found = 0
-    for i in range(count):
-        ix, iy = int((boxes[i, 0] - low_x) / width), int((boxes[i, 1] - low_y) / width)
-        free = True
-        for jy in range(max(iy - 1, 0), min(iy + 2, ny)):
-            for jx in range(max(ix - 1, 0), min(ix + 2, nx)):
-                k = newest[jy, jx]
-                while free and k >= 0:
-                    free = not (
-                        _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
-                        and _iou(boxes[k], boxes[i], False, work) > threshold
-                    )
-                    k = older[k]
-        if free:
-            older[i] = newest[iy, ix]
-            newest[iy, ix] = i
+    for i in range(len(boxes)):
+        if found == len(kept):
+            break
+        for k in kept[:found]:
+            near = _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
+            if near and _iou(boxes[k], boxes[i], False, work) > threshold:
+                break
+        else:
             kept[found] = i
             found += 1
-            if found == len(kept):
-                break
     return kept[:found]
 
 
