@@ -138,7 +138,8 @@ def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
     return kept[:found]
 
 
-def _checked(boxes: ArrayLike) -> NDArray[np.float64]:
+def checked(boxes: ArrayLike) -> NDArray[np.float64]:
+    """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
     array = np.ascontiguousarray(boxes, np.float64)
     if array.ndim != 2 or array.shape[1] != 7:
         raise ValueError(
@@ -159,12 +160,12 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 
     Raises ValueError for a wrong shape, a negative size or a value not finite.
     """
-    return _matrix_kernel(_checked(a), _checked(b), False)
+    return _matrix_kernel(checked(a), checked(b), False)
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """`iou_bev` of volumes."""
-    return _matrix_kernel(_checked(a), _checked(b), True)
+    return _matrix_kernel(checked(a), checked(b), True)
 
 
 def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]:
@@ -172,7 +173,7 @@ def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]
 
     Raises ValueError as `iou_bev` does, and if the lengths differ.
     """
-    a, b = _checked(a), _checked(b)
+    a, b = checked(a), checked(b)
     if len(a) != len(b):
         raise ValueError(f"pairs need as many boxes on both sides, found {len(a)} and {len(b)}")
     return _pair_kernel(a, b, three_d)
@@ -183,4 +184,4 @@ def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.i
 
     So it does at an IoU from above greater than `threshold`, at least 0; at most `limit` are kept.
     """
-    return _suppression_kernel(_checked(boxes), threshold, limit)
+    return _suppression_kernel(checked(boxes), threshold, limit)
