@@ -41,12 +41,12 @@ FLOORS = {
     ),
     "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds layouts"),
     "training": (
-        "average_precision by_sector dataset device ops randomness settings typical_objects",
+        "average_precision dataset device ops randomness settings typical_objects",
         "detectors ground_truth_sampling kitti_labels matches",
         "__init__ augment leave_out optimisation",
         "checkpoints",
         "batch_size detect kitti_ap resume",
-        "by_distance finetune",
+        "by_place finetune",
         "pretrained",
     ),
     "training.detectors": (

@@ -23,10 +23,7 @@ class Augmentation:
     database: ObjectDatabase  # objects to paste
 
     def __call__(self, sample: Sample, key: tuple[int, int, int]) -> Sample:
-        """A frame as it is trained on. The arrays of `sample` may be changed.
-
-        All randomness follows from `key`: seed, epoch and frame.
-        """
+        """A frame as it is trained on, of `key`: seed, epoch, frame; may change `sample`."""
         sample = self.database.paste(sample, generator(Purpose.PASTE, *key))
         sample = moved(sample, self.settings, generator(Purpose.MOVE, *key))
         sample = within_range(sample, self.point_range)

@@ -5,7 +5,6 @@ compute_statistics): a first pass collects the scores at which recall grows and 
 a second one counts hits and false alarms at each.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,23 +18,21 @@ COUNTS, IGNORED, OTHER = 0, 1, -1
 RECALL_POINTS = 41
 
 
-class Layout(NamedTuple):
-    """Where the boxes and pairs of each frame are, as compiled code takes it."""
+class FramePairs(NamedTuple):
+    """Every pair of a ground truth and a detection of one frame; compiled code takes `layout`."""
 
     truths: NDArray[np.int64]  # ground truths of frame f are rows `truths[f]:truths[f + 1]`
     found: NDArray[np.int64]  # the same for detections
     # The pairs of frame f start here; (ground truth g, detection d), both counted from the frame's
-    # first, is pair `pairs[f] + g * (detections of f) + d`
-    pairs: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class FramePairs:
-    """Every pair of a ground truth and a detection of one frame."""
-
-    layout: Layout
-    ground_truth: NDArray[np.int64]  # row in each pair, shape (P,), int64
+    # first, is pair `starts[f] + g * (detections of f) + d`
+    starts: NDArray[np.int64]
+    ground_truth: NDArray[np.int64]  # row in each pair, shape (P,)
     detection: NDArray[np.int64]  # the same
+
+    @property
+    def layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """`truths`, `found` and `starts`."""
+        return self[:3]
 
     @classmethod
     def of(
@@ -47,22 +44,19 @@ class FramePairs:
         found = np.searchsorted(detection_frame, edges)
         per_truth = np.diff(found)[ground_truth_frame]
         ground_truth = np.repeat(np.arange(len(ground_truth_frame)), per_truth)
-        starts = np.cumsum(per_truth) - per_truth
-        within = np.arange(len(ground_truth)) - starts[ground_truth]
+        within = np.arange(len(ground_truth)) - (np.cumsum(per_truth) - per_truth)[ground_truth]
         detection = found[ground_truth_frame[ground_truth]] + within
-        pair_offsets = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
-        return cls(Layout(truths, found, pair_offsets), ground_truth, detection)
+        starts = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
+        return cls(truths, found, starts, ground_truth, detection)
 
 
-@dataclass(frozen=True)
-class PrecisionCurve:
-    """Precision over recall, as KITTI samples it."""
+class PrecisionCurve(NamedTuple):
+    """Precision over recall, as KITTI samples it; 0 if no ground truth counts."""
 
-    # At the 41 recall points 0, 1/40, …, 1, made monotone from the right; 0 beyond the reached
-    # recall, and everywhere if no ground truth counts. Shape (41,)
+    # At the recall points 0, 1/40, …, 1, none below one to its right; 0 beyond those reached, (41,)
     precision: NDArray[np.float64]
     similarity: NDArray[np.float64]  # the same with each hit counted as the similarity of its pair
-    recall: float  # the share of the ground truths that is hit at any score; 0 if none counts
+    recall: float  # the share of the ground truths that is hit at any score
 
 
 @njit(cache=True)

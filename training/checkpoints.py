@@ -30,11 +30,9 @@ KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")
 
 @dataclass(frozen=True)
 class LoadReport:
-    """What `load_checkpoint` did with the entries of the model's state_dict, in its order."""
+    """What `load_checkpoint` found."""
 
-    loaded: tuple[str, ...]  # entries taken from the file
     reinitialised: tuple[str, ...]  # entries of heads for other classes, which stay the model's
-    converted: tuple[str, ...]  # loaded entries that were in a layout of spconv 1
     digest: str  # SHA-256 of the file
 
 
@@ -68,7 +66,7 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
             f"checkpoint {path}: {key} must be a dense tensor of {kind}, found "
             f"{_kind(found[key])}{more}"
         )
-    found, converted = _in_our_layout(own, found)
+    found = _in_our_layout(own, found)
     if broken := [key for key, value in found.items() if not torch.isfinite(value).all()]:
         raise ValueError(f"checkpoint {path} has numbers that are not finite in {_some(broken)}")
     fresh = [key for key in own if own[key].shape != found[key].shape]
@@ -86,10 +84,8 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
         hint = " (heads for other classes; new_heads: true trains them afresh)"
         hint *= all(map(_of_head, fresh))
         raise ValueError(f"checkpoint {path} does not fit the detector: {shapes}{hint}")
-    kept = set(fresh)
-    loaded = {key: found[key] for key in own if key not in kept}
-    model.load_state_dict(own | loaded)
-    return LoadReport(tuple(loaded), tuple(fresh), converted, digest)
+    model.load_state_dict({**found, **{key: own[key] for key in fresh}})
+    return LoadReport(tuple(fresh), digest)
 
 
 def _other_classes(model: Detector, content: Mapping[str, Any]) -> str | None:
@@ -237,20 +233,18 @@ def _same_keys(path: Path, own: Mapping[str, Tensor], found: Mapping[str, Tensor
 _LAYOUTS = ((0, 1, 2, 3, 4), (4, 0, 1, 2, 3), (3, 0, 1, 2, 4))
 
 
-def _in_our_layout(
-    own: Mapping[str, Tensor], found: Mapping[str, Tensor]
-) -> tuple[Mapping[str, Tensor], tuple[str, ...]]:
-    """The entries with sparse convolutions in our layout, and which ones were in another.
+def _in_our_layout(own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+    """The entries with sparse convolutions in our layout.
 
     All of a file have one layout, and only all of them together show which: that of one with as
     many inputs as outputs does not show in its shape.
     """
-    sparse = tuple(key for key, value in own.items() if value.ndim == 5)
+    sparse = [key for key, value in own.items() if value.ndim == 5]
     for axes in _LAYOUTS:
         moved = {key: found[key].permute(axes) for key in sparse if found[key].ndim == 5}
         if all(moved[key].shape == own[key].shape for key in moved):
-            return {**found, **moved}, sparse if axes != _LAYOUTS[0] else ()
-    return found, ()
+            return {**found, **moved}
+    return found
 
 
 def _of_head(key: str) -> bool:

@@ -2,19 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from lidarplace.clouds.clouds import Frames
 from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
 from training.detectors.contract import as_arrays
 from training.detectors.detector import PointRange
-from training.detectors.folding import fold_batch_norm
 from training.device import device, half_type
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
@@ -79,3 +80,23 @@ def detect(
     boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in found)])
     two_stages = bool(found) and "refined" in found[0]
     return Detections(boxes, table("refined") if two_stages else None)
+
+
+def fold_batch_norm(model: nn.Module) -> None:
+    """Fold batch norm into the 2D convolutions of sequences: convolution, batch norm, ReLU.
+
+    In place, for good: the model then predicts what it did, up to rounding, and cannot be trained.
+    ReLUs write over what the convolutions gave them.
+    """
+    model.eval()
+    for layers in model.modules():
+        if not isinstance(layers, nn.Sequential):
+            continue
+        for index, (layer, norm) in enumerate(pairwise(list(layers))):
+            if not isinstance(norm, nn.BatchNorm2d):
+                continue
+            assert isinstance(layer, nn.Conv2d | nn.ConvTranspose2d)
+            transposed = isinstance(layer, nn.ConvTranspose2d)
+            layers[index] = fuse_conv_bn_eval(layer, norm, transposed)
+            layers[index + 1] = nn.Identity()
+            layers[index + 2] = nn.ReLU(inplace=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
+from pydantic import TypeAdapter, ValidationError
 
 from lidarplace.base.class_names import counts_of, listed
 from lidarplace.base.suggestions import did_you_mean
@@ -30,6 +31,9 @@ class TypicalObject:
     def __str__(self) -> str:
         sides = " × ".join(f"{side:.2f}" for side in self.size)
         return f"{self.name} {sides} m, {self.bottom:+.2f} m off the ground"
+
+
+_TYPICAL = TypeAdapter(tuple[TypicalObject, ...])
 
 
 def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[TypicalObject, ...]:
@@ -65,17 +69,13 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
 
 def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, object]]:
     """What a checkpoint keeps of them."""
-    return [{"name": t.name, "size": list(t.size), "bottom": t.bottom} for t in typical]
+    found: list[dict[str, object]] = _TYPICAL.dump_python(tuple(typical), mode="json")
+    return found
 
 
 def from_plain(content: Mapping[str, Any]) -> tuple[TypicalObject, ...]:
     """Those that a checkpoint holds, if any; ValueError if they are not what `as_plain` makes."""
     try:
-        found = []
-        for item in content.get("typical", []):
-            length, width, height = (float(item["size"][axis]) for axis in range(3))
-            size = (length, width, height)
-            found.append(TypicalObject(str(item["name"]), size, float(item["bottom"])))
-        return tuple(found)
-    except (TypeError, KeyError, IndexError, ValueError) as error:
+        return _TYPICAL.validate_python(content.get("typical", ()))
+    except ValidationError as error:
         raise ValueError("typical objects of classes are not what they should be") from error

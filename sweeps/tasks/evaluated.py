@@ -19,8 +19,7 @@ def evaluated(
 ) -> Evaluated:
     """Compare detections, columns of `training.detect.Detections`, with the objects that count; by
     scene, frame and route of the frames, and further metrics of plug-ins."""
-    from training.by_distance import evaluate_by_distance
-    from training.by_sector import recall_by_sector
+    from training.by_place import evaluate_by_distance, recall_by_sector
     from training.kitti_ap import evaluation
 
     frames = routes["frame"].tolist()

@@ -12,8 +12,8 @@ from openpcdet_reference import keys_and_shapes, reference
 from torch.nn.modules.batchnorm import _BatchNorm
 
 from training import NETWORKS, build_detector
+from training.detect import fold_batch_norm
 from training.detectors.detector import Selection, fitted_range
-from training.detectors.folding import fold_batch_norm
 from training.device import settle_vector_math
 
 pytestmark = pytest.mark.usefixtures("one_thread")

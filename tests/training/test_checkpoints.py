@@ -60,8 +60,7 @@ def test_a_checkpoint_of_ours_comes_back(tmp_path):
     assert content["detector"] == "pointpillars_tiny"
     assert content["classes"] == ["Car", "Pedestrian"]
     report = load_checkpoint(target, tmp_path / "base.pt")
-    assert report.loaded == tuple(source.state_dict())
-    assert report.reinitialised == report.converted == ()
+    assert report.reinitialised == ()
     assert same(source.state_dict(), target.state_dict())
 
 
@@ -83,8 +82,7 @@ def test_layouts_of_spconv_1(tmp_path, axes):
         key: value.permute(axes).contiguous() if value.ndim == 5 else value
         for key, value in source.state_dict().items()
     }
-    report = load_checkpoint(target, write(tmp_path / "old.pth", {"model_state": old}))
-    assert report.converted == ("first.weight", "second.weight")
+    load_checkpoint(target, write(tmp_path / "old.pth", {"model_state": old}))
     assert same(source.state_dict(), target.state_dict())
 
 
@@ -102,10 +100,10 @@ def test_heads_for_other_classes_stay_fresh_only_when_asked(tmp_path):
     report = load_checkpoint(target, path, new_heads=True)
     heads = [key for key in before if key.startswith("dense_head.")]
     assert report.reinitialised == tuple(heads)
-    assert set(report.loaded) == set(before) - set(heads)
     after = target.state_dict()
     assert same({key: before[key] for key in heads}, after)
-    assert same({key: source.state_dict()[key] for key in report.loaded}, after)
+    rest = {key: value for key, value in source.state_dict().items() if key not in heads}
+    assert same(rest, after)
 
 
 def test_a_file_that_names_no_classes_has_openpcdets_order(tmp_path):
@@ -211,10 +209,11 @@ def test_one_changed_bit_of_a_tensor_is_a_damage(tmp_path):
 @pytest.mark.parametrize("protocol", [2, 3, 4, 5])
 def test_pickle_protocols(tmp_path, protocol, zipped, recwarn):
     path, model = tmp_path / "a.pth", Sparse()
-    state = model.state_dict()
+    state = Sparse().state_dict()
     torch.save(state, path, pickle_protocol=protocol, _use_new_zipfile_serialization=zipped)
     if protocol < 4:
-        assert load_checkpoint(model, path).loaded == tuple(state)
+        load_checkpoint(model, path)
+        assert same(model.state_dict(), state)
     else:
         with pytest.raises(ValueError, match=f"is written in pickle protocol {protocol}"):
             load_checkpoint(model, path)

@@ -17,7 +17,8 @@ from training.detectors.heads.anchor_head import HeadOutput
 from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
-from training.ops import interpolation, points_in_boxes, roipoint_pool
+from training.ops import interpolation, points_in_boxes
+from training.ops.roipoint_pool import roipoint_pool
 
 ALL = Selection(score=0.1, nms=1.0, pre=10_000, post=10_000)
 """Whatever is likely enough, however much it overlaps."""
@@ -90,12 +91,9 @@ def box_of_points_torch():
     return box_of_points(points_in_boxes._first_box_torch)
 
 
-def pooled_points(search=roipoint_pool._points_numba):
-    return search(*boxes_and_points_on_their_sides(), 64)[0]
-
-
-def pooled_points_torch():
-    return pooled_points(roipoint_pool._points_torch)
+def pooled_points():
+    points, boxes = boxes_and_points_on_their_sides()
+    return roipoint_pool(points, points, boxes, 64, 0.0)[0].flatten(0, 1)
 
 
 def places_in_rois():
@@ -110,7 +108,7 @@ def nearest_torch():
 @pytest.mark.parametrize(
     "decide",
     [one_stage_detections, two_stage_detections, far_points, box_of_points, box_of_points_torch,
-     pooled_points, pooled_points_torch, places_in_rois, nearest_torch],
+     pooled_points, places_in_rois, nearest_torch],
 )  # fmt: skip
 def test_decisions_do_not_depend_on_last_bits(decide):
     expected = decide()
@@ -122,7 +120,6 @@ def test_decisions_do_not_depend_on_last_bits(decide):
 
 def test_both_paths_decide_alike_on_the_border():
     assert torch.equal(box_of_points(), box_of_points_torch())
-    assert torch.equal(pooled_points(), pooled_points_torch())
 
 
 def test_scores_fall_with_their_logits():

@@ -14,8 +14,7 @@ from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import COUNTS, FramePairs, precision_curve
-from training.by_distance import evaluate_by_distance
-from training.by_sector import recall_by_sector
+from training.by_place import evaluate_by_distance, recall_by_sector
 from training.kitti_ap import evaluate_boxes, evaluation
 from training.matches import Matches
 

@@ -8,7 +8,7 @@ import torch
 from training.detectors.heads.point_head import (
     PointHeadBox,
     PointOutput,
-    PointTargets,
+    Targets,
     decode_points,
     encode_points,
     point_targets,
@@ -70,7 +70,7 @@ def test_segmentation_loss_by_hand():
 def test_box_loss_by_hand():
     head = PointHeadBox(4, (8,), SIZES, either_way=False)
     boxes = torch.tensor([[0.0, 0.0, 0.0, 3.9, 1.6, 1.56, 0.0], [1.0, 0.0, 0.0, 0.8, 0.6, 1.73, 0]])
-    targets = PointTargets(torch.tensor([1, 0, 2]), torch.tensor([0, 2]), boxes)
+    targets = Targets(torch.tensor([1, 0, 2]), torch.tensor([0, 2]), boxes)
     xyz = torch.zeros(3, 3)
     residuals = torch.zeros(3, 8)
     residuals[[0, 2], 6] = 1.0  # yaw 0
@@ -95,7 +95,7 @@ def test_boxes_have_the_size_of_the_likeliest_class():
 def test_a_box_may_point_backwards(either_way):
     head = PointHeadBox(4, (8,), SIZES, either_way)
     box = torch.tensor([[0.0, 0.0, 0.0, *SIZES[0], math.pi / 4]])
-    targets = PointTargets(torch.tensor([1]), torch.tensor([0]), box)
+    targets = Targets(torch.tensor([1]), torch.tensor([0]), box)
     residuals = encode_points(box, torch.zeros(1, 3), torch.tensor(SIZES[:1]))
     residuals[:, 6:] *= -1
     losses = head.loss(PointOutput(torch.zeros(1, 2), residuals), targets, torch.zeros(1, 3))

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 from training.ops import points_in_boxes, roipoint_pool
 from training.ops.points_in_boxes import box_of_points
+from training.ops.roipoint_pool import roipoint_pool as pool
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 POINTS = torch.from_numpy(DATA["points"])
 FIRST_BOX = (points_in_boxes._first_box_numba, points_in_boxes._first_box_torch)
-POOLED_POINTS = (roipoint_pool._points_numba, roipoint_pool._points_torch)
 
 
 @pytest.fixture(params=[True, False], ids=["whole", "chunked"])
@@ -27,13 +27,6 @@ def _chunks(request, monkeypatch):
     if not request.param:
         for module in (points_in_boxes, roipoint_pool):
             monkeypatch.setattr(module, "_CHUNK", 5000)
-
-
-@pytest.fixture(params=POOLED_POINTS)
-def pool(request, monkeypatch):
-    """`roipoint_pool` with each search."""
-    monkeypatch.setattr(roipoint_pool, "_points_numba", request.param)
-    return roipoint_pool.roipoint_pool
 
 
 def inside(points, boxes):
@@ -56,7 +49,7 @@ def test_box_of_points_agrees_with_openpcdet(search):
 
 
 @pytest.mark.usefixtures("last_bits", "_chunks")
-def test_pooling_agrees_with_openpcdet(pool):
+def test_pooling_agrees_with_openpcdet():
     boxes = torch.from_numpy(DATA["roi_boxes"])
     pooled, empty = pool(POINTS, torch.from_numpy(DATA["roi_features"]), boxes, 64, 0.0)
     assert torch.equal(pooled, torch.from_numpy(DATA["roi_pooled"]))
@@ -83,12 +76,12 @@ def test_against_complex_numbers(seed, count, boxes, samples):
     for search in FIRST_BOX:
         found = search(torch.from_numpy(points), torch.from_numpy(rois))
         assert found.tolist() == ([-1] * len(points) if expected is None else expected.tolist())
-    for search in POOLED_POINTS:
-        idx, empty = search(torch.from_numpy(points), torch.from_numpy(rois), samples)
-        assert empty.tolist() == (~within.any(axis=1)).tolist()
-        for own, hits in zip(idx.tolist(), within, strict=True):
-            rows = np.flatnonzero(hits)[:samples]
-            assert own == (np.resize(rows, samples).tolist() if len(rows) else [0] * samples)
+    rows = torch.arange(len(points), dtype=torch.float32)[:, None]
+    pooled, empty = pool(torch.from_numpy(points), rows, torch.from_numpy(rois), samples, 0.0)
+    assert empty.tolist() == (~within.any(axis=1)).tolist()
+    for own, hits in zip(pooled[:, :, 3].tolist(), within, strict=True):
+        rows = np.flatnonzero(hits)[:samples]
+        assert own == (np.resize(rows, samples).tolist() if len(rows) else [0] * samples)
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -103,7 +96,7 @@ def test_borders(search):
     assert search(points, box).tolist() == [0, 1, 0, 1, 1, -1]
 
 
-def test_nothing_to_look_at(pool):
+def test_nothing_to_look_at():
     some, none, features = torch.zeros(4, 3), torch.zeros(0, 3), torch.ones(4, 2)
     box = torch.tensor([[0.0, 0, 0, 1, 1, 1, 0], [5.0, 0, 0, 1, 1, 1, 0]])
     assert box_of_points(none, box).tolist() == []
@@ -120,7 +113,7 @@ def test_nothing_to_look_at(pool):
     assert empty.tolist() == [False, True]
 
 
-def test_pooling_keeps_boxes_and_passes_gradients(pool):
+def test_pooling_keeps_boxes_and_passes_gradients():
     random = np.random.default_rng(1)
     points = torch.from_numpy(random.uniform(-2, 2, (30, 3)))
     boxes = torch.tensor(

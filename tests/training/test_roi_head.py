@@ -104,7 +104,6 @@ def test_sample_has_the_objects_and_shares_of_the_settings():
     iou = iou_3d(found.rois.boxes[0], objects)
     iou = iou * (found.rois.labels[0][:, None] == object_labels)
     best, row = iou.max(dim=1)
-    torch.testing.assert_close(found.iou[0], best)
     torch.testing.assert_close(found.boxes[0][best > 0], objects[row[best > 0]])
     assert (found.regress[0] == (best > 0.55)).all()
     assert found.regress.sum() == 32
@@ -141,7 +140,7 @@ def test_frames_without_objects_and_zero_proposals_are_background():
     found = targets_of(rois, torch.zeros(0, 7))
     assert not found.regress.any()
     assert (found.scores == 0).all()
-    assert (targets_of(torch.zeros(4, 7), boxes_near(1, 1)).iou == 0).all()
+    assert (targets_of(torch.zeros(4, 7), boxes_near(1, 1)).scores == 0).all()
 
 
 def test_score_targets():

@@ -1,6 +1,5 @@
 """Sparse convolution against dense convolution, finite differences and a second way to pair."""
 
-import numpy as np
 import pytest
 import torch
 from torch.nn import functional
@@ -96,16 +95,9 @@ def test_torch_finds_the_pairs_that_numba_finds(grid):
     steps = torch.tensor([-101, -100, -11, -1, 2])
     ours = sparse_rules._neighbours_numba(keys.numpy(), steps.numpy())
     assert_same(ours, sparse_rules._neighbours_torch(keys, steps))
-    shape = (6, 30, 30)
-    for geometry in STRIDED:
-        sizes = [np.array(item) for item in (shape, *geometry)]
-        inputs, cells, counts = sparse_rules._reached_numba(x.coordinates.numpy(), *sizes)
-        found = np.unique(cells)
-        rows = sparse_rules._rows_numba(cells, counts, found)
-        other = sparse_rules._reached_torch(x.coordinates, shape, *geometry)
-        assert_same((inputs, rows, counts, found), other)
-        other = sparse_rules._by_row_torch(torch.from_numpy(rows), len(found))
-        assert_same(sparse_rules._by_row_numba(rows, len(found)), other)
+    rows = torch.randint(len(x.coordinates), (300,))
+    other = sparse_rules._by_row_torch(rows, len(x.coordinates))
+    assert_same(sparse_rules._by_row_numba(rows.numpy(), len(x.coordinates)), other)
 
 
 def assert_same(arrays, tensors):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -17,18 +17,21 @@ from lidarplace.files.regular import is_there
 from lidarplace.requirements.tables import Ground
 
 Arrays = Mapping[str, NDArray[Any]]
-Shapes = Mapping[str, tuple[int | None, ...]]
+
+
+def axes(*lengths: int | None) -> dict[str, tuple[int | None, ...]]:
+    """Metadata of a field whose arrays have these axes; None: of any length."""
+    return {"axes": lengths}
 
 
 @dataclass(frozen=True)
 class ArrayFile:
     """A NumPy archive: a field that is an array under its name, those of a mapping as `field/key`.
 
-    `SHAPES` has the axes of the arrays of each field, None for one of any length.
+    The metadata of a field are the `axes` of its arrays.
     """
 
     FILE: ClassVar[str]
-    SHAPES: ClassVar[Shapes]
 
     def write(self, folder: Path) -> None:
         """Write all arrays in one step."""
@@ -42,7 +45,7 @@ class ArrayFile:
         if not is_there(path):
             return None
         arrays = read_npz(path)
-        kinds = {field.name: str(field.type) for field in fields(cls)}
+        kinds = {own.name: str(own.type) for own in fields(cls)}
         found = {
             name: within(arrays, name) if kind.startswith("dict") else arrays.get(name)
             for name, kind in kinds.items()
@@ -55,16 +58,16 @@ class ArrayFile:
 
     def _check(self, path: Path) -> None:
         """Raise ValueError unless all arrays have the shapes and kinds of the class."""
-        of_text = {field.name for field in fields(self) if "np.str_" in str(field.type)}
+        known = {own.name: own for own in fields(self)}
         for name, array in _flat(vars(self)):
-            field = name.partition("/")[0]
-            wanted = self.SHAPES[field]
-            if field not in of_text:
+            own = known[name.partition("/")[0]]
+            wanted = own.metadata["axes"]
+            if "np.str_" not in str(own.type):
                 check_numbers(name, array, len(wanted), path)
             elif array.dtype.kind != "U":
                 raise ValueError(f"{path}: {name} must hold text, found {array.dtype}")
             pairs = zip(wanted, array.shape, strict=False)
-            if array.ndim != len(wanted) or any(n not in (None, own) for n, own in pairs):
+            if array.ndim != len(wanted) or any(n not in (None, size) for n, size in pairs):
                 shape = ", ".join("n" if n is None else str(n) for n in wanted)
                 raise ValueError(f"{path}: {name} must have shape ({shape}), found {array.shape}")
 
@@ -83,7 +86,7 @@ def within(arrays: Arrays, field: str) -> dict[str, NDArray[Any]]:
     return {name[len(start) :]: arrays[name] for name in arrays if name.startswith(start)}
 
 
-_PLANE = (None, None)
+_PLANE = axes(None, None)
 
 
 @dataclass(frozen=True)
@@ -101,15 +104,12 @@ class Maps(ArrayFile):
     """
 
     FILE: ClassVar[str] = "maps.npz"
-    SHAPES: ClassVar[Shapes] = dict.fromkeys(
-        ("pog", "coverage", "coverage_side", "residual", "residual_side"), _PLANE
-    )
 
-    pog: dict[str, NDArray[np.float32]]
-    coverage: dict[str, NDArray[np.float32]]
-    coverage_side: dict[str, NDArray[np.float32]]
-    residual: dict[str, NDArray[np.float32]]
-    residual_side: dict[str, NDArray[np.float32]]
+    pog: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
+    coverage: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
+    coverage_side: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
+    residual: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
+    residual_side: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
 
 
 @dataclass(frozen=True)
@@ -124,17 +124,11 @@ class Frame(ArrayFile):
     """
 
     FILE: ClassVar[str] = "frame.npz"
-    SHAPES: ClassVar[Shapes] = {
-        "boxes": (None, 7),
-        "labels": (None,),
-        "points": (None, 4),
-        "lidar": (None,),
-    }
 
-    boxes: NDArray[np.float64]
-    labels: NDArray[np.str_]
-    points: dict[str, NDArray[np.float32]]
-    lidar: dict[str, NDArray[np.uint8]]
+    boxes: NDArray[np.float64] = field(metadata=axes(None, 7))
+    labels: NDArray[np.str_] = field(metadata=axes(None))
+    points: dict[str, NDArray[np.float32]] = field(metadata=axes(None, 4))
+    lidar: dict[str, NDArray[np.uint8]] = field(metadata=axes(None))
 
     def _check(self, path: Path) -> None:
         super()._check(path)
@@ -161,17 +155,11 @@ class FailureFrames(ArrayFile):
     """
 
     FILE: ClassVar[str] = "failures.npz"
-    SHAPES: ClassVar[Shapes] = {
-        "rigs": (2,),
-        "objects": (None,),
-        "points": (None, 3),
-        "detections": (None, 8),
-    }
 
-    rigs: NDArray[np.str_]
-    objects: NDArray[np.int64]
-    points: dict[str, NDArray[np.float32]]
-    detections: dict[str, NDArray[np.float64]]
+    rigs: NDArray[np.str_] = field(metadata=axes(2))
+    objects: NDArray[np.int64] = field(metadata=axes(None))
+    points: dict[str, NDArray[np.float32]] = field(metadata=axes(None, 3))
+    detections: dict[str, NDArray[np.float64]] = field(metadata=axes(None, 8))
 
     def are_of(self, rigs: tuple[str, str], objects: pd.Series) -> bool:
         """Whether they show objects of these numbers under these two rigs, in this order."""
@@ -180,9 +168,9 @@ class FailureFrames(ArrayFile):
     def _check(self, path: Path) -> None:
         super()._check(path)
         places = {f"{place}/{rig}" for place in range(len(self.objects)) for rig in range(2)}
-        for field in ("points", "detections"):
-            if missing := sorted(places - getattr(self, field).keys()):
-                raise ValueError(f"{path} has no array {field}/{missing[0]}")
+        for kind in ("points", "detections"):
+            if missing := sorted(places - getattr(self, kind).keys()):
+                raise ValueError(f"{path} has no array {kind}/{missing[0]}")
 
 
 @dataclass(frozen=True)
@@ -195,10 +183,9 @@ class UnseenMaps(ArrayFile):
     """
 
     FILE: ClassVar[str] = "maps.npz"
-    SHAPES: ClassVar[Shapes] = {"pog": _PLANE, "unseen": _PLANE}
 
-    pog: dict[str, NDArray[np.float32]]
-    unseen: dict[str, dict[str, NDArray[np.float32]]]
+    pog: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
+    unseen: dict[str, dict[str, NDArray[np.float32]]] = field(metadata=_PLANE)
 
     @classmethod
     def read(cls, folder: Path) -> UnseenMaps:
@@ -222,19 +209,12 @@ class Grounds(ArrayFile):
     """
 
     FILE: ClassVar[str] = "requirements.npz"
-    SHAPES: ClassVar[Shapes] = {
-        "body": (None, 2),
-        "names": (None,),
-        "x": (None,),
-        "y": (None,),
-        "least": _PLANE,
-    }
 
-    body: NDArray[np.float64]
-    names: NDArray[np.str_]
-    x: dict[str, NDArray[np.float64]]
-    y: dict[str, NDArray[np.float64]]
-    least: dict[str, NDArray[np.float32]]
+    body: NDArray[np.float64] = field(metadata=axes(None, 2))
+    names: NDArray[np.str_] = field(metadata=axes(None))
+    x: dict[str, NDArray[np.float64]] = field(metadata=axes(None))
+    y: dict[str, NDArray[np.float64]] = field(metadata=axes(None))
+    least: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
 
     @classmethod
     def of(

@@ -93,8 +93,7 @@ class PointPillars(OneStageDetector):
 
     def head_output(self, points: Sequence[Tensor]) -> HeadOutput:
         """Raw outputs of the head for frames of points (N, 4)."""
-        output: HeadOutput = self.dense_head(self.backbone_2d(self._pillars(points)))
-        return output
+        return self.dense_head(self.backbone_2d(self._pillars(points)))
 
     def _pillars(self, points: Sequence[Tensor]) -> Tensor:
         """The image of the pillars, (B, C, ny, nx)."""

@@ -15,7 +15,7 @@ from training.detectors.backbones.voxel_set_abstraction import (
     VoxelSetAbstraction,
     mixed,
 )
-from training.detectors.detector import PointRange, Rows, Selection, builder
+from training.detectors.detector import Rows, Selection, builder
 from training.detectors.heads.point_head import PointHeadSimple, point_targets, segmentation_loss
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.pv_rcnn_head import PvRcnnHead, PvRcnnHeadSettings
@@ -92,24 +92,15 @@ TINY = PvRcnnPreset(
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
-@dataclass(frozen=True)
-class ScoredKeypoints:
-    """Keypoints and the logits (K, 1) of their lying on an object."""
-
-    keypoints: Keypoints
-    logits: Tensor
+ScoredKeypoints = tuple[Keypoints, Tensor]
+"""Keypoints and the logits (K, 1) of their lying on an object."""
 
 
 class PvRcnn(TwoStageVoxelDetector):
-    """SECOND's first stage; keypoints with features of all its scales; RoIs refined from them.
+    """SECOND's first stage; keypoints with features of all its scales; RoIs refined from them."""
 
-    Arguments as of `VoxelDetector`.
-    """
-
-    def __init__(
-        self, classes: Sequence[str], preset: PvRcnnPreset, point_range: PointRange | None = None
-    ) -> None:
-        super().__init__(classes, preset.first_stage, point_range, preset.selection)
+    def make_second_stage(self, preset: PvRcnnPreset) -> None:
+        """Keypoints, their head, and the head of the RoIs."""
         channels = preset.first_stage.channels
         bev = channels[-1] * encoded_height(self.grid.shape[0])
         self.pfe = VoxelSetAbstraction(preset.keypoints, self.grid, channels[:-1], bev)
@@ -121,17 +112,18 @@ class PvRcnn(TwoStageVoxelDetector):
         inside = [within(frame.to(self.device), self.point_range) for frame in points]
         scales = {name: mixed(voxels) for name, voxels in first.scales.items()}
         keypoints = self.pfe(inside, scales, first.bev)
-        return ScoredKeypoints(keypoints, self.point_head(keypoints.sources))
+        return keypoints, self.point_head(keypoints.sources)
 
     def between_loss(self, seen: ScoredKeypoints, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """ "point_cls" of the keypoints."""
-        targets = point_targets(seen.keypoints.xyz, seen.keypoints.counts, boxes, labels)
-        return {"point_cls": segmentation_loss(seen.logits, targets.labels)}
+        keypoints, logits = seen
+        targets = point_targets(keypoints.xyz, keypoints.counts, boxes, labels)
+        return {"point_cls": segmentation_loss(logits, targets.labels)}
 
     def second_stage(self, rois: Tensor, seen: ScoredKeypoints) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""
-        output: RoiOutput = self.roi_head(seen.keypoints, seen.logits.sigmoid(), rois)
-        return output
+        keypoints, logits = seen
+        return self.roi_head(keypoints, logits.sigmoid(), rois)
 
 
 build = builder(PvRcnn, PRESETS)

@@ -1,12 +1,11 @@
 """SECOND-IoU: SECOND whose detections are ranked by a second stage, as OpenPCDet has it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from torch import Tensor
 
 from training.detectors import second
-from training.detectors.detector import PointRange, builder
+from training.detectors.detector import builder
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.roi_head import RoiOutput
 from training.detectors.heads.roi_targets import RoiSampling
@@ -42,27 +41,18 @@ PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
 class SecondIou(TwoStageVoxelDetector):
-    """SECOND and a second stage that scores its boxes with their IoU.
+    """SECOND and a second stage that scores its boxes with their IoU."""
 
-    Arguments as of `VoxelDetector`.
-    """
-
-    def __init__(
-        self,
-        classes: Sequence[str],
-        preset: TwoStagePreset[SecondIouSettings],
-        point_range: PointRange | None = None,
-    ) -> None:
+    def make_second_stage(self, preset: TwoStagePreset[SecondIouSettings]) -> None:
+        """The head, on the image of the 2D backbone."""
         first = preset.first_stage
-        super().__init__(classes, first, point_range, preset.selection)
         cell = first.voxel[0] * first.image_stride
         inputs, corner = first.backbone.outputs, self.point_range[:2]
         self.roi_head = SecondIouHead(inputs, corner, cell, preset.roi_head)
 
     def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores of RoIs (B, R, 7)."""
-        output: RoiOutput = self.roi_head(rois, seen.image)
-        return output
+        return self.roi_head(rois, seen.image)
 
 
 build = builder(SecondIou, PRESETS)

@@ -8,7 +8,7 @@ from typing import Any, Generic, Self, TypeVar
 import torch
 from torch import Tensor
 
-from training.detectors.detector import Rows, Selection
+from training.detectors.detector import PointRange, Rows, Selection
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.heads.roi_targets import sample_rois
 from training.detectors.voxel_detector import FirstStage, VoxelDetector, VoxelPreset
@@ -34,6 +34,19 @@ class TwoStageVoxelDetector(VoxelDetector):
     """A voxel network with a second stage, `roi_head`, that derived classes make and call."""
 
     roi_head: RoiHead
+
+    def __init__(
+        self,
+        classes: Sequence[str],
+        preset: TwoStagePreset[Any],
+        point_range: PointRange | None = None,
+    ) -> None:
+        super().__init__(classes, preset.first_stage, point_range, preset.selection)
+        self.make_second_stage(preset)
+
+    @abstractmethod
+    def make_second_stage(self, preset: Any) -> None:
+        """Make `roi_head`, and what `between` needs."""
 
     def between(self, points: Sequence[Tensor], first: FirstStage) -> Any:
         """What the second stage looks at: the first stage, unless a network makes more of it."""

@@ -1,13 +1,12 @@
 """Voxel R-CNN (Deng et al., AAAI 2021)."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from torch import Tensor
 
 from training.detectors import second
 from training.detectors.backbones.backbone_2d import BackboneSettings
-from training.detectors.detector import PointRange, Selection, builder
+from training.detectors.detector import Selection, builder
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.roi_head import RoiOutput
 from training.detectors.heads.roi_targets import RoiSampling
@@ -64,25 +63,16 @@ PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
 class VoxelRcnn(TwoStageVoxelDetector):
-    """SECOND's first stage and a second one that looks at the voxels around its boxes.
+    """SECOND's first stage and a second one that looks at the voxels around its boxes."""
 
-    Arguments as of `VoxelDetector`.
-    """
-
-    def __init__(
-        self,
-        classes: Sequence[str],
-        preset: TwoStagePreset[VoxelRcnnSettings],
-        point_range: PointRange | None = None,
-    ) -> None:
-        super().__init__(classes, preset.first_stage, point_range, preset.selection)
+    def make_second_stage(self, preset: TwoStagePreset[VoxelRcnnSettings]) -> None:
+        """The head, on the sparse backbone's last three scales."""
         channels = preset.first_stage.channels[1:4]
         self.roi_head = VoxelRcnnHead(channels, self.grid, preset.roi_head)
 
     def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""
-        output: RoiOutput = self.roi_head(rois, seen.scales)
-        return output
+        return self.roi_head(rois, seen.scales)
 
 
 build = builder(VoxelRcnn, PRESETS)

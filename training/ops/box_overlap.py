@@ -35,12 +35,7 @@ def _iou_torch(a: Tensor, b: Tensor) -> Tensor:
 def checked(boxes: Tensor) -> Tensor:
     """The boxes (N, 7) in float64, without history; raises ValueError as `iou_3d` does."""
     boxes = boxes.detach().double()
-    if boxes.ndim != 2 or boxes.shape[1] != 7:
-        raise ValueError(f"boxes must have shape (N, 7), found {tuple(boxes.shape)}")
-    if not boxes.isfinite().all():
-        raise ValueError("boxes must be finite numbers, found NaN or infinity")
-    if (boxes[:, 3:6] < 0).any():
-        raise ValueError(f"box sizes must be at least 0, found {boxes[:, 3:6].min():g}")
+    rotated_iou.checked(boxes.cpu())
     return boxes
 
 

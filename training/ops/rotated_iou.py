@@ -121,46 +121,25 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
 # another file calls.
 @njit(cache=True)
 def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
-    """Kept boxes hang on the cells of a horizontal grid, so that only near ones are compared."""
-    count = len(boxes)
-    kept = np.empty(min(count, limit), np.int64)
-    if len(kept) == 0:
-        return kept
+    kept = np.empty(min(len(boxes), limit), np.int64)
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    low_x, low_y = boxes[:, 0].min(), boxes[:, 1].min()
-    extent = max(boxes[:, 0].max() - low_x, boxes[:, 1].max() - low_y)
-    # Boxes that touch lie in the same cell or in adjacent ones; a few cells for each box, at most.
-    touching = 1.001 * np.sqrt(boxes[:, 3] ** 2 + boxes[:, 4] ** 2).max()
-    width = max(touching, extent / (2 * np.sqrt(count)), 1e-300)
-    nx = int((boxes[:, 0].max() - low_x) / width) + 1
-    ny = int((boxes[:, 1].max() - low_y) / width) + 1
-    newest = np.full((ny, nx), -1)
-    older = np.empty(count, np.int64)
     work = np.empty((4, 16))
     found = 0
-    for i in range(count):
-        ix, iy = int((boxes[i, 0] - low_x) / width), int((boxes[i, 1] - low_y) / width)
-        free = True
-        for jy in range(max(iy - 1, 0), min(iy + 2, ny)):
-            for jx in range(max(ix - 1, 0), min(ix + 2, nx)):
-                k = newest[jy, jx]
-                while free and k >= 0:
-                    free = not (
-                        _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
-                        and _iou(boxes[k], boxes[i], False, work) > threshold
-                    )
-                    k = older[k]
-        if free:
-            older[i] = newest[iy, ix]
-            newest[iy, ix] = i
+    for i in range(len(boxes)):
+        if found == len(kept):
+            break
+        for k in kept[:found]:
+            near = _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
+            if near and _iou(boxes[k], boxes[i], False, work) > threshold:
+                break
+        else:
             kept[found] = i
             found += 1
-            if found == len(kept):
-                break
     return kept[:found]
 
 
-def _checked(boxes: ArrayLike) -> NDArray[np.float64]:
+def checked(boxes: ArrayLike) -> NDArray[np.float64]:
+    """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
     array = np.ascontiguousarray(boxes, np.float64)
     if array.ndim != 2 or array.shape[1] != 7:
         raise ValueError(
@@ -181,12 +160,12 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 
     Raises ValueError for a wrong shape, a negative size or a value not finite.
     """
-    return _matrix_kernel(_checked(a), _checked(b), False)
+    return _matrix_kernel(checked(a), checked(b), False)
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """`iou_bev` of volumes."""
-    return _matrix_kernel(_checked(a), _checked(b), True)
+    return _matrix_kernel(checked(a), checked(b), True)
 
 
 def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]:
@@ -194,7 +173,7 @@ def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]
 
     Raises ValueError as `iou_bev` does, and if the lengths differ.
     """
-    a, b = _checked(a), _checked(b)
+    a, b = checked(a), checked(b)
     if len(a) != len(b):
         raise ValueError(f"pairs need as many boxes on both sides, found {len(a)} and {len(b)}")
     return _pair_kernel(a, b, three_d)
@@ -205,4 +184,4 @@ def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.i
 
     So it does at an IoU from above greater than `threshold`, at least 0; at most `limit` are kept.
     """
-    return _suppression_kernel(_checked(boxes), threshold, limit)
+    return _suppression_kernel(checked(boxes), threshold, limit)

@@ -1,7 +1,7 @@
 """Tables of pairs of sparse convolutions: which input row feeds which output row, and by which
 position of the kernel.
 
-On a CPU in numba, elsewhere in torch; both give the same tables.
+What torch does slowly on a CPU is done in numba there; both give the same tables.
 """
 
 from dataclasses import dataclass
@@ -62,13 +62,7 @@ def strided_rules(
     """Pairs, and the output's coordinates (M, 4): all cells whose window holds a site."""
     nz, ny, nx = output_shape(shape, kernel, stride, padding)
     geometry = (nz, ny, nx), kernel, stride, padding
-    if coordinates.device.type == "cpu":
-        own, keys, per_position = _reached_numba(coordinates.numpy(), *map(np.array, geometry))
-        found = np.unique(keys)
-        arrays = (own, _rows_numba(keys, per_position, found), per_position, found)
-        inputs, outputs, counts, cells = map(torch.from_numpy, arrays)
-    else:
-        inputs, outputs, counts, cells = _reached_torch(coordinates, *geometry)
+    inputs, outputs, counts, cells = _reached(coordinates, *geometry)
     plane, level, frame = (
         torch.div(cells, count, rounding_mode="floor") for count in (nx, nx * ny, nx * ny * nz)
     )
@@ -126,62 +120,7 @@ def _neighbours_torch(keys: Tensor, steps: Tensor) -> tuple[Tensor, Tensor, Tens
     return found[hit], outputs, hit.sum(dim=1)
 
 
-@njit(cache=True)
-def _reached_numba(coordinates, shape, kernel, stride, padding):
-    """Input row and cell of each pair, position after position, and pairs of each position."""
-    n = len(coordinates)
-    # output * stride = input + padding - position, axis by axis; -1 where there is no output.
-    place = np.full((3, kernel.max(), n), -1, np.int64)
-    for axis in range(3):
-        for k in range(kernel[axis]):
-            for i in range(n):
-                shifted = coordinates[i, axis + 1] + padding[axis] - k
-                out = shifted // stride[axis]
-                if out * stride[axis] == shifted and 0 <= out < shape[axis]:
-                    place[axis, k, i] = out
-    counts = np.zeros(kernel[0] * kernel[1] * kernel[2], np.int64)
-    inputs = np.empty(0, np.int64)
-    cells = np.empty(0, np.int64)
-    for fill in range(2):
-        if fill:
-            inputs = np.empty(counts.sum(), np.int64)
-            cells = np.empty_like(inputs)
-        total = 0
-        position = 0
-        for kz in range(kernel[0]):
-            for ky in range(kernel[1]):
-                for kx in range(kernel[2]):
-                    first = total
-                    for i in range(n):
-                        z, y, x = place[0, kz, i], place[1, ky, i], place[2, kx, i]
-                        if z < 0 or y < 0 or x < 0:
-                            continue
-                        if fill:
-                            level = coordinates[i, 0] * shape[0] + z
-                            inputs[total] = i
-                            cells[total] = (level * shape[1] + y) * shape[2] + x
-                        total += 1
-                    counts[position] = total - first
-                    position += 1
-    return inputs, cells, counts
-
-
-@njit(cache=True)
-def _rows_numba(keys, counts, cells):
-    """Row in the sorted `cells` of each of `keys`, which are sorted within each position."""
-    rows = np.empty(len(keys), np.int64)
-    first = 0
-    for k in range(len(counts)):
-        row = 0
-        for i in range(first, first + counts[k]):
-            while cells[row] < keys[i]:
-                row += 1
-            rows[i] = row
-        first += counts[k]
-    return rows
-
-
-def _reached_torch(
+def _reached(
     coordinates: Tensor, shape: Triple, kernel: Triple, stride: Triple, padding: Triple
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Input and output row of each pair, pairs of each position, sorted cells of the output."""

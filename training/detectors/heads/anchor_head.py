@@ -1,7 +1,7 @@
 """The dense head of SECOND and PointPillars: class, box and direction of every anchor."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -10,9 +10,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from training.detectors.detector import Rows
-from training.detectors.heads.anchors import AnchorClass, AnchorTargets, assign_targets
+from training.detectors.heads.anchors import AnchorClass, assign_targets
 from training.detectors.heads.box_coder import decode, encode, limit_period
-from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
+from training.detectors.heads.losses import Targets, sigmoid_focal_loss, sine_smooth_l1
 
 # OpenPCDet's KITTI models.
 BINS = 2
@@ -36,6 +36,7 @@ class AnchorHead(nn.Module):
     """Three 1 × 1 convolutions; `anchors` (ny, nx, K, 7) are those of `anchor_grid`."""
 
     anchors: Tensor
+    __call__: Callable[[Tensor], HeadOutput]
 
     def __init__(self, inputs: int, classes: Sequence[AnchorClass], anchors: Tensor) -> None:
         super().__init__()
@@ -66,12 +67,12 @@ class AnchorHead(nn.Module):
             directions.reshape(frames, -1, BINS),
         )
 
-    def targets(self, boxes: Rows, labels: Rows) -> list[AnchorTargets]:
+    def targets(self, boxes: Rows, labels: Rows) -> list[Targets]:
         """What the anchors of each frame have to learn."""
         frames = zip(boxes, labels, strict=True)
         return [assign_targets(self._grid, self.classes, *objects) for objects in frames]
 
-    def loss(self, output: HeadOutput, targets: Sequence[AnchorTargets]) -> dict[str, Tensor]:
+    def loss(self, output: HeadOutput, targets: Sequence[Targets]) -> dict[str, Tensor]:
         """ "loss" and its parts: classification, location, direction; means over the frames.
 
         Each frame's losses are divided by its number of anchors with an object, at least 1.

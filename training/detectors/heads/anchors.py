@@ -13,6 +13,7 @@ from lidarplace.base.kernel_cache import njit
 from training.detectors.backbones.backbone_2d import BackboneSettings
 from training.detectors.detector import PointRange
 from training.detectors.heads.box_coder import limit_period
+from training.detectors.heads.losses import Targets
 from training.typical_objects import TypicalObject
 
 
@@ -75,15 +76,6 @@ class AnchorPreset:
         return replace(self, anchors={**self.anchors, **{own.name: like(own) for own in typical}})
 
 
-@dataclass(frozen=True)
-class AnchorTargets:
-    """What each anchor of one frame has to learn."""
-
-    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (A,), int64
-    positive: Tensor  # anchors with an object, shape (P,), int64
-    boxes: Tensor  # their objects, shape (P, 7)
-
-
 def anchor_grid(
     classes: Sequence[AnchorClass], point_range: PointRange, shape: tuple[int, int], centred: bool
 ) -> Tensor:
@@ -120,7 +112,7 @@ def _halves(boxes: Tensor) -> Tensor:
 
 def assign_targets(
     anchors: Tensor, classes: Sequence[AnchorClass], boxes: Tensor, labels: Tensor
-) -> AnchorTargets:
+) -> Targets:
     """Give every anchor (ny, nx, K, 7) on a CPU an object of its class, background, or neither.
 
     As OpenPCDet's AxisAlignedTargetAssigner: an anchor takes the object that it overlaps most if
@@ -151,7 +143,7 @@ def assign_targets(
     positive = np.flatnonzero(flat > 0)
     arrays = (flat, positive, chosen.ravel()[positive])
     learnt, rows, taken = (torch.from_numpy(item).to(boxes.device) for item in arrays)
-    return AnchorTargets(learnt, rows, boxes[taken])
+    return Targets(learnt, rows, boxes[taken])
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,10 +1,21 @@
-"""Losses of the heads."""
+"""Losses of the heads, and what anchors and points learn."""
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 BETA = 1 / 9  # where smooth L1 turns from a square into a line
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What the anchors of a frame, or the points of a batch, have to learn."""
+
+    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (A,), int64
+    positive: Tensor  # those with an object, shape (P,), int64
+    boxes: Tensor  # their objects, shape (P, 7)
 
 
 def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> Tensor:

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from training.detectors.detector import Rows
 from training.detectors.heads.box_coder import decode, encode
-from training.detectors.heads.losses import BETA, sigmoid_focal_loss
+from training.detectors.heads.losses import BETA, Targets, sigmoid_focal_loss
 from training.detectors.layers import PaddedBatchNorm, precise
 from training.ops.points_in_boxes import box_of_points
 
@@ -18,16 +18,7 @@ EXTRA = 0.2
 """Points this near outside an object, counting both sides, learn neither it nor background, m."""
 
 
-@dataclass(frozen=True)
-class PointTargets:
-    """What the points of a batch have to learn."""
-
-    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (N,), int64
-    positive: Tensor  # points on an object, shape (P,), int64
-    boxes: Tensor  # their objects, shape (P, 7)
-
-
-def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> PointTargets:
+def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> Targets:
     """Give each of the points (N, 3), `counts` (B,) a frame, the object in which it lies.
 
     The objects of a frame are `boxes` (M, 7) and `labels` (M,), from 1.
@@ -43,7 +34,7 @@ def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> Poi
         label[own] = frame_labels[box[own]]
         found.append((label, own + first, frame_boxes[box[own]]))
         first += len(points)
-    return PointTargets(*map(torch.cat, zip(*found, strict=True)))
+    return Targets(*map(torch.cat, zip(*found, strict=True)))
 
 
 def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
@@ -56,7 +47,7 @@ def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequent
 
 
 def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
-    """Focal loss of logits (N, C) and labels (N,) of PointTargets, over the points on objects.
+    """Focal loss of logits (N, C) and labels (N,) of Targets, over the points on objects.
 
     With C = 1 all labels above 0 are the same.
     """
@@ -116,7 +107,7 @@ class PointHeadBox(nn.Module):
         sizes = self.sizes[output.logits.argmax(dim=1)]
         return decode_points(output.residuals, xyz, sizes)
 
-    def loss(self, output: PointOutput, targets: PointTargets, xyz: Tensor) -> dict[str, Tensor]:
+    def loss(self, output: PointOutput, targets: Targets, xyz: Tensor) -> dict[str, Tensor]:
         """ "point_cls" and "point_box", both over the number of points on objects."""
         sizes = self.sizes[targets.labels[targets.positive] - 1]
         expected = encode_points(targets.boxes, xyz[targets.positive], sizes)

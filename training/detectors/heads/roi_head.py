@@ -1,7 +1,7 @@
 """What the second stages share: proposals, their sample, losses, refined boxes, detections."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import torch
@@ -38,6 +38,8 @@ class RoiOutput:
 
 class RoiHead(nn.Module):
     """Base of the second stages; derived ones have a `forward` from RoIs to RoiOutput."""
+
+    __call__: Callable[..., RoiOutput]
 
     def __init__(self, settings: RoiSettings) -> None:
         super().__init__()

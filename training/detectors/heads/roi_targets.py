@@ -36,7 +36,6 @@ class RoiTargets:
 
     rois: Proposals  # the sample
     boxes: Tensor  # object that each RoI overlaps most, (B, R, 7), zeros in a frame without objects
-    iou: Tensor  # 3D IoU with it, (B, R)
     scores: Tensor  # what the score has to become, from 0 to 1, (B, R); -1 for nothing
     regress: Tensor  # whether the RoI learns its object's box, (B, R), bool
 
@@ -54,7 +53,7 @@ def sample_rois(
     samples = [_sample_in_frame(Proposals(*own[:3]), *own[3:], sampling) for own in frames]
     *rois, objects, iou = map(torch.stack, zip(*samples, strict=True))
     scores, regress = score_targets(iou, sampling), iou > sampling.regression
-    return RoiTargets(Proposals(*rois), objects, iou, scores, regress)
+    return RoiTargets(Proposals(*rois), objects, scores, regress)
 
 
 def score_targets(iou: Tensor, sampling: RoiSampling) -> Tensor:

@@ -1,4 +1,4 @@
-"""AP of detections by the distance of the objects."""
+"""AP of detections by the distance of the objects, and recall by their direction."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -7,12 +7,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.metrics import OF_CLASSES, Overlaps
+from lidarplace.base import sectors
+from lidarplace.base.metrics import OF_CLASSES, Overlaps, iou_of
 from lidarplace.base.rings import bounds_of, ring_of
 from training.kitti_ap import evaluation, overlaps_of, pairs_of, rows_of
 from training.leave_out import overlapped_most
 
-COLUMNS = ("class", "metric", "iou", "from_m", "to_m", "value", "ground_truths")
+_KEYS, _VALUES = ("class", "metric", "iou"), ("value", "ground_truths")
+_BY_DISTANCE = (*_KEYS, "from_m", "to_m", *_VALUES)
+_BY_SECTOR = (*_KEYS, "sector", "from_deg", "to_deg", *_VALUES)
 
 
 def evaluate_by_distance(
@@ -43,9 +46,9 @@ def evaluate_by_distance(
             ).metrics
             table = table[(table["class"] == name) & table["metric"].isin(OF_CLASSES)]
             low, high = bounds_of(ring)
-            tables.append(table.assign(from_m=low, to_m=high)[list(COLUMNS)])
+            tables.append(table.assign(from_m=low, to_m=high)[list(_BY_DISTANCE)])
     tables = [table[table["ground_truths"] > 0] for table in tables]
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=_BY_DISTANCE)
 
 
 def _rings_of_detections(
@@ -60,3 +63,31 @@ def _rings_of_detections(
     rings, meets = ring_of(found), nearest >= 0
     rings[other.index[meets]] = ring_of(own)[nearest[meets]]
     return rings
+
+
+def recall_by_sector(
+    objects: pd.DataFrame, ious: Mapping[str, Overlaps] = MappingProxyType({})
+) -> pd.DataFrame:
+    """Recall of the `objects` of an `Evaluation` by sector around the vehicle, at the strict IoU.
+
+    Objects are matched as for the recall of all directions, which is the mean of these, weighted by
+    their ground truths.
+
+    Returns columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector,
+    its bounds from_deg and to_deg (`lidarplace.base.sectors.bounds_of`), value (percent) and
+    ground_truths. Sectors without objects of the class have no row.
+    """
+    placed = objects[["class", "overlap", "found"]].assign(sector=sectors.sector_of(objects))
+    rows = []
+    for name, own in [*placed.groupby("class", sort=False), ("all", placed)]:
+        iou = iou_of(str(name), ious).strict
+        recalled = own.assign(recalled=own["overlap"] > iou).groupby("sector")
+        for sector, group in recalled:
+            place = (iou, sectors.SECTORS[int(str(sector))], *sectors.bounds_of(int(str(sector))))
+            of_metric = {"recall": group["recalled"], "class_recall_3D": group["found"]}
+            rows += [
+                (name, metric, *place, 100 * hit.mean(), len(group))
+                for metric, hit in of_metric.items()
+                if name != "all" or metric == "recall"
+            ]
+    return pd.DataFrame(rows, columns=list(_BY_SECTOR))
