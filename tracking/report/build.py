@@ -18,7 +18,6 @@ from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
 from tracking.report.failures import write_failures
 from tracking.report.headline import surrogate_verdicts, verdicts
-from tracking.report.recommendation import answer, recommendations
 from tracking.report.sections.ablations import density_section, tilts_section
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section, by_class_section
@@ -58,8 +57,7 @@ def build_report(run: Path) -> Path:
     """
     complete = RunFolder.read(run)
     same = copies(complete)
-    whole = without(complete, set(same))
-    found = Analysis(whole)
+    found = Analysis(without(complete, set(same)))
     folder = found.run
     by_name = dict(_sections(found))
     sections = list(by_name.values())
@@ -68,8 +66,7 @@ def build_report(run: Path) -> Path:
         section.tables = [table.without_dashes() for table in section.tables]
     stated = [v for group, best in found.rankings for v in verdicts(folder, group, best)]
     stated = stated or [v for group in found.groups for v in surrogate_verdicts(folder, group)]
-    recommended = recommendations(found.rankings)
-    said = answer(folder, recommended) if recommended else None
+    said = found.answer
     extent = _extent(folder)
     warnings = cautions(folder)
     if same:
@@ -91,7 +88,7 @@ def build_report(run: Path) -> Path:
         decision=decision.name if decision else None,
         verdicts=stated,
         answer=said,
-        required=recommended[0].required(folder) if recommended else "",
+        required=found.recommended[0].required(folder) if said else "",
         extent=extent,
         warnings=warnings,
         sweep=json.dumps(facts, indent=2, default=str),

@@ -16,7 +16,6 @@ from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label, headline_label
-from tracking.report.recommendation import recommendations
 
 MOST_DRAWN = 20
 
@@ -36,7 +35,7 @@ def _ranked(found: Analysis) -> list[tuple[Group, str, BestPlacement]]:
     """All groups and classes, of each group the class that decides first."""
     return [
         (own.group, name, own.ranked[name])
-        for own in recommendations(found.rankings)
+        for own in found.recommended
         for name in dict.fromkeys((own.by, *own.ranked))
     ]
 
