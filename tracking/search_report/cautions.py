@@ -7,12 +7,9 @@ from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig, Zone
 from tracking.search_report.headline import best_of_paper, with_unit
 
-FEW_PER_PARAMETER = 10
-"""Fewer evaluations for each parameter are few."""
-_NEAR = 0.005
-"""Metres: nearer to the face of a zone than any bracket is mounted."""
-_SHARE = 0.01
-"""Of the span of an angle."""
+FEW_PER_PARAMETER = 10  # fewer evaluations for each parameter are few
+_NEAR = 0.005  # metres: nearer to the face of a zone than any bracket is mounted
+_SHARE = 0.01  # of the span of an angle
 
 
 def cautions(run: SearchFolder) -> list[str]:
