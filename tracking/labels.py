@@ -8,8 +8,7 @@ import numpy as np
 from lidarplace.base.metrics import EVERY_IOU, METRICS
 from lidarplace.pog.surrogates.table import SURROGATES
 
-DASH = "–"
-"""What stands where there is no number."""
+DASH = "–"  # what stands where there is no number
 
 
 def digits(value: float, form: str) -> str:

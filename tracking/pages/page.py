@@ -18,8 +18,7 @@ from tracking.pages.section import Section, figure_title
 
 SECTIONS_ALONE = Path(__file__).with_name("page.html")
 """The template of a page with nothing above its sections."""
-LARGEST_PAGE = 15_000_000
-"""Bytes of a page: what a mail may carry."""
+LARGEST_PAGE = 15_000_000  # bytes of a page: what a mail may carry
 
 
 def write_page(target: Path, template: Path, sections: Sequence[Section], **values: Any) -> Path:

@@ -6,16 +6,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import (
-    add_odds,
-    colour,
-    error_bars,
-    figure,
-    legend_below,
-    name_rows,
-    symbol,
-    text,
-)
+from tracking.figures.kit import style
 
 
 def side_by_side(
@@ -31,7 +22,7 @@ def side_by_side(
     `columns` are by name: mean, low and high (NaN for no interval) by row. `odds`, how likely each
     row is to be the best, are on the right; `shown` is plotly's text of a point that is pointed at.
     """
-    plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
+    plot = style.figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, own) in enumerate(columns.items()):
         own = own.reindex(list(rows))
         up, down = (own["high"] - own["mean"]).fillna(0), (own["mean"] - own["low"]).fillna(0)
@@ -40,17 +31,17 @@ def side_by_side(
         plot.add_scatter(
             x=own["mean"].to_numpy(),
             y=place,
-            error_x=error_bars(up, down, thickness=1.5),
+            error_x=style.error_bars(up, down, thickness=1.5),
             mode="markers",
-            marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
-            name=text(name),
-            customdata=[text(row) for row in rows],
+            marker={"size": 9, "color": style.colour(i), "symbol": style.symbol(i)},
+            name=style.text(name),
+            customdata=[style.text(row) for row in rows],
             hovertemplate=f"%{{customdata}}: {shown}<extra>%{{fullData.name}}</extra>",
             showlegend=True,
         )
     plot.update_xaxes(title=axis)
-    name_rows(plot, rows)
+    style.name_rows(plot, rows)
     if odds:
-        add_odds(plot, odds)
-    legend_below(plot)
+        style.add_odds(plot, odds)
+    style.legend_below(plot)
     return plot

@@ -64,8 +64,7 @@ _LINE = 18  # pixels
 _LONGEST_OF_TWO = 10
 """Letters of a name that fits a phone's row of the legend with another one: a row is as wide as the
 plot without its labels."""
-_SIDE = 16
-"""Pixels on the right of a figure with nothing there."""
+_SIDE = 16  # pixels on the right of a figure with nothing there
 
 _TITLE = {"x": 0, "xref": "container", "y": 1, "yref": "container", "yanchor": "top"}
 _AROUND_TITLE = {"font": {"size": 14}, "pad": {"t": 12, "l": 4}}

@@ -17,8 +17,7 @@ _STYLES = {
     "resolution": (2, "diamond"),
     "frames": (1, "triangle-up"),
 }
-FIRST = "s_mig"
-"""Surrogate that is shown before another is chosen."""
+FIRST = "s_mig"  # surrogate that is shown before another is chosen
 
 
 def accuracy_section(found: Analysis) -> Section:

@@ -15,11 +15,9 @@ from tracking.pages.section import Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 
-FILE = "failures.html"
-"""Of `tracking.report.failures`, in the folder of the run."""
+FILE = "failures.html"  # of `tracking.report.failures`, in the folder of the run
 TITLE = "What one rig finds and another one misses"
-_FEW = 100
-"""Objects in a bin, below which it is not named."""
+_FEW = 100  # objects in a bin, below which it is not named
 
 
 def failures_section(found: Analysis) -> Section | None:

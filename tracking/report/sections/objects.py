@@ -52,10 +52,8 @@ def _individuals_table(individuals: pd.DataFrame, title: str) -> Table:
 
 
 _METRIC = headline_metric("all")
-SECTOR = ["sector", "from_deg", "to_deg"]
-"""Columns that distinguish sectors."""
-RING = ["from_m", "to_m"]
-"""Columns that distinguish rings."""
+SECTOR = ["sector", "from_deg", "to_deg"]  # columns that distinguish sectors
+RING = ["from_m", "to_m"]  # columns that distinguish rings
 
 
 @dataclass(frozen=True)
@@ -116,11 +114,11 @@ def by_sector_section(found: Analysis) -> Section | None:
     run = found.run
     if run.sector is None or run.sector.empty:
         return None
-    section = Section("Objects by their direction")
-    section.notes.append(
+    note = (
         "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
         "centre. Recall: means over seeds ± standard deviation."
     )
+    section = Section("Objects by their direction", [note])
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         section.tables.append(_metric_table(*in_sectors(rows), "Recall", "by direction", label))
     return section

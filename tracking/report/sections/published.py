@@ -34,8 +34,7 @@ _HOW_TO_READ = (
     "traffic. Square is published for its three densities only and is left out. The intervals "
     "of the coefficients do not include the spread over seeds."
 )
-DIGITS = 6
-"""Of metres and radians by which mounts are compared: a micrometre, a microradian."""
+DIGITS = 6  # of metres and radians by which mounts are compared: a micrometre, a microradian
 
 
 def published_section(found: Analysis) -> Section | None:

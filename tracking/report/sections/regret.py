@@ -15,8 +15,7 @@ from tracking.pages.section import METRIC, SURROGATE, Table, in_points, numbers,
 from tracking.report.analysis import Analysis
 from tracking.statistics.posterior import expected_regret
 
-MOST_CHOICES = 100
-"""Rows that the page shows."""
+MOST_CHOICES = 100  # rows that the page shows
 
 
 def regret_table(found: Analysis) -> list[Table]:

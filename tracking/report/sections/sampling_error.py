@@ -11,8 +11,7 @@ from tracking.labels import in_order, number, surrogate_label, surrogate_name, s
 from tracking.pages.section import Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 
-MOST_INTERVALS = 20
-"""Placements whose sampling errors are shown: every pair of them is compared."""
+MOST_INTERVALS = 20  # placements whose sampling errors are shown: every pair of them is compared
 
 
 def sampling_error_section(found: Analysis) -> Section:
