@@ -25,8 +25,7 @@ from tracking.run_folders.sweep_json import SweepResult
 
 
 @pytest.fixture(scope="module")
-def found(made_up_run) -> Failures:
-    run = RunFolder.read(made_up_run)
+def found(run) -> Failures:
     own = failures(run, next(groups(run)), ("center", "line"))
     assert own is not None
     return own

@@ -79,10 +79,8 @@ def _finished(plot: go.Figure, counted: str, objective: Objective) -> go.Figure:
 
 
 def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | None) -> go.Figure:
-    """How the upper bound of the first objective fell while it was computed.
-
-    `bound` has seconds, bound and kind, `best` is the value of the best rig as searched.
-    """
+    """How the upper bound of the first objective fell while it was computed. `bound` has seconds,
+    bound and kind, `best` is the value of the best rig as searched."""
     plot = figure(f"Upper bound of {text(objective.name)}", height=440)
     for i, (kind, part) in enumerate(bound.groupby("kind", sort=False)):
         part = part.sort_values("seconds")
@@ -138,8 +136,7 @@ def pareto_fronts(
 ) -> list[go.Figure]:
     """A figure for every pair of objectives, of values as the search computes them.
 
-    `trials` are those that were evaluated; `rigs` without a value of the pair are left out; `front`
-    names those on the Pareto front.
+    `trials` are those that were evaluated; `rigs` without a value of the pair are left out.
     """
     feasible = trials[trials["feasible"].astype(bool)]
     return [_front(feasible, a, b, rigs, front) for a, b in combinations(objectives, 2)]
@@ -194,8 +191,7 @@ def robustness_figure(
 ) -> go.Figure:
     """A row a case: the mean, in percent of one value for all rigs; the bar ends at the worst.
 
-    100 % is the value `designed` of the rig `reference`; where that is not positive, values are in
-    their own unit. `rows` have rig, case, value and worst of one objective.
+    100 % is `designed` of the rig `reference`; where that is not positive, values have their unit.
     """
     relative = designed > 0
     scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
@@ -226,11 +222,8 @@ def unseen(
     vehicle: Vehicle,
     names: tuple[str, str, str],
 ) -> list[go.Figure]:
-    """Two maps on one scale from 0, and `after - before` on a scale about 0.
-
-    Both are residual entropy of each column of voxels, nats, shape (nx, ny); `names` are the class,
-    the rig of `before` and that of `after`.
-    """
+    """Two maps on one scale from 0, and `after - before` on a scale about 0: residual entropy of
+    each column of voxels, nats, shape (nx, ny); `names` are the class and the two rigs."""
     shown, first, second = (text(name) for name in names)
     plots = [
         pog_from_above(before, roi, f"{shown} · unseen by {first}", _CELLS),

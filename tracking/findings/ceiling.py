@@ -122,8 +122,7 @@ def _sample_errors(
 def _between_detectors(
     means: dict[tuple[object, ...], pd.Series], detector: int
 ) -> dict[tuple[object, ...], float]:
-    """Mean rho between two detectors over their common placements, for each group; `detector` is
-    its place in the group."""
+    """Mean rho between two detectors over their common placements, by group."""
     alike: dict[str, list[tuple[object, ...]]] = {}
     for key in means:
         rest = repr((*key[:detector], *key[detector + 1 :]))  # NaN differs from itself

@@ -84,10 +84,8 @@ def value_at(config: str, *keys: str) -> Any:
 def few_seeds(
     seeds: Mapping[str, set[int]], generalist: bool, key: str, classes: tuple[str, ...] = ()
 ) -> list[Weakness]:
-    """[] or that of placements, one of which fewer `seeds` than `LEAST_SEEDS` judged.
-
-    `generalist`: a seed is one detector for all placements; `key` is the path of the configuration.
-    """
+    """[] or that of placements, one of which fewer `seeds` than `LEAST_SEEDS` judged. `generalist`:
+    a seed is one detector for all placements; `key` is the path of the configuration."""
     fewest = min(map(len, seeds.values()), default=LEAST_SEEDS)
     if fewest >= LEAST_SEEDS:
         return []
@@ -227,8 +225,7 @@ def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
 
 
 def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
-    """So many times as many, of a log another log; twice `LEAST_ROUTES` at least, as routes of one
-    simulation meet the same road users."""
+    """So many times as many, of a log another log; twice `LEAST_ROUTES` at least."""
     if value_at(run.config, "scene", "source") == "log":
         return {"scene.test_folder": "LOG_WITH_MORE_TEST_ROUTES"}
     return _set(run, "scene.test_routes", max(2 * LEAST_ROUTES, math.ceil(routes * times)))

@@ -148,8 +148,8 @@ class Failures:
     def telling(self, most: int = FRAMES) -> list[int]:
         """Objects to show, one a frame: rows of `objects`, by turns what each rig alone found.
 
-        A frame is worth the sum, over individuals that were not shown before, of the difference of
-        the shares by the share of the object that can be seen.
+        A frame is worth the sum, over individuals not shown before, of the difference of the shares
+        by the share of the object that can be seen.
         """
         lead = (self.shares[0] - self.shares[1]) * self.objects["visibility"].to_numpy(np.float64)
         individual = self.objects.groupby(["scene", "object_id"], dropna=False).ngroup().to_numpy()
@@ -168,10 +168,8 @@ class Failures:
 
 
 def _within_bounds(low: float, high: float) -> tuple[float, float]:
-    """A symmetric interval of a difference of shares, percent, as one within ±100.
-
-    Wilson's: the error that it has at the end of the interval, not at the estimate.
-    """
+    """A symmetric interval of a difference of shares, percent, as one within ±100. Wilson's: the
+    error that it has at the end of the interval, not at the estimate."""
     middle, half = (low + high) / 200, (high - low) / 200
     shrink = half**2 / (1 - middle**2)
     side = math.hypot(half, shrink)

@@ -85,8 +85,8 @@ def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> dict[str
 def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataFrame:
     """Placements that both judged, in the order of their own detectors' values.
 
-    `means` are `tracking.findings.summary.seed_means` of the run, `group` has a value of each of
-    `group_columns`. Index placement: said and own, percent.
+    `means` are `seed_means` of the run, `group` has a value of each of `group_columns`. Index
+    placement: said and own, percent.
     """
     place = {key: value for key, value in group.items() if key != JUDGE}
     known = at(means[means["seeds"] > 0], place)
@@ -113,10 +113,8 @@ def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> 
 
 
 def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:
-    """What a judgement costs: detector, judge, trials that finished, and their median seconds.
-
-    Of a generalist that is its evaluation, of others training and evaluation; clouds are not in it.
-    """
+    """What a judgement costs: detector, judge, trials that finished, and their median seconds. Of a
+    generalist that is its evaluation, of others training and evaluation; clouds are not in it."""
     finished = trials[trials["status"] == "finished"]
     own = finished.groupby(["detector", JUDGE], sort=False)["seconds"]
     return own.agg(trials="size", seconds="median").reset_index()

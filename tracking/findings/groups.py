@@ -115,10 +115,8 @@ def met(verdicts: pd.DataFrame) -> pd.Series:
 
 
 def copies(run: RunFolder) -> dict[str, str]:
-    """Placements with the mounts and the surrogates of an earlier one -> the earlier one.
-
-    Equal mounts alone may carry different LiDARs, whose surrogates then differ.
-    """
+    """Placements with the mounts and the surrogates of an earlier one -> the earlier one. Equal
+    mounts alone may carry different LiDARs, whose surrogates then differ."""
     seen: dict[object, str] = {}
     found = {}
     for name, mounts in run.placements.items():
@@ -133,10 +131,8 @@ def copies(run: RunFolder) -> dict[str, str]:
 
 
 def without(run: RunFolder, names: set[str]) -> RunFolder:
-    """The run as if these placements had not been in it.
-
-    Equal rigs are no two draws: counted twice they would make a correlation look surer.
-    """
+    """The run as if these placements had not been in it. Equal rigs are no two draws: counted twice
+    they would make a correlation look surer."""
     if not names:
         return run
     trials = run.trials.loc[run.trials["placement"].isin(names), "trial"]

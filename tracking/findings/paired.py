@@ -88,8 +88,7 @@ def _depends(surrogates: pd.DataFrame, axes: Sequence[str]) -> list[str]:
 
 
 def matching(surrogates: pd.DataFrame, setting: Mapping[str, object]) -> pd.DataFrame:
-    """Rows with the values of `setting` in those columns that are there; a missing value matches
-    any."""
+    """Rows with the values of `setting` in columns that are there; a missing value matches any."""
     for axis, value in setting.items():
         if axis in surrogates.columns:
             of = surrogates[axis]

@@ -177,10 +177,8 @@ def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
 
 
 def _p_value(a: pd.Series, b: pd.Series) -> float:
-    """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones.
-
-    From all permutations up to `LARGEST_EXACT` pairs, beyond that scipy's, by the t distribution.
-    """
+    """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones. From all
+    permutations up to `LARGEST_EXACT` pairs, beyond that scipy's, by the t distribution."""
     if len(a) < 3 or a.nunique() == 1 or b.nunique() == 1:
         return np.nan
     if len(a) > LARGEST_EXACT:

@@ -123,10 +123,8 @@ def _by_objects(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
 def surrogates_of(
     surrogates: pd.DataFrame, setting: dict[str, object], object_class: str
 ) -> pd.DataFrame:
-    """Surrogates of one class at one setting of the axes: placements as rows.
-
-    A missing value in an axis column stands for any value.
-    """
+    """Surrogates of one class at one setting of the axes: placements as rows. A missing value in an
+    axis column stands for any value."""
     own = matching(surrogates, {"class": object_class, **setting})
     return own.pivot(index="placement", columns="surrogate", values="value")
 

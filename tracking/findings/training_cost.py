@@ -19,9 +19,7 @@ def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
 
 def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
     """Whether each row belongs to the longest training of its detector and setting of other axes.
-
-    It has most epochs × share of the frames; of equal ones that of more different frames.
-    """
+    It has most epochs × share of the frames; of equal ones that of more different frames."""
     own = [axis for axis in COST_AXES if axis in results]
     keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in own))]
     longest = pd.Series(True, index=results.index)

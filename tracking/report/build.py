@@ -10,8 +10,7 @@ from tracking.findings.failures import Failures
 from tracking.findings.groups import copies, pictured, without
 from tracking.findings.individuals import count_individuals
 from tracking.labels import some
-from tracking.pages.files_beside import FOLDER, escaped, verbatim, write_csv_files, write_markdown
-from tracking.pages.page import write_page
+from tracking.pages import page as pages
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis as Analysis
 from tracking.report.cautions import cautions
@@ -76,10 +75,10 @@ def build_report(run: Path) -> Path:
     facts = folder.sweep.model_dump(
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )
-    write_csv_files(folder.path / FOLDER, sections)
+    pages.write_csv_files(folder.path / pages.FOLDER, sections)
     _write_failures(folder, found.pair, failures, extent)
     decision = write_decision(found, extent, warnings, failures)
-    page = write_page(
+    page = pages.write_page(
         folder.path / "report.html",
         Path(__file__).with_name("report.html"),
         [_picture(by_name), *sections],
@@ -93,19 +92,20 @@ def build_report(run: Path) -> Path:
         warnings=warnings,
         sweep=json.dumps(facts, indent=2, default=str),
     )
-    first = [escaped(extent)]
+    first = [pages.escaped(extent)]
     for card in stated:
         told = f"{card.metric}: {card.lead}. {card.sure}".rstrip()
-        first.append(f"**{escaped(card.heading)}: {escaped(card.best)}.** {escaped(told)}")
+        heading, best, told = map(pages.escaped, (card.heading, card.best, told))
+        first.append(f"**{heading}: {best}.** {told}")
     if said is not None and len(said.leads) > 1:
-        first.append(f"**{escaped(said.sure)}**")
+        first.append(f"**{pages.escaped(said.sure)}**")
     if said is not None and said.command:
-        first += ["For more evidence, run:", verbatim(said.command)]
+        first += ["For more evidence, run:", pages.verbatim(said.command)]
     first += [f"Reasons for doubt: {len(warnings)}"] if warnings else []
-    first += [f"> Warning: {escaped(warning)}" for warning in warnings]
+    first += [f"> Warning: {pages.escaped(warning)}" for warning in warnings]
     last = {"Command": folder.sweep.command, "Configuration": folder.config}
     name = folder.sweep.name
-    write_markdown(folder.path / "report.md", name, first, sections, last, page.name)
+    pages.write_markdown(folder.path / "report.md", name, first, sections, last, page.name)
     return page
 
 

@@ -125,9 +125,8 @@ def frame_in_space(
 ) -> go.Figure:
     """Points in the boxes of objects have the colour of what became of them, others are grey.
 
-    `objects` of the frame have class, points and the columns of `GEOMETRY`, `shares` of the seeds
-    found each, shape (objects,); `points` have shape (n, 3), `detections` are boxes and scores,
-    shape (d, 8).
+    `objects` have class, points and `GEOMETRY`; `shares` of the seeds found each, shape (objects,);
+    `points` have shape (n, 3), `detections` are boxes and scores, shape (d, 8).
     """
     plot = go.Figure(layout={"template": None, "margin": dict.fromkeys("lrtb", 0)})
     boxes = objects[list(GEOMETRY)].to_numpy(np.float64)

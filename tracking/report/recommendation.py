@@ -37,12 +37,6 @@ class Recommendation:
         """Placements that the page draws, the best first."""
         return [str(name) for name in self.best.sure.index[:MOST_RIGS]]
 
-    @property
-    def compared(self) -> tuple[str, str] | None:
-        """The recommended placement and the next one behind it; None: there is no other."""
-        others = self.best.others.index
-        return (self.best.best, str(others[0])) if len(others) else None
-
     def metric(self, run: RunFolder) -> str:
         """What decides, at the beginning of a sentence."""
         label = headline_label(run.results, self.by)
@@ -153,5 +147,6 @@ def compared_failures(
     `headline_ranking`.
     """
     first = next(iter(recommendations(rankings)), None)
-    compared = first and first.compared
-    return failures(run, first.group, compared) if first and compared else None
+    if first is None or first.best.others.empty:
+        return None
+    return failures(run, first.group, (first.best.best, str(first.best.others.index[0])))

@@ -154,7 +154,7 @@ def _history(run: SearchFolder) -> Section:
         best = search.rigs[search.best[0]].searched_value(search.first) if search.best else None
         section.figures.append(of_searches.bound_over_seconds(run.bound, search.first, best))
     caption = "Rigs, with all rays" if rays else "Rigs"
-    section.tables.append(tables.rig_table(caption, search.rigs, search.objectives, search.first))
+    section.tables.append(tables.rig_table(caption, search))
     if run.greedy is not None and len(run.greedy):
         section.tables.append(tables.greedy_table(run.greedy, rays))
     return section

@@ -17,10 +17,10 @@ def side_by_side(
     odds: Sequence[str] = (),
     shown: str = "%{x:.1f}",
 ) -> go.Figure:
-    """Points in `rows` from top to bottom, a colour a column, bars from low to high.
+    """Points in `rows` from top to bottom, a colour a column, bars from low to high (NaN for none).
 
-    `columns` are by name: mean, low and high (NaN for no interval) by row. `odds`, how likely each
-    row is to be the best, are on the right; `shown` is plotly's text of a point that is pointed at.
+    `odds`, how likely each row is to be the best, are on the right; `shown` is plotly's text of a
+    point that is pointed at.
     """
     plot = style.figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, own) in enumerate(columns.items()):
@@ -42,6 +42,10 @@ def side_by_side(
     plot.update_xaxes(title=axis)
     style.name_rows(plot, rows)
     if odds:
-        style.add_odds(plot, odds)
+        place = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
+        for row, said in [*enumerate(map(style.text, odds)), (-0.9, "likely to<br>be the best")]:
+            plot.add_annotation(y=row, text=said, font={"size": 11}, **place)
+        plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
+        plot.update_layout(margin={"r": 84})
     style.legend_below(plot)
     return plot

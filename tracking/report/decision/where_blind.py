@@ -113,9 +113,7 @@ def _behind(tables: list[_Binned], best: str) -> list[str]:
 
 def bin_table(binned: _Binned, limits: tuple[float, float]) -> go.Figure:
     """Cells with their numbers, dark where little is found, pale where there are few objects.
-
-    Placements are rows from top to bottom; `limits` are of the darkest and the brightest colour.
-    """
+    Placements are rows from top to bottom; `limits` are of the darkest and the brightest colour."""
     bins, numbers = binned.bins, list(range(len(binned.bins.names)))
     cells = binned.values.reindex(columns=bins.names)
     small = f"<span style='font-size:12px'>{binned.metric}, %</span>"

@@ -103,10 +103,6 @@ def _seed_effects(ranked: Sequence[tuple[Group, str, BestPlacement]]) -> Iterato
         )
 
 
-def _share(sure: float) -> str:
-    return DASH if np.isnan(sure) else percent(sure)
-
-
 def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
     """The best, those not significantly behind it, then the others."""
     leads = best.others[["lead", "low", "high", "p"]]
@@ -126,7 +122,7 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
             "95 %, all pairs at once",
             lambda row: span(row["low_of_lead"], row["high_of_lead"], "z.1f"),
         ),
-        numbers("likely to be the best", "sure", _share),
+        numbers("likely to be the best", "sure", percent),
         numbers("p, adjusted", "p", ".2g"),
         Column("95 % of the mean", lambda row: span(row["low"], row["high"], "z.1f")),
         numbers("sd by test objects", "sample_sd", ".1f"),

@@ -71,9 +71,8 @@ def scatter(
 ) -> go.Figure:
     """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
 
-    `metric` are rows of `seed_means` for one class, detector, metric, IoU and setting, `surrogates`
-    those of `surrogates_of`, `correlations` those of `correlate` with their ceilings and
-    `leave_one_out`; the first of the largest |rho| is shown.
+    `metric` are rows of `seed_means` of one group, `surrogates` those of `surrogates_of`,
+    `correlations` those of `correlate`; the first of the largest |rho| is shown.
     """
     known = {row["surrogate"]: row for row in correlations.to_dict("records")}
     menu = [name for name in labels.in_order(known) if known[name]["n"] > 0]

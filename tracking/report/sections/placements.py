@@ -137,9 +137,7 @@ def agreement_section(found: Analysis) -> Section | None:
 
 def _surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
     """Surrogates as rows and columns; [] for fewer than 3 placements, or fewer than 2 that vary.
-
-    `surrogates` have placements as rows, surrogates as columns (`surrogates_of`).
-    """
+    `surrogates` have placements as rows, surrogates as columns (`surrogates_of`)."""
     own = surrogates[labels.in_order(surrogates.columns)].dropna(axis="columns", how="all")
     own = own.loc[:, own.nunique() > 1]
     if len(own) < 3 or own.shape[1] < 2:

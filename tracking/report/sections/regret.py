@@ -39,8 +39,8 @@ def regret_table(found: Analysis) -> list[Table]:
 
 
 def regrets_of_all(found: Analysis) -> pd.DataFrame:
-    """`regrets` of every group and class in rows, with class, group, its place, metric and IoU,
-    unless no placement is better than another: nothing can be lost."""
+    """`regrets` of every group and class, with class, group, its place, metric and IoU, unless no
+    placement is better than another."""
     run, parts = found.run, []
     summed = with_sums(found.surrogates, run.axes)
     for group, ranked in found.rankings:
