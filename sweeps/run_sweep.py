@@ -34,8 +34,8 @@ from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags
+from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
-from tracking.report.recommendation import headline
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -187,7 +187,7 @@ def _print_summary(console: Console, folder: Path) -> None:
     rows = (map(shown, row) for row in summary.itertuples(index=False))
     title = f"{folder.name}: best placement first, {what}"
     console.print(table(title, list(summary.columns), rows))
-    for line in headline(run):
+    for line in Analysis.of(run).headline:
         console.print(line, soft_wrap=True)
     counted = ray_counting_caution(largest_linear_share(run.surrogates))
     for text in [*counted, *run.sweep.cautions]:

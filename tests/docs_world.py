@@ -3,17 +3,20 @@
 import os
 import shutil
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import trimesh
+import typer
 import yaml
 from typer.testing import CliRunner, Result
 
 from lidarplace import Lidar
+from sweeps.command_line import VERBS
 from tests.docs_blocks import ROOT, blocks
-from tests.docs_verbs import app_of
 from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
 from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
@@ -82,6 +85,21 @@ GENERALIST = SWEEP | {
     "generalist": {"rigs": 2, "rigs_per_frame": 1, "epochs": 1},
     "grid": {"placement": ["line", "center"], "judge": ["generalist", "specialist"]},
 }
+
+
+def app_of(verb: str) -> typer.Typer:
+    """The app of a verb."""
+    return import_module(VERBS[verb].module).app
+
+
+def check_options(app: typer.Typer, arguments: list[str]) -> None:
+    """Raises click's UsageError if there is no such subcommand or option, or one lacks a value."""
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "commands") and arguments and arguments[0] in command.commands:
+        command, arguments = command.commands[arguments[0]], arguments[1:]
+    command.make_parser(command.make_context("it", [], resilient_parsing=True)).parse_args(
+        list(arguments)
+    )
 
 
 @cache

@@ -17,8 +17,7 @@ from sweeps.command_line import app as lidarplace
 from sweeps.plan.plan import read_plan
 from sweeps.store.open import reference
 from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
-from tests.docs_verbs import app_of, check_options
-from tests.docs_world import make_world, prepare, run
+from tests.docs_world import app_of, check_options, make_world, prepare, run
 
 NOT_RUN = {
     "make ": "sets up an environment; starts servers",

@@ -90,10 +90,9 @@ def _tracking(where: str) -> tuple[str, str | None]:
     else:
         uri = absolute_uri(f"sqlite:///{where}")
     database = sqlite_file(uri)
-    if database is not None and not database.is_file():
-        raise ValueError(f"{database}: no such database; a sweep makes runs/mlflow.db")
-    if database is not None and not database.stat().st_size:  # which MLflow would fill
-        raise ValueError(f"{database}: is an empty file; a sweep makes runs/mlflow.db")
+    if database is not None and not (database.is_file() and database.stat().st_size):
+        said = "is an empty file" if database.is_file() else "no such database"
+        raise ValueError(f"{database}: {said}; a sweep makes runs/mlflow.db")
     return uri, name
 
 

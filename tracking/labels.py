@@ -8,8 +8,7 @@ import numpy as np
 from lidarplace.base.metrics import EVERY_IOU, METRICS
 from lidarplace.pog.surrogates.table import SURROGATES
 
-DASH = "–"
-"""What stands where there is no number."""
+DASH = "–"  # what stands where there is no number
 
 
 def digits(value: float, form: str) -> str:
@@ -61,6 +60,8 @@ def plus_minus(mean: float, sd: float) -> str:
 
 def percent(share: float) -> str:
     """A probability without false certainty."""
+    if np.isnan(share):
+        return DASH
     if share > 0.99:
         return "over 99 %"
     return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"

@@ -76,6 +76,11 @@ def nearest(vertices: Polygon, x: float, y: float) -> Vertex:
     """The point of the polygon that is closest to (x, y)."""
     if any(low <= y <= high for low, high in sections(vertices, 0, x)):
         return x, y
+    return nearest_of_boundary(vertices, x, y)
+
+
+def nearest_of_boundary(vertices: Polygon, x: float, y: float) -> Vertex:
+    """The point of the boundary that is closest to (x, y)."""
     feet = [_foot(a, b, (x, y)) for a, b in _edges(vertices)]
     return min(feet, key=lambda foot: math.dist(foot, (x, y)))
 

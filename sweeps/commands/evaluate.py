@@ -64,8 +64,8 @@ def evaluate(
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
     from tracking.findings.groups import ONE_FOR_ALL
     from tracking.findings.summary import seed_means
+    from tracking.report.analysis import Analysis
     from tracking.report.build import build_report
-    from tracking.report.recommendation import headline
     from tracking.run_folders.sweep import RunFolder
 
     with checked_input():
@@ -99,7 +99,7 @@ def evaluate(
     )
     if several:
         with checked_input():
-            say("\n".join(headline(RunFolder.read(out))))
+            say("\n".join(Analysis.of(RunFolder.read(out)).headline))
         say(page)
         say(page.with_name("decision.html"))
 

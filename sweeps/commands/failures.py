@@ -50,7 +50,7 @@ def failures(
     """
     from lidarplace.files.atomic import replacing
     from lidarplace.files.csv import write_csv
-    from tracking.pages.files_beside import FOLDER, write_csv_files
+    from tracking.pages.page import FOLDER, write_csv_files
     from tracking.report.failures import write_failures
     from tracking.report.sections.failures import FILE, counted_failures
     from tracking.run_folders.sweep import RunFolder

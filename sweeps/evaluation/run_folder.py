@@ -20,9 +20,10 @@ from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.trial_results import Cell, with_columns
 from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.results import Evaluated
-from tracking.report.recommendation import failures_to_show
+from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
+from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Frames, SweepResult
 
 DETECTOR = "own"
@@ -105,7 +106,7 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
         detections={name: tuple(own) for name, own in asked.paths.items()},
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
-    compared = failures_to_show(folder)
+    compared = Analysis.of(RunFolder.read(folder)).pair
     if compared is not None:
         boxes = {str(place["trial"]): own.detections for place, own in trials}
         none = np.zeros((0, 4), np.float32)

@@ -40,10 +40,11 @@ from sweeps.results.trial_results import (
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
-from tracking.report.recommendation import failures_to_show
+from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames, Grounds
 from tracking.run_folders.json_file import Triangles
+from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from tracking.run_folders.table import Table
 from training.typical_objects import as_plain
@@ -151,7 +152,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         body = shown[0].grid_point.vehicle
     _about(sweep, Frames(**frames), run, pictured, body, plan).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
-    compared = failures_to_show(folder)
+    compared = Analysis.of(RunFolder.read(folder)).pair
     if compared is not None:
         failure_frames(compared, {trial.key: trial for trial in tested}, store).write(folder)
 

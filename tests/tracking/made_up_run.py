@@ -1,4 +1,4 @@
-"""A made-up run folder: every file that a sweep leaves, small, with known structure."""
+"""A made-up run folder: every file that the report reads, small, with known structure."""
 
 import json
 from collections.abc import Sequence
@@ -78,12 +78,11 @@ def write_run(
     tables = {"trials": trials, "results": results, "curves": curves, "objects": objects}
     tables |= {"sampling_error": estimates, "pog_resamples": resamples, "tasks": _tasks(trials)}
     tables |= {"distance": _distance(results), "sector": _sector(results)}
-    tables |= {"pr_curves": _pr_curves(results), "left_out": _left_out(rng, results)}
+    tables["left_out"] = _left_out(rng, results)
     tables["points"] = _points(rng, quality, scenes) if detectors else []
     tables["individuals"] = _individuals(scenes, 102 if enough else 34) if detectors else []
     tables["found"] = made_up_found(of_objects, objects, trials, quality)
     tables["surrogates"] = _surrogates(rng, quality, scenes)
-    tables["expected_ig_by_q"] = _by_q(rng, quality, scenes)
     tables["accuracy"] = _accuracy(rng, names)
     for name, rows in tables.items():
         pd.DataFrame(rows).to_parquet(path / f"{name}.parquet", index=False)
@@ -124,18 +123,6 @@ def _results(rng, common, setting, quality):
             row |= {"value": value if known else np.nan, "ground_truths": 420 if known else 0}
             rows.append(row)
     return rows
-
-
-def _pr_curves(results):
-    """Precision that falls to 0 at the recall that AP says."""
-    gone = ("difficulty", "value", "ground_truths")
-    return [
-        {k: v for k, v in row.items() if k not in gone}
-        | {"recall": recall, "precision": 100.0 if recall <= row["value"] else 0.0}
-        for row in results
-        if str(row["metric"]).startswith("AP_") and row["ground_truths"]
-        for recall in np.linspace(0, 100, 41).tolist()
-    ]
 
 
 def _left_out(rng, results):
@@ -217,16 +204,6 @@ def _surrogates(rng, quality, settings):
     return rows
 
 
-def _by_q(rng, quality, settings):
-    """At q = 0.1 expected IG follows AP, elsewhere it does not."""
-    every = product(settings, quality.items(), CLASSES, (0.01, 0.1, 1.0))
-    return [
-        {"placement": name, **setting, "class": object_class, "q": q}
-        | {"expected_ig": 1000 * (1 + value) if q == 0.1 else 1000 * rng.random()}
-        for setting, (name, value), object_class, q in every
-    ]
-
-
 def _curve(rng, trial, setting, flat):
     """An epoch over all frames takes 8 s; the loss is flat at the end or still falls."""
     seconds = 8 * setting.get("training.frame_share", 1.0)
@@ -306,9 +283,6 @@ def _write_maps(path, names, roi):
         share = np.clip(0.5 + 0.5 * np.sin(np.hypot(x, y) * (1 + 0.1 * i)), 0, 1)
         maps[f"coverage/{name}"] = share.astype(np.float32)
         maps[f"residual/{name}"] = (road * (1 - share)).astype(np.float32)
-        for kind in ("coverage", "residual"):
-            side = maps[f"{kind}/{name}"].mean(axis=1, keepdims=True)
-            maps[f"{kind}_side/{name}"] = np.repeat(side, 8, axis=1)
     np.savez_compressed(path / "maps.npz", **maps)
 
 

@@ -16,9 +16,9 @@ from tracking.figures.kit.rig_picture import PicturedRig
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.labels import percent
+from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import rig_views
 from tracking.report.decision.where_blind import _Binned, _limits, bin_table
-from tracking.report.recommendation import recommended
 from tracking.report.sections.objects import Bins
 from tracking.run_folders.sweep import RunFolder
 
@@ -114,9 +114,10 @@ def test_colours_cover_all_cells_and_cells_of_few_objects_are_pale():
     bins = Bins("direction", ("left", "front", "right"))
     values = pd.DataFrame({"left": [46.0, 0.0], "front": [60.0, 80.0]}, index=["a", "b"])
     objects = pd.Series({"left": 12, "front": 400, "right": 0})
-    limits = _limits([_Binned("Car", "recall", bins, values, objects)])
+    binned = _Binned("Car", "recall", bins, values, objects)
+    limits = _limits([binned])
     assert limits == (0.0, 80.0)
-    judged, few = bin_table(values, objects, bins, "t", limits, ["front"]).data
+    judged, few = bin_table(binned, limits).data
     assert {(t.zmin, t.zmax) for t in (judged, few)} == {limits}
     for trace, column, shown in ((judged, 1, ["60", "80"]), (few, 0, ["(46)", "(0)"])):
         assert [row[column] for row in trace.text] == shown
@@ -244,4 +245,4 @@ def test_settings_that_disagree_are_the_headline(two_densities):
 
 
 def answers(folder: Path) -> list[BestPlacement]:
-    return [own.best for own in recommended(RunFolder.read(folder))[1]]
+    return [own.best for own in Analysis.of(RunFolder.read(folder)).recommended]

@@ -15,7 +15,6 @@ from tracking.mlflow.pictures import draw_rig
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import rigs_section as decision_rigs_section
-from tracking.report.recommendation import recommendations
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.run_folders.json_file import MOST_DRAWN, Triangles, drawn_vehicle
@@ -39,7 +38,7 @@ def sections_of(run: Path, **keys) -> list[Section]:
     told = json.loads((run / SweepResult.FILE).read_text()) | keys
     whole = replace(RunFolder.read(run), sweep=SweepResult.model_validate(told))
     found = Analysis(whole)
-    (best, *_) = recommendations(found.rankings)
+    best = found.recommended[0]
     sections = [make(found) for make in (rigs_section, coverage_section, clouds_section)]
     return [*sections, decision_rigs_section(whole, best)]
 

@@ -14,8 +14,8 @@ from test_report import Page
 from sweeps.configuration.grid import read_sweep
 from tracking.findings import evidence
 from tracking.findings.groups import groups
+from tracking.report.analysis import Analysis
 from tracking.report.cautions import cautions
-from tracking.report.recommendation import answer, headline, recommended
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
 
@@ -69,13 +69,13 @@ WEAK = {
 def test_enough_evidence_has_no_weakness(run):
     (group,) = groups(run)
     assert evidence.weaknesses(run, group) == []
-    said = answer(*recommended(run))
+    said = Analysis.of(run).answer
     assert (said.grade, said.command, said.enough) == ("Recommended", "", True)
     assert "likely to be the best" in said.sure
 
 
 def test_of_equal_rigs_none_is_ahead(run):
-    best = answer(*recommended(run)).best
+    best = Analysis.of(run).answer.best
     other = "a" if best != "a" else "b"
 
     def twins(table):
@@ -83,7 +83,7 @@ def test_of_equal_rigs_none_is_ahead(run):
         return pd.concat([table[table["placement"] != other], of_best.assign(placement=other)])
 
     equal = replace(run, results=twins(run.results), left_out=twins(run.left_out))
-    said = answer(*recommended(equal))
+    said = Analysis.of(equal).answer
     assert said.grade == "No rig is ahead of these"
     assert set(said.best.split(", ")) == {best, other}
 
@@ -91,7 +91,7 @@ def test_of_equal_rigs_none_is_ahead(run):
 @pytest.mark.parametrize("kind", WEAK)
 def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
     change, value, clause, wanted = WEAK[kind]
-    said = answer(*recommended(change(run, value)))
+    said = Analysis.of(change(run, value)).answer
     assert said.grade == "Not enough evidence to recommend a rig"
     assert said.sure.startswith(f"Not enough evidence: {clause}")
     assert "likely" not in " ".join([said.sure, *said.leads])
@@ -109,13 +109,13 @@ LIMITS += [(individuals, evidence.LEAST_INDIVIDUALS, evidence.LEAST_INDIVIDUALS 
 
 @pytest.mark.parametrize(("change", "enough", "few"), LIMITS)
 def test_the_limits_are_the_named_ones(run, change, enough, few):
-    assert answer(*recommended(change(run, enough))).enough
-    assert not answer(*recommended(change(run, few))).enough
+    assert Analysis.of(change(run, enough)).answer.enough
+    assert not Analysis.of(change(run, few)).answer.enough
 
 
 def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
     weak = short(individuals(routes(seeds(run, 2), 2), 20), 0.4)  # 1.5, 2, 2.5 and 8 times short
-    said = answer(*recommended(weak))
+    said = Analysis.of(weak).answer
     assert said.sure == (
         "Not enough evidence: a short training (the last epoch still lowered the loss by 40 %) and "
         "only 40 individuals in the test frames (at least 100)."
@@ -137,12 +137,12 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_another_log_for_a_log(ru
 
 
 def test_a_sweep_without_results_has_no_headline(run):
-    assert headline(replace(run, results=run.results[:0])) == []
-    assert headline(replace(run, results=run.results.assign(value=np.nan))) == []
+    assert Analysis.of(replace(run, results=run.results[:0])).headline == []
+    assert Analysis.of(replace(run, results=run.results.assign(value=np.nan))).headline == []
 
 
 def test_no_left_out_table_is_a_weakness(run):
-    said = answer(*recommended(replace(run, left_out=None)))
+    said = Analysis.of(replace(run, left_out=None)).answer
     assert said.sure.startswith("Not enough evidence: intervals over seeds alone")
 
 
@@ -171,7 +171,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
         assert "be the best" not in json.dumps(page.figures[0])
         assert "Recommended" not in first
         assert "--set 'grid.seed=[1,2,3]'" in first
-    terminal = headline(RunFolder.read(folder))
+    terminal = Analysis.of(RunFolder.read(folder)).headline
     assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
     assert terminal[-2].startswith("Not enough evidence: a short training")
     assert terminal[-1].startswith("For more evidence, run: lidarplace run ")

@@ -266,7 +266,7 @@ def test_a_sweep_with_one_placement_has_a_report(tmp_path):
 @pytest.mark.parametrize("has_columns", [True, False])
 def test_a_sweep_whose_trials_all_failed_has_a_report(made_up_run, tmp_path, has_columns):
     folder = shutil.copytree(made_up_run, tmp_path / "failed")
-    names = ("results", "surrogates", "curves", "expected_ig_by_q", "accuracy", "sampling_error")
+    names = ("results", "surrogates", "curves", "accuracy", "sampling_error")
     for name in names:
         table = pd.read_parquet(folder / f"{name}.parquet").iloc[:0]
         (table if has_columns else pd.DataFrame()).to_parquet(folder / f"{name}.parquet")

@@ -8,8 +8,7 @@ import pytest
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
-from tracking.figures.of_searches.against_baseline import robustness_figure, unseen
-from tracking.figures.of_searches.search_history import pareto_fronts, search_history
+from tracking.figures.of_searches import pareto_fronts, robustness_figure, search_history, unseen
 from tracking.run_folders.search_json import Objective, Rig, Zone
 from tracking.search_report.cautions import at_the_edge
 

@@ -357,8 +357,7 @@ def test_rigs_that_break_a_constraint_are_marked_and_never_the_best(tmp_path):
     broken = "line, the best of the paper's eight, which breaks a constraint"
     assert f"−19.2 % against {broken} (1,500.0 nats)." in page.words
     assert f"The best rig is not better than {broken}." in page.words
-    search = SearchFolder.read(folder).search
-    cells = rig_table("Rigs", search.rigs, search.objectives, search.first)
+    cells = rig_table("Rigs", SearchFolder.read(folder).search)
     assert [(cells.rows[row][0], column) for row, column in cells.best] == [("found_1", 4)]
 
 

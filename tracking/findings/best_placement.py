@@ -20,15 +20,14 @@ class BestPlacement:
     Attributes:
         others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
             and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
-        sure: index placement, best mean first: the probability that its expected metric is the
-            highest (`tracking.statistics.posterior`).
+        sure: index placement, best mean first: how likely its expected metric is the highest.
         sd: of one seed's value, as far as it changes differences between placements.
         seed_sd: of what a seed adds to all placements alike; NaN where they have different seeds.
         sample: error of a placement against the others by the choice of the test objects; None
             where it is unknown, and intervals and probabilities are over seeds alone.
         note: why there are no intervals, or "".
-        noise: of the means over seeds and test objects, the best first.
-        pairs: the differences of the means, the best first.
+        noise, pairs: of the means over seeds and test objects, and of their differences; the best
+            first.
     """
 
     best: str
@@ -45,8 +44,7 @@ class BestPlacement:
     def differences(self, reference: str) -> pd.DataFrame:
         """All placements against one of them, in intervals that hold for all pairs at once.
 
-        Index placement, best mean first: `difference` to `reference`, `low` and `high`. Raises
-        KeyError: `reference` has no value.
+        Index placement, best first: `difference`, `low`, `high`. Raises KeyError: no value.
         """
         if reference not in self.sure.index:
             raise KeyError(reference)
@@ -75,19 +73,17 @@ class BestPlacement:
 def best_placement(
     results: pd.DataFrame, left_out: pd.DataFrame | None = None, generalist: bool = False
 ) -> BestPlacement | None:
-    """Compare all placements with the best.
+    """Compare all placements with the best, in intervals that hold for all pairs of them at once.
 
-    The best is chosen from the same results. So its leads have intervals which hold for all pairs
-    of placements at once, whichever is chosen afterwards (`tracking.statistics.all_pairs`). Seeds
-    are taken to scatter normally and alike under all placements; the same seeds are paired. AP is
-    compared as the area under precision over recall where `left_out` has it: AP_R40 samples that
-    area, and its steps differ between placements by up to a point or two.
+    Seeds are taken to scatter alike under all placements; the same seeds are paired. AP is compared
+    as the area under precision over recall where `left_out` has it: AP_R40 samples that area, and
+    its steps differ between placements by up to a point or two.
 
     `results` are rows of one class, detector, setting, metric, IoU and difficulty: placement, seed
     and value, NaN where a training failed or there was no ground truth; `left_out` the same without
     each unit of the test objects (`tracking.statistics.jackknife.sample_error`). `generalist`: a
     seed is a detector that has judged all placements; with one of them the error of the test
-    objects is what is left, and what another generalist would say is not in it.
+    objects is what is left.
 
     None if there is no value; NaN for all that needs the spread over seeds if no placement has two.
     Raises ValueError: a placement has two values for a seed.

@@ -24,8 +24,8 @@ class Predictors:
             that orders placements alike or reversed, or ""; `behind`, by how much its |rho| is
             below the first one's, with `behind_low` and `behind_high`, a 95 % interval for all at
             once without the seeds' noise; NaN for the first, and for those that order alike.
-        predictor: the strongest whose `holm` is below 0.05 and that predicts a placement left out
-            better than the mean of the others does; "" if there is none.
+        predictor: the strongest whose `holm` is below 0.05 and whose `rmse` is below
+            `rmse_of_mean`; "" if there is none.
         sentence: the finding.
     """
 

@@ -26,17 +26,10 @@ def ceilings(
 ) -> pd.DataFrame:
     """Spearman's rho that a surrogate without error or noise is expected to reach.
 
-    By what the metric's means are unsure of (docs/statistics.md):
-
-    - seeds: the variance over seeds. Two of them agree by ICC(3) where all placements have the
-      same, elsewhere by ICC(1); their mean is more reliable by Spearman and Brown's formula;
-    - test objects: the jackknife's variance of a placement against the others, over routes or
-      individuals (`tracking.statistics.jackknife`). Two halves of the test frames agree by Spearman
-      and Brown's formula for half the length, of the same trainings;
-    - both: the sum of the variances. What seeds do to single objects is in both, so this ceiling is
-      a little too low rather than too high;
-    - detectors: if what they agree in is all that a surrogate can know, it correlates with them by
-      the root of the mean rho between two of them. They met the same test objects.
+    By what the metric's means are unsure of (docs/statistics.md): seeds, of which two agree by
+    ICC(3) where all placements have the same, elsewhere by ICC(1); test objects, by the jackknife's
+    variance of a placement against the others; both, a little too low, as what seeds do to single
+    objects is in both; and detectors, by the mean rho between two of them.
 
     `left_out` is of the run folder; without it the chance of the test objects is unknown. One row
     per `group_columns` with two placements or more: `n` placements; `seeds`, their mean number;
@@ -70,8 +63,8 @@ def beside(
 ) -> pd.DataFrame:
     """`correlations` with `ceiling`, `ceiling_low` and `ceiling_high` of every row.
 
-    A generalist met the same test objects as the detectors that it predicts, so what these did to
-    both lowers nothing: its ceiling is that by seeds, without an interval.
+    A generalist met the same test objects as the detectors that it predicts: its ceiling is that by
+    seeds, without an interval.
     """
     keys, columns = group_columns(axes), ["ceiling", "ceiling_low", "ceiling_high"]
     table = correlations.merge(ceilings[[*keys, "ceiling_by_seeds", *columns]], on=keys, how="left")
@@ -129,8 +122,7 @@ def _sample_errors(
 def _between_detectors(
     means: dict[tuple[object, ...], pd.Series], detector: int
 ) -> dict[tuple[object, ...], float]:
-    """Mean rho between two detectors over their common placements, for each group; `detector` is
-    its place in the group."""
+    """Mean rho between two detectors over their common placements, by group."""
     alike: dict[str, list[tuple[object, ...]]] = {}
     for key in means:
         rest = repr((*key[:detector], *key[detector + 1 :]))  # NaN differs from itself
@@ -149,8 +141,7 @@ def _between_detectors(
 def ceiling(reliable: ArrayLike, coefficient: str = "spearman") -> NDArray[np.float64]:
     """The coefficient of a metric of this reliability with what predicts it perfectly.
 
-    Noise lowers a correlation by the root of the product of both reliabilities (attenuation,
-    Spearman 1904), and a perfect predictor has neither noise nor error: sqrt(reliability), on the
-    scale of a normal population's Pearson correlation. By luck a sample may exceed it.
+    sqrt(reliability), by attenuation (Spearman 1904), on the scale of a normal population's Pearson
+    correlation. By luck a sample may exceed it.
     """
     return np.asarray(from_normal(np.sqrt(np.asarray(reliable, np.float64)), coefficient))

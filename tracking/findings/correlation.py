@@ -34,11 +34,10 @@ def correlate(
     """Correlate every surrogate with every metric over the placements of a sweep.
 
     A placement counts with its mean over seeds. No sign is assumed: tests are two-sided.
-    Intervals are 95 % ones of the correlation with the metric as expected over seeds; so they
-    allow for the seeds' noise, which lowers the coefficient itself (`confidence_interval`).
-    p-values are permutation tests, exact up to 8 placements, and adjusted for the number of tests
-    in the table. Surrogates that order placements alike, or reversed, are one test. Arguments and
-    errors are those of `tracking.findings.paired.paired`; `seed` is of the permutations.
+    Intervals are 95 % ones of the correlation with the metric as expected over seeds, so they
+    allow for the seeds' noise. p-values are permutation tests, exact up to 8 placements. Surrogates
+    that order placements alike, or reversed, are one test. Arguments and errors are those of
+    `tracking.findings.paired.paired`; `seed` is of the permutations.
 
     One row per (class, detector, axes, metric, iou, difficulty, surrogate): `n` placements,
     the smallest number of `seeds`, `reliability` of the means over seeds, and for each of
@@ -142,8 +141,7 @@ def leave_one_out(
     The rows, arguments and errors of `correlate`: `n` placements; `spearman_min` and
     `spearman_max`, the range of rho without one placement; `rmse`, in the unit of the metric, of
     predicting each placement by the straight line of the surrogate through the others, and
-    `rmse_of_mean`, by their mean: a surrogate that says anything has the smaller `rmse`. NaN with
-    fewer than 4 placements or a constant; `note` says which.
+    `rmse_of_mean`, by their mean. NaN with fewer than 4 placements or a constant; see `note`.
     """
     rows: list[dict[str, object]] = []
     for group in paired(results, surrogates, axes):

@@ -27,10 +27,8 @@ chance of which ones were met moves a recall of 50 % by 10 points to either side
 them, and by 17 with 34."""
 LEAST_AP = 5.0
 """Percent of the headline's AP; below it everywhere, differences between placements say nothing."""
-STILL_FALLING = 0.05
-"""Share of the loss of the epoch before that the last epoch still took off."""
-MOST_TIMES = 10.0
-"""A training is not suggested to be longer by more."""
+STILL_FALLING = 0.05  # share of the loss of the epoch before that the last epoch still took off
+MOST_TIMES = 10.0  # a training is not suggested to be longer by more
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Weakness:
     Attributes:
         classes: whose headlines it weakens; "all" is that of the recall of all objects.
         clause, sentence: what is lacking, for a headline; and what follows, for a list.
-        shortfall: how many times as much it takes, above 1; the larger, the heavier.
+        shortfall: how many times as much it takes, above 1.
         remedy: key path of the configuration -> value that removes it.
     """
 
@@ -68,8 +66,7 @@ def grade(found: Iterable[Weakness]) -> str:
 
 
 def remedy(command: str, found: Sequence[Weakness]) -> str:
-    """The command line that removes them; "" where none of them has a remedy. `command` is the line
-    that ran the sweep or the search."""
+    """The line that ran the sweep or search, with keys that remove them; "" without any."""
     keys = dict.fromkeys(key for weakness in found for key in weakness.remedy)
     most = {key: max(own.remedy[key] for own in found if key in own.remedy) for key in keys}
     pairs = [f"{key}={json.dumps(v, separators=(',', ':'))}" for key, v in most.items()]
@@ -87,11 +84,8 @@ def value_at(config: str, *keys: str) -> Any:
 def few_seeds(
     seeds: Mapping[str, set[int]], generalist: bool, key: str, classes: tuple[str, ...] = ()
 ) -> list[Weakness]:
-    """[] or that of placements, one of which fewer `seeds` than `LEAST_SEEDS` judged.
-
-    `generalist`: a seed is one detector for all placements. `key` is the path of the configuration
-    that holds the seeds.
-    """
+    """[] or that of placements, one of which fewer `seeds` than `LEAST_SEEDS` judged. `generalist`:
+    a seed is one detector for all placements; `key` is the path of the configuration."""
     fewest = min(map(len, seeds.values()), default=LEAST_SEEDS)
     if fewest >= LEAST_SEEDS:
         return []
@@ -231,8 +225,7 @@ def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
 
 
 def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
-    """So many times as many, of a log another log; twice `LEAST_ROUTES` at least, as routes of one
-    simulation meet the same road users."""
+    """So many times as many, of a log another log; twice `LEAST_ROUTES` at least."""
     if value_at(run.config, "scene", "source") == "log":
         return {"scene.test_folder": "LOG_WITH_MORE_TEST_ROUTES"}
     return _set(run, "scene.test_routes", max(2 * LEAST_ROUTES, math.ceil(routes * times)))

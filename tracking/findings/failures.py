@@ -20,10 +20,8 @@ from tracking.statistics.all_pairs import AllPairs
 from tracking.statistics.jackknife import sample_error
 from tracking.statistics.reliability import Noise
 
-FRAMES = 20
-"""Frames that are shown of a pair."""
-OCCLUSION = ("fully visible", "partly occluded", "largely occluded")
-"""KITTI's levels from 0 on."""
+FRAMES = 20  # frames that are shown of a pair
+OCCLUSION = ("fully visible", "partly occluded", "largely occluded")  # KITTI's levels from 0 on
 HEIGHTS_M = (0.0, 1.25, 1.5, 1.75, 2.0, 2.5, np.inf)
 """Bounds of the heights of objects that are distinguished. A bin holds its lower bound."""
 DIMENSIONS = ("direction", "distance", "occlusion", "height")
@@ -77,8 +75,7 @@ class Failures:
         A row for all objects of a class (of several classes, "all" first) and for those in each bin
         of `DIMENSIONS` that has any. Columns class; by, "" or the dimension; bin; objects;
         individuals; both, first, second and neither, which sum to objects; `difference`, first less
-        second, percent of the objects, with its 95 % interval over seeds, routes and individuals,
-        NaN where unknown.
+        second, percent of the objects, with its 95 % interval over seeds, routes and individuals.
         """
         parts = {name: (self.objects["class"] == name).to_numpy() for name in self.classes}
         if len(parts) > 1:
@@ -151,8 +148,8 @@ class Failures:
     def telling(self, most: int = FRAMES) -> list[int]:
         """Objects to show, one a frame: rows of `objects`, by turns what each rig alone found.
 
-        A frame is worth the sum, over individuals that were not shown before, of the difference of
-        the shares by the share of the object that can be seen.
+        A frame is worth the sum, over individuals not shown before, of the difference of the shares
+        by the share of the object that can be seen.
         """
         lead = (self.shares[0] - self.shares[1]) * self.objects["visibility"].to_numpy(np.float64)
         individual = self.objects.groupby(["scene", "object_id"], dropna=False).ngroup().to_numpy()
@@ -171,11 +168,8 @@ class Failures:
 
 
 def _within_bounds(low: float, high: float) -> tuple[float, float]:
-    """A symmetric interval of a difference of shares, percent, as one within ±100.
-
-    Wilson's: the error that it has at the end of the interval, not at the estimate, as of a share
-    of so many independent objects as have this error.
-    """
+    """A symmetric interval of a difference of shares, percent, as one within ±100. Wilson's: the
+    error that it has at the end of the interval, not at the estimate."""
     middle, half = (low + high) / 200, (high - low) / 200
     shrink = half**2 / (1 - middle**2)
     side = math.hypot(half, shrink)

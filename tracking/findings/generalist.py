@@ -15,8 +15,7 @@ from tracking.kitti_iou import judged, judged_by_all
 from tracking.labels import metric_name
 from tracking.run_folders.sweep import RunFolder
 
-_RECALL = ("class_recall_3D", headline_metric("all"))
-"""Of a class, and of all objects."""
+_RECALL = ("class_recall_3D", headline_metric("all"))  # of a class, and of all objects
 _OF_A_CLASS = (HEADLINE_METRIC, _RECALL[0])
 
 
@@ -34,10 +33,9 @@ CALIBRATION = ("bias", "bias_low", "bias_high", "slope", "slope_low", "slope_hig
 def judgements(run: RunFolder) -> pd.DataFrame:
     """The generalist's AP and recall as candidates next to the surrogates.
 
-    Means over its seeds at the headline's IoU, which predict that of the same name. Columns
-    placement, class, detector, the further axes of the run (`judge` that of the placement's own
-    detectors), surrogate (`JUDGEMENTS`) and value, percent. Empty without a generalist or with
-    nothing else.
+    Means over its seeds at the headline's IoU. Columns placement, class, detector, the further axes
+    of the run (`judge` that of the placement's own detectors), surrogate (`JUDGEMENTS`) and value,
+    percent. Empty without a generalist or with nothing else.
     """
     keys = ["placement", "detector", *run.axes]
     columns = [*keys, "class", "surrogate", "value"]
@@ -69,9 +67,9 @@ def with_judgements(run: RunFolder) -> pd.DataFrame:
 def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> dict[str, float] | None:
     """The generalist's values against those of the placements' own detectors, means over seeds.
 
-    By `CALIBRATION`: bias, the mean difference, the generalist's less their own, with Student's
-    95 % interval over placements; and slope of the least-squares line of their own over the
-    generalist's, whose noise lowers it. None for fewer than 3 or without any spread.
+    By `CALIBRATION`: bias, the mean of the generalist's less their own, and slope of the
+    least-squares line of their own over the generalist's, whose noise lowers it; with Student's
+    95 % intervals over placements. None for fewer than 3 or without any spread.
     """
     n = len(said)
     if n < 3 or np.ptp(said) == 0:
@@ -87,8 +85,8 @@ def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> dict[str
 def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataFrame:
     """Placements that both judged, in the order of their own detectors' values.
 
-    `means` are `tracking.findings.summary.seed_means` of the run, `group` has a value of each of
-    `group_columns`. Index placement: said and own, percent.
+    `means` are `seed_means` of the run, `group` has a value of each of `group_columns`. Index
+    placement: said and own, percent.
     """
     place = {key: value for key, value in group.items() if key != JUDGE}
     known = at(means[means["seeds"] > 0], place)
@@ -115,10 +113,8 @@ def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> 
 
 
 def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:
-    """What a judgement costs: detector, judge, trials that finished, and their median seconds.
-
-    Of a generalist that is its evaluation, of others training and evaluation; clouds are not in it.
-    """
+    """What a judgement costs: detector, judge, trials that finished, and their median seconds. Of a
+    generalist that is its evaluation, of others training and evaluation; clouds are not in it."""
     finished = trials[trials["status"] == "finished"]
     own = finished.groupby(["detector", JUDGE], sort=False)["seconds"]
     return own.agg(trials="size", seconds="median").reset_index()

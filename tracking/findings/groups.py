@@ -10,12 +10,9 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.labels import detector_label, setting_label
 from tracking.run_folders.sweep import RunFolder
 
-JUDGE = "judge"
-"""The axis over who judges placements."""
-ONE_FOR_ALL = ("generalist", "pretrained")
-"""The judges that are one detector for all placements."""
-MOST_NAMES = 24
-"""Of placements in one sentence."""
+JUDGE = "judge"  # the axis over who judges placements
+ONE_FOR_ALL = ("generalist", "pretrained")  # the judges that are one detector for all placements
+MOST_NAMES = 24  # of placements in one sentence
 
 
 @dataclass(frozen=True)
@@ -64,11 +61,6 @@ def has_detectors(run: RunFolder) -> bool:
     return bool((run.trials["detector"] != "").any())
 
 
-def judges(table: pd.DataFrame, judge: str) -> pd.Series:
-    """Who judged each row: `judge` where it is no axis."""
-    return table[JUDGE] if JUDGE in table else pd.Series(judge, table.index)
-
-
 def pictured(run: RunFolder) -> str:
     """Of which setting maps, frames and clouds are, "at density = 40"; "" where there is one."""
     known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
@@ -92,10 +84,7 @@ def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
 def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
     """The parts of `table` with equal further axes, with a title; all of it if there are none."""
     own = [axis for axis in axes if axis in table.columns]
-    if not own:
-        yield "", table
-        return
-    for values, part in table.groupby(own, sort=False, dropna=False):
+    for values, part in table.groupby(own, sort=False, dropna=False) if own else [((), table)]:
         yield setting_label(own, dict(zip(own, values, strict=True))), part
 
 
@@ -126,10 +115,8 @@ def met(verdicts: pd.DataFrame) -> pd.Series:
 
 
 def copies(run: RunFolder) -> dict[str, str]:
-    """Placements with the mounts and the surrogates of an earlier one -> the earlier one.
-
-    Equal mounts alone may carry different LiDARs, whose surrogates then differ.
-    """
+    """Placements with the mounts and the surrogates of an earlier one -> the earlier one. Equal
+    mounts alone may carry different LiDARs, whose surrogates then differ."""
     seen: dict[object, str] = {}
     found = {}
     for name, mounts in run.placements.items():
@@ -144,11 +131,8 @@ def copies(run: RunFolder) -> dict[str, str]:
 
 
 def without(run: RunFolder, names: set[str]) -> RunFolder:
-    """The run as if these placements had not been in it.
-
-    Equal rigs are no two draws of placements: counted twice they would make a correlation look
-    surer than it is, and each would keep the other from being the best.
-    """
+    """The run as if these placements had not been in it. Equal rigs are no two draws: counted twice
+    they would make a correlation look surer."""
     if not names:
         return run
     trials = run.trials.loc[run.trials["placement"].isin(names), "trial"]

@@ -2,8 +2,7 @@
 
 import pandas as pd
 
-MOST_FREQUENT = 10
-"""Individuals whose share of the boxes is reported."""
+MOST_FREQUENT = 10  # individuals whose share of the boxes is reported
 
 
 def count_individuals(individuals: pd.DataFrame) -> pd.DataFrame:

@@ -45,9 +45,8 @@ def paired(
     """Every group of `results` with its surrogates, sorted by `group_columns`.
 
     Results of class "all" (recall over all objects) meet the surrogates `with_sums`. A missing
-    value in a column of detector or axes of `surrogates` stands for any value; `axes` are further
-    axes of the grid, columns of `results`. Raises ValueError: a column is missing, or a row occurs
-    twice.
+    value in a column of detector or axes of `surrogates` stands for any value; `axes` are columns
+    of `results`. Raises ValueError: a column is missing, or a row occurs twice.
     """
     keys = group_columns(axes)
     _need(results, ["placement", "seed", "value", *keys], "results")
@@ -69,9 +68,8 @@ def paired(
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     """`surrogates` with rows of class "all" added: those that are additive summed over classes.
 
-    `m_sog` is a mean and `covered_voxels` the same number for every class: neither has a sum with a
-    meaning. A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate,
-    value and those of detector and `axes` that are columns.
+    A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
+    those of detector and `axes` that are columns.
     """
     depends = _depends(surrogates, axes)
     single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
@@ -90,8 +88,7 @@ def _depends(surrogates: pd.DataFrame, axes: Sequence[str]) -> list[str]:
 
 
 def matching(surrogates: pd.DataFrame, setting: Mapping[str, object]) -> pd.DataFrame:
-    """Rows with the values of `setting` in those columns that are there; a missing value matches
-    any."""
+    """Rows with the values of `setting` in columns that are there; a missing value matches any."""
     for axis, value in setting.items():
         if axis in surrogates.columns:
             of = surrogates[axis]

@@ -19,8 +19,7 @@ from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
 from tracking.statistics.coefficients import LARGEST_EXACT, permutation_p
 
-FULL_TRAINING = "full training"
-"""The stage after the last rung."""
+FULL_TRAINING = "full training"  # the stage after the last rung
 
 
 @dataclass(frozen=True)
@@ -127,9 +126,6 @@ def stage_ranks(group: Promoted) -> pd.DataFrame:
 def stages(group: Promoted) -> pd.DataFrame:
     """What every stage cost, and how it ranked the placements that were trained in full.
 
-    Only these have both ranks. Earlier stages chose them, so their range is restricted: the
-    agreement among them says little about the placements that were pruned.
-
     One row a stage: stage; placements; without_value; kept, 0 for the full training; seconds,
     of all of its tasks; seconds_each, the mean over placements, of the full training with all
     seeds of one. Of rungs, where a full training finished: n placements with both; spearman,
@@ -181,10 +177,8 @@ def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
 
 
 def _p_value(a: pd.Series, b: pd.Series) -> float:
-    """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones.
-
-    From all permutations up to `LARGEST_EXACT` pairs, beyond that scipy's, by the t distribution.
-    """
+    """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones. From all
+    permutations up to `LARGEST_EXACT` pairs, beyond that scipy's, by the t distribution."""
     if len(a) < 3 or a.nunique() == 1 or b.nunique() == 1:
         return np.nan
     if len(a) > LARGEST_EXACT:
@@ -195,10 +189,10 @@ def _p_value(a: pd.Series, b: pd.Series) -> float:
 def savings(group: Promoted) -> dict[str, float]:
     """Seconds that promotion spent, against full trainings of all placements.
 
-    Without promotion every placement of the first rung would have had the surrogates of all
-    surrogate rungs and a full training for every seed, at the mean seconds of those that were
-    done. Point clouds are counted on neither side. Keys surrogates, short and full, their sum
-    spent; without, NaN if no full training finished; saved, without less spent.
+    Without it every placement of the first rung would have had the surrogates of all surrogate
+    rungs and a full training for every seed, at the mean seconds of those that were done; clouds
+    are not counted. Keys surrogates, short and full, their sum spent; without, NaN if no full
+    training finished; saved, without less spent.
     """
     of_surrogates = group.rungs["setting"] == ""
     seconds = group.rungs.loc[of_surrogates].groupby("rung")["seconds"]

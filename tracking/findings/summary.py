@@ -8,7 +8,7 @@ from scipy import stats
 
 from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
-from tracking.findings.groups import ONE_FOR_ALL, judges, met, verdicts
+from tracking.findings.groups import JUDGE, ONE_FOR_ALL, met, verdicts
 from tracking.findings.paired import group_columns, matching
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
@@ -16,8 +16,7 @@ from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import sample_error
 from tracking.statistics.reliability import Noise
 
-TERMINAL_ROWS = 20
-"""Rows of the summary of a sweep without results: a terminal shows the best."""
+TERMINAL_ROWS = 20  # rows of the summary of a sweep without results: a terminal shows the best
 
 
 def seed_means(
@@ -29,10 +28,9 @@ def seed_means(
     """Mean over seeds.
 
     Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
-    same (class, detector, axes, metric, iou, difficulty), as if seeds scattered alike under all of
-    them: two or three seeds alone do not show their spread. With `left_out` the choice of the test
-    objects adds its own variance (`tracking.statistics.jackknife`); it is all that the intervals of
-    a single generalist hold. `judge` is of all results, where it is no axis.
+    same group. With `left_out` the choice of the test objects adds its own variance
+    (`tracking.statistics.jackknife`); it is all that the intervals of a single generalist hold.
+    `judge` is of all results, where it is no axis.
 
     One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
     (n - 1; NaN for one seed), `seeds` with a value, the smallest number of `ground_truths`;
@@ -55,7 +53,8 @@ def seed_means(
     errors = _errors(means, left_out, groups, _by_objects)
     seeds = _errors(means, results[results["value"].notna()], groups, _by_seeds)
     known = means["seeds"].where(means["seeds"] > 0)
-    alone = seeds["single_degrees"].isna() & judges(means, judge).isin(ONE_FOR_ALL)
+    one_for_all = means.get(JUDGE, pd.Series(judge, means.index)).isin(ONE_FOR_ALL)
+    alone = seeds["single_degrees"].isna() & one_for_all
     half = {name: _half(seeds, errors, name, known, alone) for name in ("single", "paired")}
     return means.assign(
         sample_sd=np.sqrt(errors["single_variance"]),
@@ -74,10 +73,8 @@ def for_comparison(means: pd.DataFrame) -> pd.DataFrame:
 def _half(
     seeds: pd.DataFrame, errors: pd.DataFrame, name: str, count: pd.Series, alone: pd.Series
 ) -> pd.Series:
-    """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite.
-
-    Of a mean over `count` seeds, and of the test objects; these alone where `alone` says so.
-    """
+    """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite: of a mean over
+    `count` seeds, and of the test objects; these alone where `alone` says so."""
     other, other_degrees = errors[f"{name}_variance"], errors[f"{name}_degrees"]
     known = alone & other.notna()
     variance = (seeds[f"{name}_variance"] / count).mask(known, 0.0)
@@ -126,10 +123,8 @@ def _by_objects(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
 def surrogates_of(
     surrogates: pd.DataFrame, setting: dict[str, object], object_class: str
 ) -> pd.DataFrame:
-    """Surrogates of one class at one setting of the axes: placements as rows.
-
-    A missing value in an axis column stands for any value.
-    """
+    """Surrogates of one class at one setting of the axes: placements as rows. A missing value in an
+    axis column stands for any value."""
     own = matching(surrogates, {"class": object_class, **setting})
     return own.pivot(index="placement", columns="surrogate", values="value")
 
@@ -210,11 +205,8 @@ def _column(object_class: str, metric: str, iou: float) -> tuple[str, str, str, 
 
 
 def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
-    """The best TERMINAL_ROWS placements of each setting by `deciding_surrogate`.
-
-    Columns: placement; the axes that surrogates vary over; that surrogate of every class, if there
-    are several; it, covered entropy and S-MIG over classes. What was not computed is left out.
-    """
+    """The best TERMINAL_ROWS placements of each setting by `deciding_surrogate`, with it of every
+    class, if there are several; it, covered entropy and S-MIG over classes."""
     order = by_surrogate(run.surrogates)
     if not order:
         return pd.DataFrame(columns=["placement"])

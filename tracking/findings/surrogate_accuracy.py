@@ -22,8 +22,7 @@ def relative_errors(table: pd.DataFrame) -> pd.DataFrame:
 
     `reference_value` is the reference of the same placement, class and surrogate, and
     `relative_error` the distance to it. `method_error` is the distance to the value that is as
-    accurate but for its resolution, so it shows methods, azimuth steps and frames alone. Relative
-    to the absolute reference, >= 0; NaN where that is 0.
+    accurate but for its resolution. Relative to the absolute reference; NaN where that is 0.
     """
     keys = ["placement", "class", "surrogate"]
     reference = table.loc[table["reference"]]

@@ -19,10 +19,7 @@ def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
 
 def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
     """Whether each row belongs to the longest training of its detector and setting of other axes.
-
-    The longest sees most frames, epochs × share of the frames; of equal ones it is the one with
-    more different frames. Not by the clock, which is noisy.
-    """
+    It has most epochs × share of the frames; of equal ones that of more different frames."""
     own = [axis for axis in COST_AXES if axis in results]
     keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in own))]
     longest = pd.Series(True, index=results.index)
@@ -60,7 +57,7 @@ def summarise_cost(cost: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
     """One row per class, detector and setting of the axes, the longest training first.
 
     Medians of seconds, means of AP and error with its sd over placements and seeds; kendall, the
-    rank agreement of the placements' means over seeds with the longest training.
+    rank agreement of the placements' means with the longest training.
     """
     rows, keys = [], ["class", "detector", *axes]
     for key, own in cost.groupby(keys, sort=False, dropna=False):

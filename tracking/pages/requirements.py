@@ -25,8 +25,7 @@ COLOURS = (
     "The value at each position, in the worst case, relative to the requirement: orange is "
     "too little, blue is enough. The cross is the worst place; diamonds are LiDARs."
 )
-MOST_DRAWN = 12
-"""Of what fails."""
+MOST_DRAWN = 12  # of what fails
 _ENOUGH = 0.5
 _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, "#15619f"))
 """Orange is too little, the darker the less; blue is enough, the darker the more."""

@@ -14,21 +14,10 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from tracking import labels
 from tracking.figures.kit.style import SOFT_BREAK
-from tracking.labels import (
-    DASH,
-    detector_label,
-    digits,
-    interval,
-    metric_label,
-    not_significant,
-    signed,
-    span,
-    surrogate_name,
-)
 
-MOST_ROWS = 50
-"""Placements and trials that a table shows; a page must stay small."""
+MOST_ROWS = 50  # placements and trials that a table shows; a page must stay small
 
 
 @dataclass(frozen=True)
@@ -48,7 +37,7 @@ def words(head: str, key: str = "", show: Callable[[Any], str] = str) -> Column:
 
 def numbers(head: str, key: str, form: str | Callable[[float], str]) -> Column:
     """What the data hold under `key`, by a format of `digits` or a function."""
-    show = partial(digits, form=form) if isinstance(form, str) else form
+    show = partial(labels.digits, form=form) if isinstance(form, str) else form
     return Column(head, lambda row: show(row[key]))
 
 
@@ -57,7 +46,8 @@ def coefficient(head: str, key: str) -> Column:
 
     def cell(row: Mapping[Any, Any]) -> str:
         value, low, high = (row[f"{key}{suffix}"] for suffix in ("", "_low", "_high"))
-        return DASH if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
+        known = f"{labels.signed(value)} {labels.interval(low, high)}"
+        return labels.DASH if np.isnan(value) else known
 
     return Column(head, cell)
 
@@ -69,22 +59,21 @@ def in_points(head: str, keys: tuple[str, str, str], form: str) -> Column:
     def cell(row: Mapping[Any, Any]) -> str:
         value, low, high = (row[key] for key in keys)
         if np.isnan(low):
-            return digits(value, form)
-        verdict = not_significant(low, high) if form.startswith("+") else ""
-        return f"{digits(value, form)} ({span(low, high, form)}){verdict}"
+            return labels.digits(value, form)
+        verdict = labels.not_significant(low, high) if form.startswith("+") else ""
+        return f"{labels.digits(value, form)} ({labels.span(low, high, form)}){verdict}"
 
     return Column(head, cell)
 
 
-PERCENT = dict.fromkeys(("mean", "sd", "low", "high"), "%")
-"""Units of what means over seeds have."""
-METRIC = Column("metric", lambda row: metric_label(row["metric"], row["iou"]), words=True)
-SURROGATE = words("surrogate", show=surrogate_name)
+PERCENT = dict.fromkeys(("mean", "sd", "low", "high"), "%")  # units of what means over seeds have
+METRIC = Column("metric", lambda row: labels.metric_label(row["metric"], row["iou"]), words=True)
+SURROGATE = words("surrogate", show=labels.surrogate_name)
 
 
 def of_group(axes: Sequence[str]) -> list[Column]:
     """Class, detector with its setting of the axes, and metric."""
-    return [words("class"), Column("detector", partial(detector_label, axes), True), METRIC]
+    return [words("class"), Column("detector", partial(labels.detector_label, axes), True), METRIC]
 
 
 @dataclass(frozen=True)
@@ -134,7 +123,7 @@ class Table:
     def without_dashes(self) -> Table:
         """Without columns that have a dash in every row. The CSV file has all of them."""
         whole = range(len(self.head))
-        kept = [i for i in whole if not self.rows or any(r[i] != DASH for r in self.rows)]
+        kept = [i for i in whole if not self.rows or any(r[i] != labels.DASH for r in self.rows)]
         place = {old: new for new, old in enumerate(kept)}
         return replace(
             self,

@@ -1,5 +1,7 @@
 """What a report is about: a run folder, and the findings that its sections share."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,12 +13,12 @@ from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate, leave_one_out
 from tracking.findings.failures import Failures
 from tracking.findings.generalist import with_judgements
-from tracking.findings.groups import Group, groups
+from tracking.findings.groups import Group, copies, groups, without
 from tracking.findings.promotion import fully_trained
 from tracking.findings.summary import by_surrogate, seed_means
 from tracking.kitti_iou import judged
+from tracking.report import recommendation
 from tracking.report.headline import headline_ranking
-from tracking.report.recommendation import compared_failures
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -24,10 +26,15 @@ from tracking.run_folders.sweep import RunFolder
 class Analysis:
     """What every section is made from; each finding is computed once, when it is asked for.
 
-    `whole` has all placements, trained fully or not.
+    `whole` has all distinct rigs, trained fully or not.
     """
 
     whole: RunFolder
+
+    @classmethod
+    def of(cls, complete: RunFolder) -> Analysis:
+        """A run of which equal rigs count once."""
+        return cls(without(complete, set(copies(complete))))
 
     @cached_property
     def run(self) -> RunFolder:
@@ -74,6 +81,24 @@ class Analysis:
         return [(group, headline_ranking(self.run, group)) for group in self.groups]
 
     @cached_property
+    def recommended(self) -> list[recommendation.Recommendation]:
+        """What each group with results recommends."""
+        return recommendation.recommendations(self.rankings)
+
+    @cached_property
+    def answer(self) -> recommendation.Answer | None:
+        """What they recommend together; None without results."""
+        return recommendation.answer(self.run, self.recommended) if self.recommended else None
+
+    @property
+    def headline(self) -> list[str]:
+        """What a terminal shows of the answer, line by line; [] without results."""
+        if (said := self.answer) is None:
+            return []
+        more = [f"For more evidence, run: {said.command}"] if said.command else []
+        return [f"{said.grade}: {said.best}", *said.leads, said.sure, *more]
+
+    @cached_property
     def order(self) -> list[str]:
         """Placements by headline AP of the first class, over all groups; then by a surrogate."""
         own = judged(self.means, self.run.results, self.run.classes[0])
@@ -83,4 +108,5 @@ class Analysis:
 
     @cached_property
     def pair(self) -> Failures | None:
-        return compared_failures(self.run, self.rankings)
+        """`compared_failures`."""
+        return recommendation.compared_failures(self.run, self.rankings)

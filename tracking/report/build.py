@@ -10,15 +10,13 @@ from tracking.findings.failures import Failures
 from tracking.findings.groups import copies, pictured, without
 from tracking.findings.individuals import count_individuals
 from tracking.labels import some
-from tracking.pages.files_beside import FOLDER, escaped, verbatim, write_csv_files, write_markdown
-from tracking.pages.page import write_page
+from tracking.pages import page as pages
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis as Analysis
 from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
 from tracking.report.failures import write_failures
 from tracking.report.headline import surrogate_verdicts, verdicts
-from tracking.report.recommendation import answer, recommendations
 from tracking.report.sections.ablations import density_section, tilts_section
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section, by_class_section
@@ -58,8 +56,7 @@ def build_report(run: Path) -> Path:
     """
     complete = RunFolder.read(run)
     same = copies(complete)
-    whole = without(complete, set(same))
-    found = Analysis(whole)
+    found = Analysis(without(complete, set(same)))
     folder = found.run
     by_name = dict(_sections(found))
     sections = list(by_name.values())
@@ -68,8 +65,7 @@ def build_report(run: Path) -> Path:
         section.tables = [table.without_dashes() for table in section.tables]
     stated = [v for group, best in found.rankings for v in verdicts(folder, group, best)]
     stated = stated or [v for group in found.groups for v in surrogate_verdicts(folder, group)]
-    recommended = recommendations(found.rankings)
-    said = answer(folder, recommended) if recommended else None
+    said = found.answer
     extent = _extent(folder)
     warnings = cautions(folder)
     if same:
@@ -79,10 +75,10 @@ def build_report(run: Path) -> Path:
     facts = folder.sweep.model_dump(
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )
-    write_csv_files(folder.path / FOLDER, sections)
+    pages.write_csv_files(folder.path / pages.FOLDER, sections)
     _write_failures(folder, found.pair, failures, extent)
     decision = write_decision(found, extent, warnings, failures)
-    page = write_page(
+    page = pages.write_page(
         folder.path / "report.html",
         Path(__file__).with_name("report.html"),
         [_picture(by_name), *sections],
@@ -91,24 +87,25 @@ def build_report(run: Path) -> Path:
         decision=decision.name if decision else None,
         verdicts=stated,
         answer=said,
-        required=recommended[0].required(folder) if recommended else "",
+        required=found.recommended[0].required(folder) if said else "",
         extent=extent,
         warnings=warnings,
         sweep=json.dumps(facts, indent=2, default=str),
     )
-    first = [escaped(extent)]
+    first = [pages.escaped(extent)]
     for card in stated:
         told = f"{card.metric}: {card.lead}. {card.sure}".rstrip()
-        first.append(f"**{escaped(card.heading)}: {escaped(card.best)}.** {escaped(told)}")
+        heading, best, told = map(pages.escaped, (card.heading, card.best, told))
+        first.append(f"**{heading}: {best}.** {told}")
     if said is not None and len(said.leads) > 1:
-        first.append(f"**{escaped(said.sure)}**")
+        first.append(f"**{pages.escaped(said.sure)}**")
     if said is not None and said.command:
-        first += ["For more evidence, run:", verbatim(said.command)]
+        first += ["For more evidence, run:", pages.verbatim(said.command)]
     first += [f"Reasons for doubt: {len(warnings)}"] if warnings else []
-    first += [f"> Warning: {escaped(warning)}" for warning in warnings]
+    first += [f"> Warning: {pages.escaped(warning)}" for warning in warnings]
     last = {"Command": folder.sweep.command, "Configuration": folder.config}
     name = folder.sweep.name
-    write_markdown(folder.path / "report.md", name, first, sections, last, page.name)
+    pages.write_markdown(folder.path / "report.md", name, first, sections, last, page.name)
     return page
 
 

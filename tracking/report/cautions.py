@@ -10,12 +10,9 @@ from tracking.statistics.coefficients import smallest_p
 FEW_GROUND_TRUTHS = 200
 FEW_FRAMES = 20
 """Of training or test: below it a detector learns little, and AP hangs on a few scenes."""
-FEW_POG_FRAMES = 10
-"""Below it one frame changes a probability by more than a tenth."""
-MANY_PLACEMENTS = 20
-"""From here on the number of placements is no reason for caution."""
-LEAST_P = 0.001
-"""A p-value that can become smaller than this is no reason for caution."""
+FEW_POG_FRAMES = 10  # below it one frame changes a probability by more than a tenth
+MANY_PLACEMENTS = 20  # from here on the number of placements is no reason for caution
+LEAST_P = 0.001  # a p-value that can become smaller than this is no reason for caution
 
 
 def cautions(run: RunFolder) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line.terminal import say
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 
 app = new_app()
 
@@ -19,10 +19,8 @@ def report(
     """Write the report of a sweep again from its folder, and print its path."""
     from tracking.report.build import build_report
 
-    try:
+    with checked_input():
         page = build_report(run)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if as_json:
         print_json({"report": str(page)})
     else:

@@ -29,8 +29,7 @@ from tracking.run_folders.arrays import FailureFrames
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
 """Colours of objects, and of the points in them, by what became of them."""
 DETECTION = "#009E73"
-NEAR_M = (9.0, 9.0, 2.6)
-"""Half of what is in view around the object, along x, y and z."""
+NEAR_M = (9.0, 9.0, 2.6)  # half of what is in view around the object, along x, y and z
 _CLOSE = {
     "eye": {"x": -1.45, "y": 0.0, "z": 0.85},
     "center": {"x": 0.0, "y": 0.0, "z": -0.15},
@@ -126,9 +125,8 @@ def frame_in_space(
 ) -> go.Figure:
     """Points in the boxes of objects have the colour of what became of them, others are grey.
 
-    `objects` of the frame have class, points and the columns of `GEOMETRY`, `shares` of the seeds
-    found each, shape (objects,); `points` have shape (n, 3), `detections` are boxes and scores,
-    shape (d, 8).
+    `objects` have class, points and `GEOMETRY`; `shares` of the seeds found each, shape (objects,);
+    `points` have shape (n, 3), `detections` are boxes and scores, shape (d, 8).
     """
     plot = go.Figure(layout={"template": None, "margin": dict.fromkeys("lrtb", 0)})
     boxes = objects[list(GEOMETRY)].to_numpy(np.float64)

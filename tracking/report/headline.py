@@ -7,21 +7,12 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
+from tracking import labels
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.evidence import Weakness, grade, weaknesses
 from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import (
-    metric_label,
-    not_significant,
-    percent,
-    plus_minus,
-    some,
-    span,
-    surrogate_name,
-    surrogate_unit,
-)
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -59,7 +50,7 @@ def verdicts(run: RunFolder, group: Group, ranked: Mapping[str, BestPlacement]) 
         what = f"{'Highest mean' if weak else 'Best'} for {class_label(name)}"
         of, metric = group.title if group.varies else "", headline_label(run.results, name)
         lead, sure = _lead(best), _sure(best, weak)
-        found.append(Verdict(what, of, metric, some(best.equal), lead, sure, weak))
+        found.append(Verdict(what, of, metric, labels.some(best.equal), lead, sure, weak))
     return found
 
 
@@ -70,7 +61,7 @@ def class_label(object_class: str) -> str:
 
 def headline_label(results: pd.DataFrame, object_class: str) -> str:
     """The headline metric of a class and its IoU in `results`, "BEV AP @ 0.7"."""
-    return metric_label(headline_metric(object_class), headline_iou(results, object_class))
+    return labels.metric_label(headline_metric(object_class), headline_iou(results, object_class))
 
 
 def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
@@ -87,7 +78,7 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
 
 
 def _lead(best: BestPlacement) -> str:
-    text = f"{plus_minus(best.mean, np.nan)} %"
+    text = f"{labels.plus_minus(best.mean, np.nan)} %"
     if best.others.empty:
         return text
     second = best.others.iloc[0]
@@ -95,8 +86,8 @@ def _lead(best: BestPlacement) -> str:
         return f"{text}, the same for {len(best.equal)} of {len(best.sure)} placements"
     text += f", {second['lead']:.1f} points ahead of {best.others.index[0]}"
     if np.isfinite(second["low"]):
-        text += f" (95 % CI {span(second['low'], second['high'], 'z.1f')})"
-        text += not_significant(second["low"], second["high"])
+        text += f" (95 % CI {labels.span(second['low'], second['high'], 'z.1f')})"
+        text += labels.not_significant(second["low"], second["high"])
     return text
 
 
@@ -108,22 +99,22 @@ def _sure(best: BestPlacement, weak: Sequence[Weakness]) -> str:
         return grade(weak)
     if len(best.equal) > 1:
         return "No placement is ahead."
-    sure = f"{percent(best.sure.iloc[0])} likely to be the best of {len(best.sure)}"
+    sure = f"{labels.percent(best.sure.iloc[0])} likely to be the best of {len(best.sure)}"
     if not best.tied:
         return f"{sure}, and significantly better than all others."
-    return f"{sure}; not significantly better than {some(best.tied)}."
+    return f"{sure}; not significantly better than {labels.some(best.tied)}."
 
 
 def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
     """One verdict for every class of a sweep without results, by `deciding_surrogate`."""
     decides = deciding_surrogate(run.surrogates)
-    found = []
+    found, by = [], labels.surrogate_name(decides)
     for name in run.classes:
         table = surrogates_of(run.surrogates, group.setting, name)
         if decides not in table.columns or not table[decides].notna().any():
             continue
         ranked = table[decides].dropna().sort_values(ascending=False, kind="stable")
-        best, unit = str(ranked.index[0]), surrogate_unit(decides)
+        best, unit = str(ranked.index[0]), labels.surrogate_unit(decides)
         lead = f"{ranked.iloc[0]:,.5g} {unit}"
         # Sums of the same terms in another order differ by rounding.
         level = len(ranked) > 1 and np.allclose(ranked, ranked.iloc[0], rtol=1e-9, atol=0)
@@ -134,7 +125,7 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
             lead += f", {ahead:.2g} % ahead of {ranked.index[1]}, of {len(ranked):,} placements"
         nothing = "h_pog" in table.columns and bool((table["h_pog"] == 0).all())
         why = f"H_POG is 0: no {name} was seen, or always in the same voxels." if nothing else ""
-        what, of = f"Highest {surrogate_name(decides)} for {name}", group.title * group.varies
         ahead_of = "no placement is ahead" if level else best
-        found.append(Verdict(what, of, surrogate_name(decides), ahead_of, lead, why))
+        what, of = f"Highest {by} for {name}", group.title * group.varies
+        found.append(Verdict(what, of, by, ahead_of, lead, why))
     return found

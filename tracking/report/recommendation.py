@@ -2,26 +2,17 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.evidence import grade, remedy
 from tracking.findings.failures import Failures, failures
-from tracking.findings.groups import Group, copies, groups, without
+from tracking.findings.groups import Group
 from tracking.findings.groups import verdicts as verdicts_of
-from tracking.findings.promotion import fully_trained
 from tracking.labels import some
-from tracking.report.headline import (
-    Verdict,
-    class_label,
-    headline_label,
-    headline_ranking,
-    verdicts,
-)
+from tracking.report.headline import Verdict, class_label, headline_label, verdicts
 from tracking.run_folders.sweep import RunFolder
 
-MOST_RIGS = 6
-"""Of one page: the best, which others are compared with."""
+MOST_RIGS = 6  # of one page: the best, which others are compared with
 
 
 @dataclass(frozen=True)
@@ -46,12 +37,6 @@ class Recommendation:
         """Placements that the page draws, the best first."""
         return [str(name) for name in self.best.sure.index[:MOST_RIGS]]
 
-    @property
-    def compared(self) -> tuple[str, str] | None:
-        """The recommended placement and the next one behind it; None: there is no other."""
-        others = self.best.others.index
-        return (self.best.best, str(others[0])) if len(others) else None
-
     def metric(self, run: RunFolder) -> str:
         """What decides, at the beginning of a sentence."""
         label = headline_label(run.results, self.by)
@@ -73,12 +58,6 @@ class Recommendation:
         """That of the deciding class first, then those of the others."""
         said = dict(zip(self.ranked, verdicts(run, self.group, self.ranked), strict=True))
         return [said.pop(self.by), *said.values()]
-
-
-def recommended(whole: RunFolder) -> tuple[RunFolder, list[Recommendation]]:
-    """Distinct rigs, trained as long as they get, and what each group of them recommends."""
-    run = fully_trained(without(whole, set(copies(whole))))
-    return run, recommendations([(group, headline_ranking(run, group)) for group in groups(run)])
 
 
 def recommendations(
@@ -146,16 +125,6 @@ def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
     )
 
 
-def headline(whole: RunFolder) -> list[str]:
-    """What a terminal shows of `answer`, line by line; [] without results."""
-    run, found = recommended(whole)
-    if not found:
-        return []
-    said = answer(run, found)
-    more = [f"For more evidence, run: {said.command}"] if said.command else []
-    return [f"{said.grade}: {said.best}", *said.leads, said.sure, *more]
-
-
 def _agreement(found: Sequence[Recommendation]) -> tuple[str, list[str]]:
     """Whether groups agree, a sentence, "" for one; and the placements that are best in all."""
     same = [n for n in found[0].best.equal if all(n in own.best.equal for own in found)]
@@ -178,11 +147,6 @@ def compared_failures(
     `headline_ranking`.
     """
     first = next(iter(recommendations(rankings)), None)
-    compared = first and first.compared
-    return failures(run, first.group, compared) if first and compared else None
-
-
-def failures_to_show(folder: Path) -> Failures | None:
-    """The `compared_failures` of a run folder. Raises as `RunFolder.read`."""
-    run, found = recommended(RunFolder.read(folder))
-    return compared_failures(run, ((own.group, own.ranked) for own in found))
+    if first is None or first.best.others.empty:
+        return None
+    return failures(run, first.group, (first.best.best, str(first.best.others.index[0])))

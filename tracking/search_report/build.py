@@ -7,37 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from lidarplace.requirements.tables import worst_cases
+from tracking.figures import of_searches
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
-from tracking.figures.of_searches.against_baseline import robustness_figure, unseen
-from tracking.figures.of_searches.search_history import (
-    bound_over_seconds,
-    pareto_fronts,
-    search_history,
-)
 from tracking.labels import DASH, digits, number
 from tracking.pages.page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
+from tracking.search_report import headline, tables
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
-from tracking.search_report.headline import (
-    answer,
-    effort,
-    next_steps,
-    of_front,
-    of_objective,
-    summary,
-    with_unit,
-)
-from tracking.search_report.tables import (
-    greedy_table,
-    mount_table,
-    rig_table,
-    robustness_table,
-    verified_table,
-)
 
 MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
@@ -58,10 +38,10 @@ def build_search_report(folder: Path) -> Path:
         run.path / "search.html",
         Path(__file__).with_name("search.html"),
         name=search.name,
-        summary=summary(search),
+        summary=headline.summary(search),
         search=search,
-        answer=answer(run),
-        next_steps=next_steps(run),
+        answer=headline.answer(run),
+        next_steps=headline.next_steps(run),
         warnings=cautions(run),
         sections=[section for part in parts if (section := part(run)) is not None],
         config=run.config,
@@ -76,9 +56,11 @@ def _mounts(run: SearchFolder) -> Section | None:
     section = Section("Where the LiDARs sit")
     for name, rig in list(shown.items())[:MOST_RIGS]:
         values = [(o, rig.value(o)) for o in search.objectives]
-        known = [f"{o.name} {with_unit(o, value)}" for o, value in values if not np.isnan(value)]
+        known = [
+            f"{o.name} {headline.with_unit(o, value)}" for o, value in values if not np.isnan(value)
+        ]
         caption = " · ".join(filter(None, (name, ", ".join(known))))
-        section.tables.append(mount_table(caption, rig))
+        section.tables.append(tables.mount_table(caption, rig))
     if len(search.best) > MOST_RIGS:
         section.notes.append(
             f"The first {MOST_RIGS} of the {len(search.best):,} rigs of the front that search.json "
@@ -129,7 +111,7 @@ def _unseen(run: SearchFolder) -> Section | None:
     for name, maps in run.unseen.items():
         if before not in maps or after not in maps:
             continue
-        section.figures += unseen(
+        section.figures += of_searches.unseen(
             maps[before], maps[after], run.roi, run.search.body, (name, before, after)
         )
         whole = float(run.pog[name].sum(dtype=float)) if name in run.pog else float("nan")
@@ -151,7 +133,7 @@ def _unseen(run: SearchFolder) -> Section | None:
 
 def _history(run: SearchFolder) -> Section:
     search = run.search
-    section = Section("How the search went", [effort(search)], columns=2)
+    section = Section("How the search went", [headline.effort(search)], columns=2)
     bound, rays = search.bound, search.strided
     if rays:
         section.notes.append(
@@ -166,14 +148,15 @@ def _history(run: SearchFolder) -> Section:
         own = bound if objective is search.first else None
         limits = (own.value, own.greedy) if own else (None, None)
         ranked = {name: values[name] for name in known}
-        section.figures.append(search_history(run.evaluated, objective, *limits, ranked))
+        plot = of_searches.search_history(run.evaluated, objective, *limits, ranked)
+        section.figures.append(plot)
     if run.bound is not None and len(run.bound):
         best = search.rigs[search.best[0]].searched_value(search.first) if search.best else None
-        section.figures.append(bound_over_seconds(run.bound, search.first, best))
+        section.figures.append(of_searches.bound_over_seconds(run.bound, search.first, best))
     caption = "Rigs, with all rays" if rays else "Rigs"
-    section.tables.append(rig_table(caption, search.rigs, search.objectives, search.first))
+    section.tables.append(tables.rig_table(caption, search))
     if run.greedy is not None and len(run.greedy):
-        section.tables.append(greedy_table(run.greedy, rays))
+        section.tables.append(tables.greedy_table(run.greedy, rays))
     return section
 
 
@@ -181,10 +164,12 @@ def _pareto(run: SearchFolder) -> Section | None:
     search = run.search
     if len(search.objectives) < 2:
         return None
-    notes = [f"{of_front(search)}: none of them is better than another in every objective."]
+    notes = [
+        f"{headline.of_front(search)}: none of them is better than another in every objective."
+    ]
     if search.strided:
         notes.append(f"All values here are as searched, with {search.strided}.")
-    plots = pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)
+    plots = of_searches.pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)
     return Section("Pareto front", notes, plots, columns=2)
 
 
@@ -221,8 +206,9 @@ def _robustness(run: SearchFolder) -> Section | None:
         own = rows[rows["objective"] == objective.name]
         if len(own):
             designed = search.rigs[reference].value(objective)
-            section.figures.append(robustness_figure(own, objective, reference, designed))
-    section.tables.append(robustness_table(rows))
+            plot = of_searches.robustness_figure(own, objective, reference, designed)
+            section.figures.append(plot)
+    section.tables.append(tables.robustness_table(rows))
     return section
 
 
@@ -230,18 +216,18 @@ def _chosen(run: SearchFolder) -> Section | None:
     rows, search = run.chosen, run.search
     if rows is None or rows.empty or search.baseline is None:
         return None
-    section = Section("On traffic that the search did not see")
-    section.notes.append(
+    note = (
         "The best rigs of the search and the paper's eight, judged again by the generalist: the "
         "best of many trials is also the luckiest, and here its luck is gone. Differences to "
         f"{search.baseline} have 95 % intervals that hold for all pairs of rigs at once, over the "
         "routes and individuals of these frames and, where there are several, over generalists."
     )
+    section = Section("On traffic that the search did not see", [note])
     if search.chosen_over:
         section.notes.append(f"Each value is {search.chosen_over}.")
-    own = of_objective(rows, search.first)
+    own = headline.of_objective(rows, search.first)
     parts = [part for part in (own, rows.drop(own.index)) if len(part)]
-    section.tables += [verified_table(part, search.baseline, search.first) for part in parts]
+    section.tables += [tables.verified_table(part, search.baseline, search.first) for part in parts]
     return section
 
 
@@ -257,8 +243,8 @@ def _verified(run: SearchFolder) -> Section | None:
         else f"No detector evaluated {search.baseline}, the baseline of this comparison: the "
         "vehicle does not carry it, or its trainings failed."
     )
-    tables = [verified_table(rows, search.baseline, search.first)]
-    return Section("Did the gain become AP?", [note], tables=tables)
+    table = tables.verified_table(rows, search.baseline, search.first)
+    return Section("Did the gain become AP?", [note], tables=[table])
 
 
 def _parameters(run: SearchFolder) -> Section | None:

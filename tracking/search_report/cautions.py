@@ -1,18 +1,18 @@
 """What to be careful about when reading the result of a search."""
 
+from math import dist
+
 import numpy as np
 
+from lidarplace.mounting.polygon import nearest_of_boundary
 from tracking.findings.evidence import ray_counting_caution
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig, Zone
 from tracking.search_report.headline import best_of_paper, with_unit
 
-FEW_PER_PARAMETER = 10
-"""Fewer evaluations for each parameter are few."""
-_NEAR = 0.005
-"""Metres: nearer to the face of a zone than any bracket is mounted."""
-_SHARE = 0.01
-"""Of the span of an angle."""
+FEW_PER_PARAMETER = 10  # fewer evaluations for each parameter are few
+_NEAR = 0.005  # metres: nearer to the face of a zone than any bracket is mounted
+_SHARE = 0.01  # of the span of an angle
 
 
 def cautions(run: SearchFolder) -> list[str]:
@@ -81,16 +81,19 @@ def _other_cases(run: SearchFolder) -> list[str]:
 
 
 def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
-    """What of the rig lies at the edge, for example "LiDAR 2: z, roll". LiDARs outside of `zones`
-    were not searched, or are mirror images of one within. A range without width has no edge, and
-    neither has a full turn."""
+    """What is at the edge, for example "LiDAR 2: z, roll". LiDARs outside of `zones` were
+    not searched, or are mirror images; a range without width and a full turn have no edge."""
     by_name = {zone.name: zone for zone in zones}
     found = []
     for i, (mount, name) in enumerate(zip(rig.placed, rig.zones, strict=True), start=1):
         zone = by_name.get(name or "")
         if zone is None or mount.y < min(y for _, y in zone.polygon) - _NEAR:
             continue
-        edges = _of_zone(mount.x, mount.y, mount.z, zone)
+        edges, (low, high), at = [], zone.z, (mount.x, mount.y)
+        if len(zone.polygon) > 2 and dist(nearest_of_boundary(zone.polygon, *at), at) < _NEAR:
+            edges.append("x, y")
+        if high > low and min(abs(mount.z - low), abs(mount.z - high)) < _NEAR:
+            edges.append("z")
         edges += [
             angle
             for angle in ("roll", "pitch", "yaw")
@@ -99,27 +102,6 @@ def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
         if edges:
             found.append(f"LiDAR {i}: {', '.join(edges)}")
     return found
-
-
-def _of_zone(x: float, y: float, z: float, zone: Zone) -> list[str]:
-    corners = np.array(zone.polygon)
-    following = np.roll(corners, -1, axis=0)
-    area = corners[:, 0] @ following[:, 1] - corners[:, 1] @ following[:, 0]
-    found = []
-    if abs(area) > 1e-9 and _distance(np.array([x, y]), corners, following) < _NEAR:
-        found.append("x, y")
-    low, high = zone.z
-    if high > low and min(abs(z - low), abs(z - high)) < _NEAR:
-        found.append("z")
-    return found
-
-
-def _distance(point: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> float:
-    """From a point (2,) to the nearest of segments (n, 2), metres."""
-    along = ends - starts
-    length = np.maximum((along**2).sum(axis=1), 1e-18)
-    t = np.clip(((point - starts) * along).sum(axis=1) / length, 0, 1)
-    return float(np.linalg.norm(starts + t[:, None] * along - point, axis=1).min())
 
 
 def _extreme(degrees: float, span: tuple[float, float]) -> bool:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line.terminal import say
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 
 app = new_app()
 
@@ -19,10 +19,8 @@ def search_report(
     """Write search.html again from the folder of a search, and print its path."""
     from tracking.search_report.build import build_search_report
 
-    try:
+    with checked_input():
         page = build_search_report(run)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if as_json:
         print_json({"report": str(page)})
     else:

@@ -10,9 +10,8 @@ from tracking.run_folders.search import SearchFolder
 def excess(run: SearchFolder) -> pd.DataFrame:
     """How far trials break constraints, in shares of the limits: what the nearest is judged by.
 
-    Rows are possible trials with every violation known, columns constraints. Of a limit of 0 there
-    is no share, so it counts in its own unit. Of trials that lack the same of a requirement the one
-    is nearer that has enough at more positions.
+    Rows are possible trials with every violation known, columns constraints. A limit of 0 counts in
+    its own unit. Of equals the one is nearer that has enough at more positions.
     """
     trials, columns = run.trials[run.trials["possible"].astype(bool)], {}
     for c in run.search.constraints:

@@ -1,14 +1,14 @@
 """The tables of a search's page, as cells of text."""
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from tracking.labels import DASH, digits, not_significant, number, span
 from tracking.pages.section import Column, Table, numbers, words
-from tracking.run_folders.search_json import Objective, Rig
+from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.headline import shown
 
 
@@ -23,22 +23,19 @@ def mount_table(caption: str, rig: Rig) -> Table:
     return Table(caption, head, tuple(rows), words=frozenset({0, 1, 2}), wide=True)
 
 
-def rig_table(
-    caption: str, rigs: Mapping[str, Rig], objectives: Sequence[Objective], first: Objective
-) -> Table:
-    """Values of rigs with all rays, feasible ones first, the best by `first` on top. The best
-    feasible value of each column is bold."""
+def rig_table(caption: str, search: SearchResult) -> Table:
+    """Values of rigs with all rays, the best feasible one by the first objective on top."""
+    rigs, objectives, first = search.rigs, search.objectives, search.first
 
     def rank(name: str) -> tuple[bool, bool, float]:
         value = -first.sign * rigs[name].value(first)
         return not rigs[name].feasible, bool(np.isnan(value)), value
 
     head = ("rig", "role", "feasible", "LiDARs", *(objective.label for objective in objectives))
-    rows, ranked = [], {name: rigs[name] for name in sorted(rigs, key=rank)}
+    rows, best, ranked = [], set(), {name: rigs[name] for name in sorted(rigs, key=rank)}
     for name, rig in ranked.items():
         cells = (rig.role, "yes" if rig.feasible else "not feasible", str(len(rig.mounts)))
         rows.append((name, *cells, *(shown(o, rig.value(o)) for o in objectives)))
-    best = set()
     for column, o in enumerate(objectives, start=4):
         values = np.array([o.sign * rig.value(o) for rig in ranked.values() if rig.feasible])
         if np.isfinite(values).any():
@@ -48,13 +45,14 @@ def rig_table(
 
 def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
     """What every LiDAR that greedy took added, with its mount; `rays`: `SearchResult.strided`."""
-    head = tuple(str(column) for column in greedy.columns)
-    rows = tuple(tuple(_cell(cell) for cell in row) for row in greedy.itertuples(index=False))
-    words = {
-        i for i, c in enumerate(greedy.columns) if not pd.api.types.is_numeric_dtype(greedy[c])
-    }
+    columns = [
+        Column(
+            str(name), lambda row, name=name: _cell(row[name]), not is_numeric_dtype(greedy[name])
+        )
+        for name in greedy.columns
+    ]
     caption = f"Greedy, step by step{f' · as searched, with {rays}' if rays else ''}"
-    return Table(caption, head, rows, words=frozenset(words), wide=True)
+    return Table.of(caption, greedy, columns, wide=True)
 
 
 def robustness_table(rows: pd.DataFrame) -> Table:
@@ -96,5 +94,5 @@ def _cell(value: Any) -> str:
     if isinstance(value, str):
         return value
     if value is None or pd.isna(value):
-        return digits(np.nan, "")
-    return digits(float(value), ".5g") if isinstance(value, float | np.floating) else str(value)
+        return DASH
+    return digits(value, ".5g") if isinstance(value, float) else str(value)

@@ -26,9 +26,8 @@ def label_places(
 ) -> list[str]:
     """Plotly's `textposition` for every point, chosen one point after the other.
 
-    Each label takes the side that covers the least of points, their bars and labels before it; the
-    first of equal ones that is not cut at the edge. A point with the label "" is an obstacle alone.
-    `bars` are lengths of the error bars along y to each side, NaN or 0 for none.
+    Each label takes the side that covers the least of points, their bars and labels before it. A
+    point with the label "" is an obstacle alone. `bars` are lengths along y to each side, NaN or 0.
     """
     if len(labels) > MOST_NAMED:
         return ["middle right"] * len(labels)
@@ -78,11 +77,8 @@ def add_placements(
     placements: Sequence[str],
     **trace: Any,
 ) -> None:
-    """Draw a named point for each placement, its label, of few, where it hides no other.
-
-    `x` and `y` are of every point, `half` of the bar up and down, NaN for none, shapes (n,);
-    `trace` is what else the trace has.
-    """
+    """Draw a named point for each placement, its label, of few, where it hides no other. `x`, `y`
+    and `half` of the bar, NaN for none, have shapes (n,); `trace` is what else the trace has."""
     rank = [placements.index(name) for name in names]
     across, up, bar = (np.asarray(values, np.float64) for values in (x, y, half))
     plot.add_scatter(

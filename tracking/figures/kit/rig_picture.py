@@ -49,10 +49,8 @@ class PicturedRig:
 def rig_picture(
     rigs: Mapping[str, PicturedRig], vehicle: Vehicle | None, zones: Sequence[Zone] = ()
 ) -> go.Figure:
-    """The first of `rigs`, by the name in the menu, at the start; the others by the menu.
-
-    A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`.
-    """
+    """The first of `rigs`, by the name in the menu, at the start; the others by the menu. A sedan
+    carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
     plot = figure("LiDARs on the vehicle", height=420, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     plot.add_traces(vehicle_in_space(vehicle))
     if zones:

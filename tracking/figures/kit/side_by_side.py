@@ -6,16 +6,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import (
-    add_odds,
-    colour,
-    error_bars,
-    figure,
-    legend_below,
-    name_rows,
-    symbol,
-    text,
-)
+from tracking.figures.kit import style
 
 
 def side_by_side(
@@ -26,12 +17,12 @@ def side_by_side(
     odds: Sequence[str] = (),
     shown: str = "%{x:.1f}",
 ) -> go.Figure:
-    """Points in `rows` from top to bottom, a colour a column, bars from low to high.
+    """Points in `rows` from top to bottom, a colour a column, bars from low to high (NaN for none).
 
-    `columns` are by name: mean, low and high (NaN for no interval) by row. `odds`, how likely each
-    row is to be the best, are on the right; `shown` is plotly's text of a point that is pointed at.
+    `odds`, how likely each row is to be the best, are on the right; `shown` is plotly's text of a
+    point that is pointed at.
     """
-    plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
+    plot = style.figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, own) in enumerate(columns.items()):
         own = own.reindex(list(rows))
         up, down = (own["high"] - own["mean"]).fillna(0), (own["mean"] - own["low"]).fillna(0)
@@ -40,17 +31,21 @@ def side_by_side(
         plot.add_scatter(
             x=own["mean"].to_numpy(),
             y=place,
-            error_x=error_bars(up, down, thickness=1.5),
+            error_x=style.error_bars(up, down, thickness=1.5),
             mode="markers",
-            marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
-            name=text(name),
-            customdata=[text(row) for row in rows],
+            marker={"size": 9, "color": style.colour(i), "symbol": style.symbol(i)},
+            name=style.text(name),
+            customdata=[style.text(row) for row in rows],
             hovertemplate=f"%{{customdata}}: {shown}<extra>%{{fullData.name}}</extra>",
             showlegend=True,
         )
     plot.update_xaxes(title=axis)
-    name_rows(plot, rows)
+    style.name_rows(plot, rows)
     if odds:
-        add_odds(plot, odds)
-    legend_below(plot)
+        place = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
+        for row, said in [*enumerate(map(style.text, odds)), (-0.9, "likely to<br>be the best")]:
+            plot.add_annotation(y=row, text=said, font={"size": 11}, **place)
+        plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
+        plot.update_layout(margin={"r": 84})
+    style.legend_below(plot)
     return plot

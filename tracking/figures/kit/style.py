@@ -29,11 +29,8 @@ def colour(index: int) -> str:
 
 
 def lidar_colour(index: int) -> str:
-    """The colour of the `index`-th LiDAR of a rig.
-
-    Points of a cloud are too small for markers: green and pink, which are one grey to those who do
-    not see red or green, are not both among the first four.
-    """
+    """The colour of the `index`-th LiDAR of a rig. Points are too small for markers: green and
+    pink, one grey to those who do not see red or green, are not both among the first four."""
     return colour(_OF_LIDARS[index % len(COLOURS)])
 
 
@@ -44,10 +41,8 @@ def lidar_markers(count: int, size: float) -> dict[str, Any]:
 
 
 def symbol(index: int) -> str:
-    """The marker of the `index`-th of several things: not everybody distinguishes colours.
-
-    There is one more than colours, so that the pair of both repeats after 72 things only.
-    """
+    """The marker of the `index`-th of several things: not everybody distinguishes colours. There is
+    one more than colours, so that the pair of both repeats after 72 things only."""
     return SYMBOLS[index % len(SYMBOLS)]
 
 
@@ -64,8 +59,7 @@ _LINE = 18  # pixels
 _LONGEST_OF_TWO = 10
 """Letters of a name that fits a phone's row of the legend with another one: a row is as wide as the
 plot without its labels."""
-_SIDE = 16
-"""Pixels on the right of a figure with nothing there."""
+_SIDE = 16  # pixels on the right of a figure with nothing there
 
 _TITLE = {"x": 0, "xref": "container", "y": 1, "yref": "container", "yanchor": "top"}
 _AROUND_TITLE = {"font": {"size": 14}, "pad": {"t": 12, "l": 4}}
@@ -85,10 +79,8 @@ def broken(title: str) -> str:
 def figure(
     title: str, height: int, margin: dict[str, int] | None = None, **layout: Any
 ) -> go.Figure:
-    """An empty figure as wide as its container. `title` may hold tags, names go in by `text`.
-
-    A title that is too long is broken; height and top margin then grow.
-    """
+    """An empty figure as wide as its container. `title` may hold tags, names go in by `text`. A
+    title that is too long is broken; height and top margin then grow."""
     shown = broken(title)
     more = _LINE * shown.count(SOFT_BREAK)
     sides = {"l": 56, "r": _SIDE, "t": 48, "b": 48} | (margin or {})
@@ -142,14 +134,10 @@ def add_menu(
     plot.update_layout(updatemenus=[whole])
 
 
-def name_rows(plot: go.Figure, names: Sequence[object], **axis: Any) -> None:
-    """Name the rows 0, 1, … of a figure from the top; `axis`: further keys of plotly's axis."""
-    plot.update_yaxes(
-        tickvals=list(range(len(names))),
-        ticktext=[text(name) for name in names],
-        range=[len(names) - 0.5, -0.5],
-        **axis,
-    )
+def name_rows(plot: go.Figure, names: Sequence[object]) -> None:
+    """Name the rows 0, 1, … of a figure from the top."""
+    labels, rows = [text(name) for name in names], list(range(len(names)))
+    plot.update_yaxes(tickvals=rows, ticktext=labels, range=[len(names) - 0.5, -0.5])
 
 
 def error_bars(up: ArrayLike, down: ArrayLike | None = None, **style: Any) -> dict[str, Any]:
@@ -180,12 +168,3 @@ def theme(dark: bool) -> dict[str, Any]:
         "hoverlabel": {"font": family},
     }
     return {"layout": layout}
-
-
-def add_odds(plot: go.Figure, odds: Sequence[str]) -> None:
-    """Write them on the right, a row each from 0 at the top on, with a head above."""
-    place = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
-    for row, words in [*enumerate(map(text, odds)), (-0.9, "likely to<br>be the best")]:
-        plot.add_annotation(y=row, text=words, font={"size": 11}, **place)
-    plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
-    plot.update_layout(margin={"r": 84})

@@ -91,8 +91,6 @@ def posts(mounts: Sequence[Mount], vehicle: Vehicle | None) -> NDArray[np.float6
     return np.concatenate(lines)
 
 
-_AROUND = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 0.2]])
-"""What is in view before and behind the vehicle's ends, metres."""
 _CELLS = 200
 """Maps are averaged to at most this many cells along the longer side: a page holds many."""
 
@@ -120,8 +118,9 @@ def pog_from_above(
 def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
     """Outline the vehicle, a sedan for None; it and the whole ROI are in view."""
     plot.add_trace(vehicle_outline(vehicle, "y"))
-    x, y = in_view(vehicle, roi)[:2]
-    axes_from_above(plot, x, y)
+    low, high = extent_of(vehicle)
+    ends = zip((roi.x, roi.y), low - 0.5, high + 0.5, strict=False)
+    axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))
 
 
 def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> None:
@@ -134,13 +133,6 @@ def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> 
 def map_height(shape: float, least: int, most: int) -> int:
     """What fits a map of this height over its width in a narrow column."""
     return int(np.clip(98 + 265 * shape, least, most))
-
-
-def in_view(vehicle: Vehicle | None, roi: Roi) -> list[list[float]]:
-    """What axes x, y and z show: the vehicle and the whole ROI, metres."""
-    low, high = (extent_of(vehicle) + _AROUND).tolist()
-    sides = zip((roi.x, roi.y, roi.z), low, high, strict=True)
-    return [[min(side[0], first), max(side[1], last)] for side, first, last in sides]
 
 
 def averaged(

@@ -11,14 +11,13 @@ from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.summary import for_comparison
 from tracking.kitti_iou import judged
 from tracking.labels import percent
-from tracking.pages.files_beside import FOLDER
-from tracking.pages.page import write_page
+from tracking.pages.page import FOLDER, write_page
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import picture_section, rigs_section
 from tracking.report.decision.where_blind import where_blind_section
 from tracking.report.headline import class_label, headline_label
-from tracking.report.recommendation import Recommendation, answer, recommendations
+from tracking.report.recommendation import Recommendation
 from tracking.report.sections.requirements import rigs_requirements_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -36,11 +35,10 @@ def write_decision(
     `failures` is the section of what the best rig and the next one find alone.
     """
     run = found.run
-    target, groups = run.path / FILE, recommendations(found.rankings)
-    if not groups:
-        target.unlink(missing_ok=True)
+    if (said := found.answer) is None:
+        (run.path / FILE).unlink(missing_ok=True)
         return None
-    first, said = groups[0], answer(run, groups)
+    first = found.recommended[0]
     recall = recall_and_ap_section(run, first, found.means, said.enough)
     blind = where_blind_section(run, first)
     short = failures and Section(failures.title, failures.notes[:2], links=failures.links)
@@ -56,7 +54,7 @@ def write_decision(
         by_hand = "move LiDARs of these rigs by hand, and see at once what changes"
         steps.append((by_hand, command("studio", str(rigs))))
     return write_page(
-        target,
+        run.path / FILE,
         Path(__file__).with_name("decision.html"),
         [part for part in parts if part is not None],
         name=run.sweep.name,

@@ -63,9 +63,7 @@ def viewed_rig(
     name: str, mounts: Sequence[Mount], models: Sequence[LidarModel], best: bool = False
 ) -> Viewed:
     """A rig to be drawn, with the texts of its LiDARs; none of `models` if they are not known.
-
-    `best`: whether it alone has the highest mean.
-    """
+    `best`: whether it alone has the highest mean."""
     words = [_model_words(model) for model in models]
     same = len(set(words)) == 1
     said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")

@@ -1,6 +1,5 @@
 """The section of where each rig sees and where it is blind: recall by direction and distance."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +24,7 @@ from tracking.run_folders.sweep import RunFolder
 
 _METRICS = ("class_recall_3D", "recall", "AP_R40_3D")
 """The first that a table has shows where objects are found; older run folders have AP alone."""
-_FEW = 100
-"""Objects in a bin, below which nothing is said of it."""
+_FEW = 100  # objects in a bin, below which nothing is said of it
 _ROW = 24  # pixels
 _PALE = [
     [at, "rgb({:.0f}, {:.0f}, {:.0f})".format(*(0.35 * np.array(hex_to_rgb(own)) + 0.65 * 255))]
@@ -73,12 +71,7 @@ def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None
     for name in dict.fromkeys(one.object_class for one in tables):
         own = [one for one in tables if one.object_class == name]
         limits = _limits(own)
-        for one in own:
-            by = one.bins.of.replace(" of the object", "")
-            small = f"<span style='font-size:12px'>{one.metric}, %</span>"
-            title = f"{text(name)} by {by}<br>{small}"
-            plot = bin_table(one.values, one.objects, one.bins, title, limits, one.sure)
-            section.figures.append(plot)
+        section.figures += [bin_table(one, limits) for one in own]
         section.notes += _behind(own, found.best.best)
     return section
 
@@ -118,24 +111,17 @@ def _behind(tables: list[_Binned], best: str) -> list[str]:
     return [f"{cells} {best} is furthest behind at {where}: {lead:.1f} points below {other}."]
 
 
-def bin_table(
-    values: pd.DataFrame,
-    objects: pd.Series,
-    bins: Bins,
-    title: str,
-    limits: tuple[float, float],
-    enough: Collection[str],
-) -> go.Figure:
+def bin_table(binned: _Binned, limits: tuple[float, float]) -> go.Figure:
     """Cells with their numbers, dark where little is found, pale where there are few objects.
-
-    `values` have placements as rows from top to bottom and bins as columns, percent; `objects` are
-    counted by bin; `limits` are of the darkest and the brightest colour; bins that are `enough`
-    have so many objects that they can be judged.
-    """
-    cells = values.reindex(columns=bins.names)
+    Placements are rows from top to bottom; `limits` are of the darkest and the brightest colour."""
+    bins, numbers = binned.bins, list(range(len(binned.bins.names)))
+    cells = binned.values.reindex(columns=bins.names)
+    small = f"<span style='font-size:12px'>{binned.metric}, %</span>"
+    by = bins.of.replace(" of the object", "")
+    title = f"{text(binned.object_class)} by {by}<br>{small}"
     margin = {"l": 8, "r": 8, "t": 48, "b": 44}
     plot = figure(title, height=92 + _ROW * len(cells), margin=margin)
-    judged = cells.columns.isin(list(enough))
+    judged = cells.columns.isin(binned.sure)
     for own, scale, form in ((judged, SEQUENTIAL, "{}"), (~judged, _PALE, "({})")):
         shown = cells.loc[:, own].reindex(columns=bins.names).to_numpy(np.float64)
         labels = [
@@ -144,7 +130,7 @@ def bin_table(
         ]
         plot.add_heatmap(
             z=shown,
-            x=list(range(len(bins.names))),
+            x=numbers,
             y=[text(name) for name in cells.index],
             zmin=limits[0],
             zmax=limits[1],
@@ -158,9 +144,10 @@ def bin_table(
             xgap=2,
             ygap=2,
         )
+    counts = zip(bins.names, binned.objects[list(bins.names)], strict=True)
     plot.update_xaxes(
-        tickvals=list(range(len(bins.names))),
-        ticktext=[f"{name.replace(' ', '<br>')}<br>n {objects[name]:,}" for name in bins.names],
+        tickvals=numbers,
+        ticktext=[f"{name.replace(' ', '<br>')}<br>n {n:,}" for name, n in counts],
         tickfont={"size": 11},
         tickangle=0,
         showgrid=False,

@@ -154,10 +154,8 @@ class TiltPair(NamedTuple):
 
 
 def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
-    """All pairs of `placements` that differ in one of `ANGLES` alone, in their order.
-
-    The order of the LiDARs does not matter. Pairs in which both are tilted equally are left out.
-    """
+    """All pairs of `placements` that differ in one of `ANGLES` alone, in their order. The order of
+    the LiDARs does not matter. Pairs in which both are tilted equally are left out."""
     found = []
     for angle in ANGLES:
         bases = {name: _without(mounts, angle) for name, mounts in placements.items()}

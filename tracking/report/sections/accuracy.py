@@ -17,8 +17,7 @@ _STYLES = {
     "resolution": (2, "diamond"),
     "frames": (1, "triangle-up"),
 }
-FIRST = "s_mig"
-"""Surrogate that is shown before another is chosen."""
+FIRST = "s_mig"  # surrogate that is shown before another is chosen
 
 
 def accuracy_section(found: Analysis) -> Section:
@@ -83,10 +82,8 @@ def _percent(error: float) -> str:
 
 
 def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
-    """Error against the fine reference over seconds; a menu chooses the surrogate.
-
-    `summary` is `summarise` of one class and one setting.
-    """
+    """Error against the fine reference over seconds; a menu chooses the surrogate. `summary` is
+    `summarise` of one class and one setting."""
     plot = figure(text(title), height=440, margin={"t": 104})
     names = in_order(summary["surrogate"])
     first = FIRST if FIRST in names else names[0]

@@ -16,7 +16,6 @@ from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label, headline_label
-from tracking.report.recommendation import recommendations
 
 MOST_DRAWN = 20
 
@@ -36,7 +35,7 @@ def _ranked(found: Analysis) -> list[tuple[Group, str, BestPlacement]]:
     """All groups and classes, of each group the class that decides first."""
     return [
         (own.group, name, own.ranked[name])
-        for own in recommendations(found.rankings)
+        for own in found.recommended
         for name in dict.fromkeys((own.by, *own.ranked))
     ]
 
@@ -104,10 +103,6 @@ def _seed_effects(ranked: Sequence[tuple[Group, str, BestPlacement]]) -> Iterato
         )
 
 
-def _share(sure: float) -> str:
-    return DASH if np.isnan(sure) else percent(sure)
-
-
 def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
     """The best, those not significantly behind it, then the others."""
     leads = best.others[["lead", "low", "high", "p"]]
@@ -127,7 +122,7 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
             "95 %, all pairs at once",
             lambda row: span(row["low_of_lead"], row["high_of_lead"], "z.1f"),
         ),
-        numbers("likely to be the best", "sure", _share),
+        numbers("likely to be the best", "sure", percent),
         numbers("p, adjusted", "p", ".2g"),
         Column("95 % of the mean", lambda row: span(row["low"], row["high"], "z.1f")),
         numbers("sd by test objects", "sample_sd", ".1f"),

@@ -16,10 +16,8 @@ from tracking.report.analysis import Analysis
 from tracking.run_folders.arrays import Frame
 from tracking.run_folders.sweep import RunFolder
 
-MOST_CLOUDS = 12
-"""Placements in the menu: a page must stay small."""
-POINTS = 8000
-"""Points kept of a placement's cloud, drawn at random."""
+MOST_CLOUDS = 12  # placements in the menu: a page must stay small
+POINTS = 8000  # points kept of a placement's cloud, drawn at random
 _DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 

@@ -7,26 +7,18 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from tracking import labels
 from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import add_menu, broken, figure, text
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import (
-    in_order,
-    interval,
-    metric_label,
-    signed,
-    surrogate_label,
-    surrogate_name,
-)
 from tracking.pages.section import METRIC, SURROGATE, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING
 
-MOST_COEFFICIENTS = 300
-"""Rows of the table of all coefficients that the page shows."""
+MOST_COEFFICIENTS = 300  # rows of the table of all coefficients that the page shows
 
 
 def scatters(found: Analysis) -> Iterator[go.Figure]:
@@ -79,18 +71,17 @@ def scatter(
 ) -> go.Figure:
     """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
 
-    `metric` are rows of `seed_means` for one class, detector, metric, IoU and setting, `surrogates`
-    those of `surrogates_of`, `correlations` those of `correlate` with their ceilings and
-    `leave_one_out`; the first of the largest |rho| is shown.
+    `metric` are rows of `seed_means` of one group, `surrogates` those of `surrogates_of`,
+    `correlations` those of `correlate`; the first of the largest |rho| is shown.
     """
     known = {row["surrogate"]: row for row in correlations.to_dict("records")}
-    menu = [name for name in in_order(known) if known[name]["n"] > 0]
+    menu = [name for name in labels.in_order(known) if known[name]["n"] > 0]
     strength = [np.nan_to_num(abs(known[name]["spearman"])) for name in menu]
     first = int(np.argmax(strength))
     table = metric[metric["seeds"] > 0].set_index("placement").join(surrogates, how="inner")
     table = table.loc[[name for name in placements if name in table.index]]
     names = [str(name) for name in table.index]
-    label = metric_label(*metric.iloc[0][["metric", "iou"]])
+    label = labels.metric_label(*metric.iloc[0][["metric", "iou"]])
 
     small = '<span style="font-size:12px">'
     heads = [f"{title}<br>{small}{_coefficient(known[name])}</span>" for name in menu]
@@ -99,27 +90,28 @@ def scatter(
     hover = "%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>"
     shown = table[menu[first]]
     add_placements(plot, shown, mean, half, names, placements, hovertemplate=hover)
-    plot.update_xaxes(title=surrogate_label(menu[first]))
+    plot.update_xaxes(title=labels.surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
     changes = []
     for name, head in zip(menu, heads, strict=True):
-        layout = {"title.text": broken(head), "xaxis.title.text": surrogate_label(name)}
+        layout = {"title.text": broken(head), "xaxis.title.text": labels.surrogate_label(name)}
         places = label_places(table[name].to_numpy(np.float64), mean, names, half)
         data = {"x": [table[name].to_list()], "textposition": [places]}
         changes.append((data, layout | {"xaxis.autorange": True}))
-    add_menu(plot, [surrogate_name(name) for name in menu], changes, first, y=1.02)
+    add_menu(plot, [labels.surrogate_name(name) for name in menu], changes, first, y=1.02)
     return plot
 
 
 def _coefficient(row: Mapping[Hashable, Any]) -> str:
     if np.isnan(row["spearman"]):
         return text(row["note"])
-    rho = f"ρ = {signed(row['spearman'])} {interval(row['spearman_low'], row['spearman_high'])}, "
-    rho += f"p = {row['spearman_p']:.2g}, n = {row['n']}"
+    rho = f"ρ = {labels.signed(row['spearman'])} "
+    rho += labels.interval(row["spearman_low"], row["spearman_high"])
+    rho += f", p = {row['spearman_p']:.2g}, n = {row['n']}"
     if np.isfinite(row["ceiling"]):
         rho += f", ceiling {row['ceiling']:.2f}"
-    others = f"r = {signed(row['pearson'])}, τ = {signed(row['kendall'])}"
+    others = f"r = {labels.signed(row['pearson'])}, τ = {labels.signed(row['kendall'])}"
     if np.isnan(row["spearman_min"]):
         return f"{rho}<br>{others}"
-    span = f"{signed(row['spearman_min'])} to {signed(row['spearman_max'])}"
+    span = f"{labels.signed(row['spearman_min'])} to {labels.signed(row['spearman_max'])}"
     return f"{rho}<br>{others}; one left out: ρ {span}"

@@ -14,10 +14,8 @@ from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
-MOST_MAPS = 12
-"""Placements drawn in maps: a page must stay small."""
-_CELLS = 80
-"""Cells along the longer side of a map; a page holds two for every placement."""
+MOST_MAPS = 12  # placements drawn in maps: a page must stay small
+_CELLS = 80  # cells along the longer side of a map; a page holds two for every placement
 _MARK = "#D55E00"
 
 

@@ -15,16 +15,13 @@ from tracking.pages.section import Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 
-FILE = "failures.html"
-"""Of `tracking.report.failures`, in the folder of the run."""
+FILE = "failures.html"  # of `tracking.report.failures`, in the folder of the run
 TITLE = "What one rig finds and another one misses"
-_FEW = 100
-"""Objects in a bin, below which it is not named."""
+_FEW = 100  # objects in a bin, below which it is not named
 
 
 def failures_section(found: Analysis) -> Section | None:
-    """`counted_failures` of the best rig and the next one; what to do where a run folder cannot
-    tell; None for a sweep without detectors."""
+    """`counted_failures` of the best rig and the next one; None for a sweep without detectors."""
     run = found.run
     if found.pair is not None:
         return counted_failures(found.pair)
@@ -39,8 +36,7 @@ def failures_section(found: Analysis) -> Section | None:
 
 
 def counted_failures(found: Failures) -> Section:
-    """How many objects each of two rigs finds alone, by class, direction, distance, occlusion and
-    height. The first two notes say what it comes to."""
+    """How many objects each rig finds alone. The first two notes say what it comes to."""
     counts = found.counts()
     ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
     link = f"The frames with the largest differences, under {' and '.join(found.rigs)}"
@@ -134,7 +130,7 @@ def found_alone(
     """Bars to the right for the first rig, to the left for the second one, a colour a class.
 
     `counts` are of single classes of one dimension, `bins` are rows from top to bottom, `classes`
-    those of the sweep, in order, so that a class keeps its colour.
+    those of the sweep, in order.
     """
     total = counts.groupby("bin")["objects"].sum()
     plot = figure(title, height=130 + 34 * len(bins), barmode="relative", bargap=0.3)

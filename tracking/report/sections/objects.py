@@ -1,7 +1,8 @@
 """The sections of objects: how many there are, and a metric of each placement by where they are."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -52,16 +53,13 @@ def _individuals_table(individuals: pd.DataFrame, title: str) -> Table:
 
 
 _METRIC = headline_metric("all")
-SECTOR = ["sector", "from_deg", "to_deg"]
-"""Columns that distinguish sectors."""
-RING = ["from_m", "to_m"]
-"""Columns that distinguish rings."""
+SECTOR = ["sector", "from_deg", "to_deg"]  # columns that distinguish sectors
+RING = ["from_m", "to_m"]  # columns that distinguish rings
 
 
 @dataclass(frozen=True)
 class Bins:
-    """What objects are distinguished by, with its unit; names of the bins, in order; and what
-    stands behind a name."""
+    """What objects are distinguished by; names of the bins, in order; what is behind a name."""
 
     of: str
     names: tuple[str, ...]
@@ -88,27 +86,27 @@ def wide(own: pd.DataFrame, bins: Bins, values: str) -> pd.DataFrame:
     return table.reindex(index=own["placement"].unique(), columns=bins.names)
 
 
+def _by_bin(
+    own: pd.DataFrame, bins: Bins, values: tuple[str, str], cell: Callable[..., str], **further: Any
+) -> Table:
+    """A row a placement, a column a bin, cells of two columns of `own`; `further` attributes."""
+    one, two = (wide(own, bins, name) for name in values)
+    rows = tuple((str(name), *map(cell, one.loc[name], two.loc[name])) for name in one.index)
+    head = ("placement", *(f"{name}{bins.unit}" for name in bins.names))
+    return Table(head=head, rows=rows, **further)
+
+
 def _metric_table(own: pd.DataFrame, bins: Bins, what: str, by: str, label: str) -> Table:
     """Mean ± sd of every placement and bin of `means_by_bin`, the highest of a bin bold."""
     metric = f"{metric_label(own['metric'].iloc[0], own['iou'].iloc[0])} (%)"
-    mean, sd = wide(own, bins, "mean"), wide(own, bins, "sd")
-    rows = tuple(
-        (str(row), *(plus_minus(*cell) for cell in zip(mean.loc[row], sd.loc[row], strict=True)))
-        for row in mean.index
-    )
     best = frozenset(
-        (int(np.nanargmax(mean[column])), i)
-        for i, column in enumerate(mean, start=1)
-        if mean[column].notna().any()
+        (int(np.nanargmax(column)), i)
+        for i, (_, column) in enumerate(wide(own, bins, "mean").items(), start=1)
+        if column.notna().any()
     )
-    return Table(
-        f"{metric} {by} · {label}",
-        ("placement", *(f"{column}{bins.unit}" for column in bins.names)),
-        rows,
-        best,
-        name=slug(what, by, label),
-        data=own.drop(columns="bin").rename(columns={"mean": "mean_percent", "sd": "sd_percent"}),
-    )
+    data = own.drop(columns="bin").rename(columns={"mean": "mean_percent", "sd": "sd_percent"})
+    of = {"caption": f"{metric} {by} · {label}", "name": slug(what, by, label), "data": data}
+    return _by_bin(own, bins, ("mean", "sd"), plus_minus, best=best, **of)
 
 
 def by_sector_section(found: Analysis) -> Section | None:
@@ -116,11 +114,11 @@ def by_sector_section(found: Analysis) -> Section | None:
     run = found.run
     if run.sector is None or run.sector.empty:
         return None
-    section = Section("Objects by their direction")
-    section.notes.append(
+    note = (
         "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
         "centre. Recall: means over seeds ± standard deviation."
     )
+    section = Section("Objects by their direction", [note])
     for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
         section.tables.append(_metric_table(*in_sectors(rows), "Recall", "by direction", label))
     return section
@@ -166,17 +164,11 @@ def in_rings(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
 
 
 def _points_table(own: pd.DataFrame, rings: Bins, label: str) -> Table:
-    means, unseen = wide(own, rings, "mean"), wide(own, rings, "unseen")
-
     def cell(mean: float, share: float) -> str:
         return DASH if np.isnan(mean) else f"{mean:,.1f} ({100 * share:.0f} %)"
 
-    rows = tuple((str(name), *map(cell, means.loc[name], unseen.loc[name])) for name in means.index)
+    caption = f"Points per object, share of the objects without any in brackets · {label}"
     names = {"mean": "points_mean", "median": "points_median"}
-    return Table(
-        f"Points per object, share of the objects without any in brackets · {label}",
-        ("placement", *(f"{ring}{rings.unit}" for ring in rings.names)),
-        rows,
-        name=slug("points per object", label),
-        data=own.drop(columns="bin").rename(columns=names),
-    )
+    of = {"name": slug("points per object", label)}
+    of |= {"data": own.drop(columns="bin").rename(columns=names)}
+    return _by_bin(own, rings, ("mean", "unseen"), cell, caption=caption, **of)

@@ -7,20 +7,11 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
+from tracking import labels
 from tracking.findings.groups import Group, has_detectors, met, verdicts
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
-from tracking.labels import (
-    DASH,
-    in_order,
-    metric_label,
-    number,
-    plus_minus,
-    signed,
-    surrogate_label,
-    surrogate_name,
-)
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
@@ -30,11 +21,12 @@ from tracking.run_folders.sweep import RunFolder
 def placements_section(found: Analysis) -> Section:
     """A table for every group and class, and the trials that failed."""
     run = found.run
+    decides = labels.surrogate_name(deciding_surrogate(run.surrogates))
     with_results = (
         "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
     )
     alone = (
-        f"No detector was evaluated. Order: {surrogate_name(deciding_surrogate(run.surrogates))}. "
+        f"No detector was evaluated. Order: {decides}. "
         "Ranks in brackets, 1 the highest value. The ranks of S-MIG, IG and residual entropy run "
         "against those of covered entropy: only a detector shows which sign is better."
     )
@@ -76,12 +68,12 @@ def _placement_table(
     required = met(verdicts(run, group.setting)).reindex(table.index)
     if required.notna().any():
         table["requirements met"] = required
-        counted = required.fillna(DASH)
+        counted = required.fillna(labels.DASH)
         columns.append(Column("requirements met", lambda row: counted[row["placement"]]))
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
     metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     for metric, iou in metrics.itertuples(index=False):
-        label = f"{metric_label(metric, iou)} (%)"
+        label = f"{labels.metric_label(metric, iou)} (%)"
         cells = own[(own["metric"] == metric) & (own["iou"] == iou)].set_index("placement")
         for key in ("mean", "sd", "low", "high", "seeds"):
             table[f"{label} {key}"] = cells[key].reindex(table.index)
@@ -91,14 +83,14 @@ def _placement_table(
             order = f"{label} mean"
     caption = group.label(class_label(object_class))
     if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:
-        caption += f" · H_POG = {number(surrogates['h_pog'].iloc[0])} nats"
+        caption += f" · H_POG = {labels.number(surrogates['h_pog'].iloc[0])} nats"
         table["H_POG (nats)"] = surrogates["h_pog"].iloc[0]
         surrogates = surrogates.drop(columns="h_pog")
-    for surrogate in in_order(surrogates.columns):
-        label = surrogate_label(surrogate)
+    for surrogate in labels.in_order(surrogates.columns):
+        label = labels.surrogate_label(surrogate)
         table[label] = surrogates[surrogate].reindex(table.index)
         alone = own.empty
-        columns.append(_with_rank(label, table) if alone else numbers(label, label, number))
+        columns.append(_with_rank(label, table) if alone else numbers(label, label, labels.number))
     if order:
         table = table.sort_values(order, ascending=False, kind="stable")
     best = {(int(np.nanargmax(table[k])), i) for i, k in highest.items() if table[k].notna().any()}
@@ -112,7 +104,7 @@ def _placement_table(
 
 
 def _mean_and_sd(label: str) -> Column:
-    return Column(label, lambda row: plus_minus(row[f"{label} mean"], row[f"{label} sd"]))
+    return Column(label, lambda row: labels.plus_minus(row[f"{label} mean"], row[f"{label} sd"]))
 
 
 def _with_rank(label: str, table: pd.DataFrame) -> Column:
@@ -120,7 +112,7 @@ def _with_rank(label: str, table: pd.DataFrame) -> Column:
     ranks = table[label].rank(ascending=False, method="min")
 
     def cell(row: Mapping[Any, Any]) -> str:
-        rank, shown = ranks[row["placement"]], number(row[label])
+        rank, shown = ranks[row["placement"]], labels.number(row[label])
         return shown if np.isnan(rank) else f"{shown} ({rank:.0f})"
 
     return Column(label, cell)
@@ -145,16 +137,14 @@ def agreement_section(found: Analysis) -> Section | None:
 
 def _surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
     """Surrogates as rows and columns; [] for fewer than 3 placements, or fewer than 2 that vary.
-
-    `surrogates` have placements as rows, surrogates as columns (`surrogates_of`).
-    """
-    own = surrogates[in_order(surrogates.columns)].dropna(axis="columns", how="all")
+    `surrogates` have placements as rows, surrogates as columns (`surrogates_of`)."""
+    own = surrogates[labels.in_order(surrogates.columns)].dropna(axis="columns", how="all")
     own = own.loc[:, own.nunique() > 1]
     if len(own) < 3 or own.shape[1] < 2:
         return []
     rho = own.corr("spearman")
-    columns = [words("surrogate", show=surrogate_name)]
-    columns += [numbers(surrogate_name(name), name, signed) for name in rho.columns]
+    columns = [words("surrogate", show=labels.surrogate_name)]
+    columns += [numbers(labels.surrogate_name(name), name, labels.signed) for name in rho.columns]
     rows = rho.rename_axis("surrogate").rename_axis(columns=None).reset_index()
     name = slug("agreement", title)
     return [Table.of(title, rows, columns, wide=True, name=name)]

@@ -7,18 +7,10 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
+from tracking import labels
 from tracking.findings.best_surrogate import Predictors
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou
-from tracking.labels import (
-    DASH,
-    detector_label,
-    interval,
-    not_significant,
-    setting_label,
-    signed,
-    span,
-)
 from tracking.pages.section import SURROGATE, Column, Section, Table, numbers, of_group
 from tracking.report.analysis import Analysis
 from tracking.report.sections.ceiling import CEILING, ceilings_table
@@ -27,8 +19,7 @@ from tracking.report.sections.regret import regret_table
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.power import power_table, smallest_detectable
 
-MOST_SENTENCES = 8
-"""Findings that are listed one by one; the table has all of them."""
+MOST_SENTENCES = 8  # findings that are listed one by one; the table has all of them
 _HOW_TO_READ = (
     "A point is a placement, its bar a 95 % interval of the mean over seeds for comparing it with "
     "the others. ρ is Spearman's, with its interval over placements and seeds and its two-sided "
@@ -93,7 +84,7 @@ def _group_label(run: RunFolder, group: Mapping[Any, Any]) -> str:
     keys = [key for key in ("detector", *run.axes) if key in run.results]
     varying = [key for key in keys if run.results[key].nunique(dropna=False) > 1]
     axes = [axis for axis in varying if axis != "detector"]
-    return (detector_label if "detector" in varying else setting_label)(axes, group)
+    return (labels.detector_label if "detector" in varying else labels.setting_label)(axes, group)
 
 
 def _power_sentences(correlations: pd.DataFrame) -> Iterator[str]:
@@ -150,17 +141,21 @@ def _ranking_table(found: Analysis) -> Table:
     def behind(row: Mapping[Any, Any]) -> str:
         low, high = row["behind_low"], row["behind_high"]
         if np.isnan(low):
-            return DASH
-        return f"{row['behind']:.2f} {interval(low, high)}{not_significant(low, high)}"
+            return labels.DASH
+        return (
+            f"{row['behind']:.2f} {labels.interval(low, high)}{labels.not_significant(low, high)}"
+        )
 
     columns = [
         *of_group(run.axes),
         SURROGATE,
-        numbers("ρ", "spearman", signed),
+        numbers("ρ", "spearman", labels.signed),
         CEILING,
         numbers("p", "p", ".2g"),
         numbers("p, Holm", "holm", ".2g"),
-        Column("ρ, one left out", lambda r: span(r["spearman_min"], r["spearman_max"], "+z.2f")),
+        Column(
+            "ρ, one left out", lambda r: labels.span(r["spearman_min"], r["spearman_max"], "+z.2f")
+        ),
         Column("|ρ| behind the first", behind),
         numbers("left-out error (points)", "rmse", ".2f"),
         numbers("of the mean (points)", "rmse_of_mean", ".2f"),

@@ -34,15 +34,12 @@ _HOW_TO_READ = (
     "traffic. Square is published for its three densities only and is left out. The intervals "
     "of the coefficients do not include the spread over seeds."
 )
-DIGITS = 6
-"""Of metres and radians by which mounts are compared: a micrometre, a microradian."""
+DIGITS = 6  # of metres and radians by which mounts are compared: a micrometre, a microradian
 
 
 def published_section(found: Analysis) -> Section | None:
-    """Published AP and recall against surrogates, and against own AP and recall.
-
-    None if the sweep has fewer than two of the placements that the paper published.
-    """
+    """Published AP and recall against surrogates, and against own AP and recall. None if the sweep
+    has fewer than two of the placements that the paper published."""
     run = found.run
     published = _of_run(run)
     if published["placement"].nunique() < 2:
@@ -71,8 +68,7 @@ def published_section(found: Analysis) -> Section | None:
 
 
 def paper_names(placements: Mapping[str, Sequence[Mount]]) -> dict[str, str]:
-    """Which of `placements` stands for each of the paper's eight, by its mounts: of several that of
-    the paper's name, else the first."""
+    """Which of `placements` has the mounts of each of the paper's eight; that of its name first."""
     rigs = {name: rounded(mounts) for name, mounts in placements.items()}
     found = {}
     for paper, placement in PAPER_PLACEMENTS.items():

@@ -7,16 +7,7 @@ from tracking.findings.correlation import correlate
 from tracking.findings.generalist import calibration
 from tracking.kitti_iou import judged
 from tracking.labels import setting_label
-from tracking.pages.section import (
-    METRIC,
-    Column,
-    Section,
-    Table,
-    coefficient,
-    in_points,
-    numbers,
-    words,
-)
+from tracking.pages import section
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
@@ -28,47 +19,50 @@ _NOTE = (
 )
 
 
-def recorded_clouds_section(found: Analysis) -> Section | None:
+def recorded_clouds_section(found: Analysis) -> section.Section | None:
     """None unless placements have results on recorded clouds and on simulated ones."""
     run = found.run
     pairs = side_by_side(run)
     if pairs.empty:
         return None
     axes = [axis for axis in run.axes if axis != CLOUDS]
-    of_group = [words("class"), words("detector")]
+    of_group = [section.words("class"), section.words("detector")]
     if axes:
-        of_group.append(Column("setting", lambda row: setting_label(axes, row), words=True))
-    of_group.append(METRIC)
+        of_group.append(section.Column("setting", lambda row: setting_label(axes, row), words=True))
+    of_group.append(section.METRIC)
 
     biases = ("bias", "bias_low", "bias_high")
-    agreement = Table.of(
+    agreement = section.Table.of(
         "Rank agreement of simulated clouds with recorded ones",
         rank_agreement(run),
         [
             *of_group,
-            numbers("placements", "n", ".0f"),
-            coefficient("ρ", "spearman"),
-            coefficient("τ", "kendall"),
-            numbers("p of ρ", "spearman_p", ".2g"),
-            in_points("bias (points)", biases, "+z.1f"),
-            words("note"),
+            section.numbers("placements", "n", ".0f"),
+            section.coefficient("ρ", "spearman"),
+            section.coefficient("τ", "kendall"),
+            section.numbers("p of ρ", "spearman_p", ".2g"),
+            section.in_points("bias (points)", biases, "+z.1f"),
+            section.words("note"),
         ],
         name="recorded-clouds",
         units=dict.fromkeys(biases, "points"),
     )
-    each = Table.of(
+    each = section.Table.of(
         "Each placement on recorded and on simulated clouds",
         pairs,
-        [*of_group, words("placement"), *(numbers(f"{kind} (%)", kind, ".1f") for kind in KINDS)],
+        [
+            *of_group,
+            section.words("placement"),
+            *(section.numbers(f"{kind} (%)", kind, ".1f") for kind in KINDS),
+        ],
         name="recorded-clouds-placements",
         units=dict.fromkeys(KINDS, "%"),
     )
     title = "Do simulated clouds rank placements as recorded ones do?"
-    return Section(title, [_NOTE], tables=[agreement, each.first(50)])
+    return section.Section(title, [_NOTE], tables=[agreement, each.first(50)])
 
 
-CLOUDS = "scene.clouds"
-"""The axis over recorded and simulated clouds of the same placements."""
+CLOUDS = "scene.clouds"  # the axis over recorded and simulated clouds of the same placements
 KINDS = ("recorded", "simulated")
 
 

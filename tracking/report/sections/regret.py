@@ -15,8 +15,7 @@ from tracking.pages.section import METRIC, SURROGATE, Table, in_points, numbers,
 from tracking.report.analysis import Analysis
 from tracking.statistics.posterior import expected_regret
 
-MOST_CHOICES = 100
-"""Rows that the page shows."""
+MOST_CHOICES = 100  # rows that the page shows
 
 
 def regret_table(found: Analysis) -> list[Table]:
@@ -40,8 +39,8 @@ def regret_table(found: Analysis) -> list[Table]:
 
 
 def regrets_of_all(found: Analysis) -> pd.DataFrame:
-    """`regrets` of every group and class in rows, with class, group, its place, metric and IoU,
-    unless no placement is better than another: nothing can be lost."""
+    """`regrets` of every group and class, with class, group, its place, metric and IoU, unless no
+    placement is better than another."""
     run, parts = found.run, []
     summed = with_sums(found.surrogates, run.axes)
     for group, ranked in found.rankings:

@@ -27,10 +27,8 @@ def requirements_section(found: Analysis) -> Section | None:
 def rigs_requirements_section(
     run: RunFolder, rigs: Sequence[str], setting: Mapping[str, object]
 ) -> Section | None:
-    """A table of rigs in rows and requirements in columns, and where the first one fails.
-
-    None if nothing was required. `setting` is of the axes.
-    """
+    """A table of rigs in rows and requirements in columns, and where the first one fails. None if
+    nothing was required. `setting` is of the axes."""
     found = verdicts(run, setting)
     found = found[found["placement"].isin(rigs)]
     if found.empty:

@@ -11,8 +11,7 @@ from tracking.labels import in_order, number, surrogate_label, surrogate_name, s
 from tracking.pages.section import Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 
-MOST_INTERVALS = 20
-"""Placements whose sampling errors are shown: every pair of them is compared."""
+MOST_INTERVALS = 20  # placements whose sampling errors are shown: every pair of them is compared
 
 
 def sampling_error_section(found: Analysis) -> Section:
@@ -75,15 +74,11 @@ def _sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
     return Table.of(caption, rows, columns, wide=True, name=name, data=data)
 
 
-PAIR_COLUMNS = ("class", "surrogate", "placement", "other", "difference", "low", "high")
-
-
 def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.DataFrame:
-    """Differences of two placements over the same draws of frames: what all placements gain from a
-    draw cancels, so a difference is known better than its terms.
+    """Differences of two placements over the same draws of frames, whose common part cancels.
 
-    PAIR_COLUMNS: each pair once, the difference of the values of placement and other, and its 95 %
-    interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`.
+    Each pair once: class, surrogate, placement, other, the difference of their values, and low and
+    high of its 95 % interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`.
     """
     rows = []
     for (name, surrogate), own in estimates.groupby(["class", "surrogate"], sort=False):
@@ -97,14 +92,13 @@ def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.D
             middle, half = 2 * difference - spread.mean(), NORMAL_95 * spread.std()
             low, high = middle - half, middle + half
             rows.append((name, surrogate, placement, other, difference, low, high))
-    return pd.DataFrame(rows, columns=list(PAIR_COLUMNS))
+    columns = ["class", "surrogate", "placement", "other", "difference", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
     """Does the POG's sampling error blur the ranking of the placements? None for one placement.
-
-    `pairs` are `paired_differences` of the class and setting of `title`.
-    """
+    `pairs` are `paired_differences` of the class and setting of `title`."""
     own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
     if own.empty:
         return []

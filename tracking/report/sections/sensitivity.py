@@ -76,8 +76,7 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
     return Table.of(caption, spreads, columns, units, wide=True, name="sensitivity")
 
 
-CHANCE = 0.95
-"""Share of sweeps of equal placements whose spread stays below `by_chance`."""
+CHANCE = 0.95  # share of sweeps of equal placements whose spread stays below `by_chance`
 
 
 def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:

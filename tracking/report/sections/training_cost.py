@@ -77,9 +77,7 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
 
 def training_cost_figure(summary: pd.DataFrame, axes: Sequence[str], title: str) -> go.Figure:
     """AP below the longest training over seconds: a line a detector, bars a standard deviation.
-
-    `summary` is `summarise_cost` of one class and setting, `axes` name the points.
-    """
+    `summary` is `summarise_cost` of one class and setting, `axes` name the points."""
     plot = figure(title, height=380)
     for i, (detector, own) in enumerate(summary.groupby("detector", sort=False)):
         own = own.sort_values("seconds")

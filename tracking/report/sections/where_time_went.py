@@ -6,8 +6,6 @@ from tracking.labels import digits, some
 from tracking.pages.section import Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 
-_COLUMNS = ("stage", "tasks", "task_seconds", "wall", "overhead", "peak_memory")
-
 
 def where_time_went(found: Analysis) -> Section:
     """Task seconds of every stage, and how well the cores were kept at work."""
@@ -82,8 +80,7 @@ def stage_times(tasks: pd.DataFrame) -> pd.DataFrame:
     """Seconds of every stage in the order of `tasks`, of those tasks that ran.
 
     Columns stage, tasks, task_seconds, wall (from its first start to its last end), overhead (mean
-    over tasks of the seconds from start to end beyond the task's own) and peak_memory (bytes, the
-    largest).
+    over tasks of the seconds beyond the task's own) and peak_memory (bytes, the largest).
     """
     rows = []
     for stage, own in tasks[tasks["started"].notna()].groupby("stage", sort=False):
@@ -91,4 +88,5 @@ def stage_times(tasks: pd.DataFrame) -> pd.DataFrame:
         overhead = (own["ended"] - own["started"] - own["seconds"]).mean()
         spent = (own["seconds"].sum(), wall, overhead)
         rows.append((stage, len(own), *spent, own["peak_memory"].max()))
-    return pd.DataFrame(rows, columns=_COLUMNS)
+    columns = ["stage", "tasks", "task_seconds", "wall", "overhead", "peak_memory"]
+    return pd.DataFrame(rows, columns=columns)

@@ -1,4 +1,4 @@
-"""What a search found: over evaluations, its bound over seconds, and pairs of objectives."""
+"""Figures of a search: its history, its fronts, and its rigs against the baseline."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -7,8 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
+from lidarplace.mounting.vehicle import Vehicle
+from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import OUTLINE, colour, figure, text
+from tracking.figures.kit.vehicle_lines import add_vehicle, pog_from_above
 from tracking.run_folders.search_json import Objective, Rig
 
 _BOUND, _GREEDY, _PAPER = colour(5), colour(2), colour(1)
@@ -74,10 +79,8 @@ def _finished(plot: go.Figure, counted: str, objective: Objective) -> go.Figure:
 
 
 def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | None) -> go.Figure:
-    """How the upper bound of the first objective fell while it was computed.
-
-    `bound` has seconds, bound and kind, `best` is the value of the best rig as searched.
-    """
+    """How the upper bound of the first objective fell while it was computed. `bound` has seconds,
+    bound and kind, `best` is the value of the best rig as searched."""
     plot = figure(f"Upper bound of {text(objective.name)}", height=440)
     for i, (kind, part) in enumerate(bound.groupby("kind", sort=False)):
         part = part.sort_values("seconds")
@@ -133,8 +136,7 @@ def pareto_fronts(
 ) -> list[go.Figure]:
     """A figure for every pair of objectives, of values as the search computes them.
 
-    `trials` are those that were evaluated; `rigs` without a value of the pair are left out; `front`
-    names those on the Pareto front.
+    `trials` are those that were evaluated; `rigs` without a value of the pair are left out.
     """
     feasible = trials[trials["feasible"].astype(bool)]
     return [_front(feasible, a, b, rigs, front) for a, b in combinations(objectives, 2)]
@@ -182,3 +184,58 @@ def _add_rigs(
         hovertemplate="%{text}<br>%{x:,.5g}, %{y:,.5g}<extra></extra>",
         name=label,
     )
+
+
+def robustness_figure(
+    rows: pd.DataFrame, objective: Objective, reference: str, designed: float
+) -> go.Figure:
+    """A row a case: the mean, in percent of one value for all rigs; the bar ends at the worst.
+
+    100 % is `designed` of the rig `reference`; where that is not positive, values have their unit.
+    """
+    relative = designed > 0
+    scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
+    both = scale * rows.set_index(["rig", "case"])[["value", "worst"]]
+    bars = pd.DataFrame({"mean": both["value"], "low": both.min(axis=1), "high": both.max(axis=1)})
+    columns = {str(rig): bars.loc[rig] for rig in rows["rig"].unique()}
+    title = f"percent of {text(reference)} as designed" if relative else text(objective.label)
+    plot = side_by_side(
+        columns,
+        rows["case"].drop_duplicates().tolist(),
+        text(objective.name),
+        f"{title},<br>{objective.better}",
+        shown=f"%{{x:.5~g}} {unit}",
+    )
+    if relative:
+        plot.add_vline(x=100, line={"color": OUTLINE, "width": 1, "dash": "dot"})
+    return plot
+
+
+_CELLS = 120  # cells along the longer side: a page holds three maps a class
+_DIVERGING = [[0, "#56B4E9"], [0.5, "#f7f7f7"], [1, "#E69F00"]]  # blue for less, orange for more
+
+
+def unseen(
+    before: NDArray[np.float32],
+    after: NDArray[np.float32],
+    roi: Roi,
+    vehicle: Vehicle,
+    names: tuple[str, str, str],
+) -> list[go.Figure]:
+    """Two maps on one scale from 0, and `after - before` on a scale about 0: residual entropy of
+    each column of voxels, nats, shape (nx, ny); `names` are the class and the two rigs."""
+    shown, first, second = (text(name) for name in names)
+    plots = [
+        pog_from_above(before, roi, f"{shown} · unseen by {first}", _CELLS),
+        pog_from_above(after, roi, f"{shown} · unseen by {second}", _CELLS),
+        pog_from_above(after - before, roi, f"{shown} · {second} less {first}", _CELLS),
+    ]
+    maps = [plot.data[0] for plot in plots]
+    top = max(float(heat.z.max()) for heat in maps[:2]) or 1.0
+    for heat in maps[:2]:
+        heat.update(zmin=0.0, zmax=top)
+    widest = float(np.abs(maps[2].z).max()) or 1.0
+    maps[2].update(zmin=-widest, zmax=widest, colorscale=_DIVERGING)
+    for plot in plots:
+        add_vehicle(plot, vehicle, roi)
+    return plots
