@@ -11,7 +11,7 @@ from sweeps.execution.failures import Failure
 from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Ended, try_task
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task
 from training.settings import LARGEST_BATCH
@@ -36,7 +36,7 @@ class Outcome:
 
 def execute(
     tasks: Sequence[Task],
-    store: AnyStore,
+    store: Store,
     backend: Backend,
     listener: Listener,
     outcome: Outcome | None = None,
@@ -82,7 +82,7 @@ class _Execution:
     """Tasks between their schedule and the backend: those that run, and what they asked for; and
     how often the batch of a training is halved, by its key."""
 
-    store: AnyStore
+    store: Store
     backend: Backend
     listener: Listener
     outcome: Outcome

@@ -17,8 +17,7 @@ from rich.text import Text
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.store.local import Note
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Note, Store
 from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
@@ -157,7 +156,7 @@ class StageProgress:
         self,
         console: Console,
         tasks: Sequence[Task],
-        store: AnyStore,
+        store: Store,
         failures: FailureFolder | None = None,
     ) -> None:
         bar, number, left = (Column(min_width=width, no_wrap=True) for width in (17, 5, 5))

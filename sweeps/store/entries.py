@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -52,13 +52,6 @@ def keys_in(data: bytes, named: object) -> set[str]:
     if isinstance(keys, list):
         return set(keys)
     raise ValueError(f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again")
-
-
-def check_sweeps(names: Iterable[str], store: object, known: Collection[str]) -> None:
-    """Raise ValueError that names the first sweep of which the store knows nothing."""
-    for name in names:
-        if name not in known:
-            raise ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")
 
 
 def size_of(entries: Iterable[Entry]) -> int:
