@@ -44,10 +44,8 @@ def run_sweep(
     console: Console, sweep: Sweep, plan: Plan, store: Store, command: str, rerun_failed: bool
 ) -> bool:
     """Run the plan, log it, report it. Returns whether all trials finished and were logged.
-
     `command` makes the sweep again, `rerun_failed` retries failures by data or settings, too.
-    Raises as `sweeps.execution.runner.drive`.
-    """
+    Raises as `sweeps.execution.runner.drive`."""
     for typical in plan.typical:
         console.print(f"anchors of {typical}", soft_wrap=True)
     for caution in plan.cautions:

@@ -95,7 +95,6 @@ def _store_of(name: str) -> Store:
 
 
 def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:
-    """Print sizes by stage and by sweep, and what was removed."""
     summary, whole = summary_of(cleaned, dry_run), _of_results(_results(cleaned), cleaned)
     rows = ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items())
     stages = table(None, ("stage", "results", "size", "of no sweep", "size of these"), rows)

@@ -88,7 +88,6 @@ def packages(extra: str | None, needed: bool) -> Found:
 
 
 def gpu() -> Found:
-    """Whether torch can use the GPU that is there."""
     import torch
 
     build = f"torch {torch.__version__}"

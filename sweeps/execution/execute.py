@@ -124,7 +124,6 @@ class _Execution:
             self.fail(task, failure)
 
     def fail(self, failed: Task, failure: Failure) -> None:
-        """Note that a task, and all that need it, failed."""
         for fallen in self.schedule.fail(failed, failure):
             self.listener.failed(fallen, self.schedule.failed.get(fallen.key, failure))
 

@@ -56,7 +56,6 @@ class FailureFolder:
     folder: Path
 
     def write(self, task: Task, failure: Failure) -> None:
-        """Keep the failure of a task."""
         self.folder.mkdir(parents=True, exist_ok=True)
         told = f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}"
         write_text(self.log(task), told)
@@ -79,13 +78,11 @@ class FailureFolder:
         return known
 
     def forget(self, key: str) -> None:
-        """Remove what was kept of a task that is tried again."""
         self._record(key).unlink(missing_ok=True)
         for path in self.folder.glob(f"*-{key}.log"):
             path.unlink()
 
     def log(self, task: Task) -> Path:
-        """The file for a reader."""
         return self.folder / f"{task.stage}-{task.key}.log"
 
     def _record(self, key: str) -> Path:

@@ -32,7 +32,6 @@ class RunningColumn(bars.ProgressColumn):
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
 
     def render(self, bar: bars.Task) -> Text:
-        """Called at every refresh."""
         return Text(visible(bar.fields["now"]()), "dim")
 
 
@@ -65,7 +64,6 @@ class Running:
         return [(task.stage, now - since) for task, since in list(self._since.values())]
 
     def labels(self, stage: str) -> str:
-        """Of the tasks of a stage."""
         own = [task for task, _ in list(self._since.values()) if task.stage == stage]
         return ", ".join(task.label + self._progress_of(task) for task in own)
 

@@ -32,7 +32,6 @@ class Ended:
 
 
 def try_task(task: Task, store: Store, halvings: int, gpu_share: float) -> Ended:
-    """`run_task`; a mistake comes back as a note."""
     start = time.perf_counter()
     failure = None
     try:
@@ -45,12 +44,10 @@ def try_task(task: Task, store: Store, halvings: int, gpu_share: float) -> Ended
 
 
 def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0) -> None:
-    """Compute one result from those in the store, and store it.
-
-    Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
-    clouds larger than the memory can be trained on. A network takes `gpu_share` of a GPU's memory;
-    `halvings` is how often its batch size is halved, after that was too small.
-    """
+    """Compute one result from those in the store, and store it. Inputs are mapped from the store's
+    files, not sent: workers on one machine share the pages, and clouds larger than the memory can
+    be trained on. A network takes `gpu_share` of a GPU's memory; `halvings` is how often its batch
+    size is halved, after that was too small."""
     if isinstance(task.params, NetworkParams) and gpu_share:
         import torch
 
@@ -95,7 +92,6 @@ class _Progress:
         self._noted = -math.inf
 
     def on_step(self, done: float) -> None:
-        """Take note of the epochs that are done."""
         now, epochs = time.monotonic(), self._task.params.training.epochs
         since, before = self._first = self._first or (now, done)
         if now - self._noted < NOTED_S:

@@ -129,7 +129,6 @@ class _Builder:
         return self.tasks.setdefault(task.key, task)
 
     def trial(self, grid_point: GridPoint) -> Trial:
-        """The trial of a point, with all its tasks."""
         point, rig = grid_point.point, grid_point.rig
         with named("scene"):
             parts = self._parts_of(point.scene)

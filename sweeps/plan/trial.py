@@ -104,7 +104,6 @@ class DetectorTrial(Trial):
 
 
 def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:
-    """Those of `trials` that have one."""
     return [trial for trial in trials if isinstance(trial, DetectorTrial)]
 
 

@@ -20,12 +20,10 @@ class Cleaned:
 
     @property
     def kept_bytes(self) -> int:
-        """Bytes that are left."""
         return size_of(self.contents) - size_of(self.removed)
 
     @property
     def referred(self) -> set[str]:
-        """Keys that some sweep refers to."""
         return set[str]().union(*self.references.values())
 
 

@@ -55,5 +55,4 @@ def keys_in(data: bytes, named: object) -> set[str]:
 
 
 def size_of(entries: Iterable[Entry]) -> int:
-    """Bytes of entries together."""
     return sum(entry.size for entry in entries)

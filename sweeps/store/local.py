@@ -33,28 +33,22 @@ class Note:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results: `STAGE/KEY/`, and hidden next to them what belongs to running tasks.
-
-    A result is written under a temporary name and renamed, so what is there is whole.
-    """
+    """A folder of results: `STAGE/KEY/`, and hidden next to them what belongs to running tasks. A
+    result is written under a temporary name and renamed, so what is there is whole."""
 
     folder: Path
 
     @property
     def shown(self) -> str:
-        """What messages call it."""
         return str(self.folder)
 
     def path(self, task: Task) -> Path:
-        """Folder of the task's result."""
         return self.folder / task.stage / task.key
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
-        """Keys of the tasks whose results are there."""
         return {task.key for task in self._with(lambda task: task.key, tasks)}
 
     def has(self, task: Task) -> bool:
-        """Whether the result is there."""
         return self.path(task).is_dir()
 
     def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
@@ -91,10 +85,8 @@ class Store:
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
-        """A new folder for a task's checkpoints, with the state that any attempt wrote last.
-
-        What the block leaves there, a file that is replaced in one step, is kept until `discard`.
-        """
+        """A new folder for a task's checkpoints, with the state that any attempt wrote last. What
+        the block leaves there, a file that is replaced in one step, is kept until `discard`."""
         folder = self.attempts(task)
         # Hidden are those that a killed process was filling.
         states = [path for attempt in folder.glob("[!.]*") for path in attempt.glob("[!.]*")]
@@ -106,11 +98,9 @@ class Store:
         yield own
 
     def attempts(self, task: Task) -> Path:
-        """Folder of the attempts at an unfinished task.
-
-        Two can overlap: two drivers, or a machine that was believed dead. In one folder the slower
-        would put its older state under the other's feet, so each has its own.
-        """
+        """Folder of the attempts at an unfinished task. Two can overlap: two drivers, or a machine
+        that was believed dead. In one folder the slower would put its older state under the other's
+        feet, so each has its own."""
         return self._hidden(task, "working")
 
     def discard(self, task: Task) -> None:
@@ -139,7 +129,6 @@ class Store:
             path.unlink(missing_ok=True)
 
     def note(self, task: Task) -> Path:
-        """File of the note that a task runs."""
         return self._hidden(task, "running")
 
     def running_notes(self, tasks: Iterable[Task]) -> dict[str, Note]:
@@ -163,7 +152,6 @@ class Store:
         write_text(path, json.dumps(sorted(keys)))
 
     def sweep_file(self, name: str) -> Path:
-        """File of what the sweep `name` refers to."""
         return self.folder / SWEEPS / f"{name}.json"
 
     def references(self) -> dict[str, set[str]]:

@@ -21,11 +21,9 @@ from sweeps.tasks.task import Task
 
 @dataclass(frozen=True)
 class RemoteStore(Store):
-    """A store at a URL. What is loaded is copied to `folder` first and read from there.
-
-    An object store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their
-    own for every writer, and `STAGE/KEY/result.json` comes last: with it the result is there.
-    """
+    """A store at a URL. What is loaded is copied to `folder` first and read from there. An object
+    store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their own for
+    every writer, and `STAGE/KEY/result.json` comes last: with it the result is there."""
 
     url: str
 

@@ -167,10 +167,8 @@ _NOT_SAID = {"annotation", "returns", "ctx", "type_comment"}
 
 class _Speech:
     """Writes syntax trees as text, the same for all versions of Python, and notes references, by
-    the dotted paths of names.
-
-    A local name that is called as one of the module counts as that one: too much is safe.
-    """
+    the dotted paths of names. A local name that is called as one of the module counts as that one:
+    too much is safe."""
 
     def __init__(self, paths: Mapping[str, str]) -> None:
         self.uses: set[tuple[str, str]] = set()
