@@ -42,20 +42,12 @@ def execute(
     outcome: Outcome | None = None,
     known: Mapping[str, Failure] | None = None,
 ) -> Outcome:
-    """Run all tasks that have no result in the store yet.
-
-    A task that fails takes down those that need its result; the others go on. A training for which
-    a GPU is too small is tried again with half the batch, and the GPU to itself.
-
-    Args:
-        tasks: each after its inputs.
-        outcome: of tasks that ran before; takes up what happens, and is returned.
-        known: failures of earlier runs, by key; these tasks are not tried again.
-
-    Raises:
-        DamagedResult: a result that a task needs was damaged, and is gone.
-        BackendLost: no task can end any more.
-    """
+    """Run all tasks, each after its inputs, that have no result in the store yet. One that fails
+    takes down those that need its result; the others go on. A training for which a GPU is too small
+    is tried again with half the batch, and the GPU to itself. `outcome` is of tasks that ran
+    before: it takes up what happens, and is returned. `known` are failures of earlier runs, by key,
+    which are not tried again. Raises DamagedResult: a result that a task needs was damaged, and is
+    gone; BackendLost: no task can end any more."""
     outcome = Outcome() if outcome is None else outcome
     done = store.finished(tasks)
     for item in tasks:

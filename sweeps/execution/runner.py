@@ -43,16 +43,10 @@ class Work(Protocol[T]):
 
 
 def drive(console: Console, common: Common, store: Store, work: Work[T]) -> tuple[T, bool]:
-    """Run a sweep or a search from where it stopped.
-
-    Returns what was found, and whether MLflow has got all.
-
-    Raises:
-        typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had.
-        BackendLost: Ray has gone.
-        DamagedResult: a result was damaged; it is not there any more when this is called again.
-        OSError: the run folder cannot be written.
-    """
+    """Run a sweep or a search from where it stopped. Returns what was found, and whether MLflow has
+    got all. Raises typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had;
+    BackendLost: Ray has gone; DamagedResult: a result was damaged, and is gone when this is called
+    again; OSError: the run folder cannot be written."""
     folder = common.output / common.name
     say = partial(console.print, soft_wrap=True)
     with ExitStack() as stack:
