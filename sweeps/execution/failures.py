@@ -18,14 +18,10 @@ from sweeps.tasks.task import Task
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task has no result: one line, and the traceback.
-
-    Attributes:
-        lasting: data or settings are to blame, so trying again gives the same; else the machine.
-        out_of_gpu_memory: a smaller batch may help.
-        follows: the task was not run, as one that it needs had failed; reason and log are of that.
-        damaged: a result that it needs was damaged, and is gone.
-    """
+    """Why a task has no result: one line, and the traceback. `lasting`: data or settings are to
+    blame, so trying again gives the same; else the machine. `out_of_gpu_memory`: a smaller batch
+    may help. `follows`: the task was not run, as one that it needs had failed; reason and log are
+    of that. `damaged`: a result that it needs was damaged, and is gone."""
 
     reason: str
     log: str = ""

@@ -20,14 +20,9 @@ _NAMES = re.compile(
 
 @dataclass(frozen=True)
 class Entry:
-    """What lies in a stage's folder, a folder or a file.
-
-    Attributes:
-        kind: "result"; "working", the checkpoints of an unfinished training; "running", a note
-            that a task runs; or "partial", what a killed process was writing.
-        key: of the task; of "partial" any text.
-        size: bytes.
-    """
+    """What lies in a stage's folder, a folder or a file. `kind`: "result"; "working", the
+    checkpoints of an unfinished training; "running", a note that a task runs; or "partial", what a
+    killed process was writing. `key`: of the task; of "partial" any text. `size`: bytes."""
 
     stage: str
     kind: Literal["result", "working", "running", "partial"]

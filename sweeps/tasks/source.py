@@ -19,15 +19,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Definition:
-    """What a name of a module stands for.
-
-    Attributes:
-        says: hash of the statements that define it.
-        uses: (name as written, dotted path) of what it refers to. A path that ends in ".*" is any
-            module of a package.
-        takes: the same of the annotations of a function's arguments.
-        runs: dotted paths of what it imports.
-    """
+    """What a name of a module stands for. `says`: hash of the statements that define it. `uses`:
+    (name as written, dotted path) of what it refers to. A path that ends in ".*" is any module of a
+    package. `takes`: the same of the annotations of a function's arguments. `runs`: dotted paths of
+    what it imports."""
 
     says: str
     uses: frozenset[tuple[str, str]]

@@ -79,13 +79,9 @@ T = TypeVar("T")
 
 
 class How(TypedDict):
-    """How a training runs.
-
-    Attributes:
-        folder: where it goes on after a stop.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
-        on_step: called with the epochs that are done.
-    """
+    """How a training runs. `folder`: where it goes on after a stop. `halvings`: how often the batch
+    size is halved, after the GPU's memory was too small. `on_step`: called with the epochs that are
+    done."""
 
     folder: Path
     halvings: int
