@@ -27,7 +27,6 @@ class Verb:
     extra: str = ""
 
     def help(self) -> str:
-        """Its line in the list of verbs, with the extra that it needs."""
         line = self.line
         if not line:
             try:

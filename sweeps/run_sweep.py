@@ -27,7 +27,8 @@ from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.cleaning import clean_store
-from sweeps.store.open import AnyStore, reference
+from sweeps.store.local import Store
+from sweeps.store.open import reference
 from sweeps.tasks.task import Task
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution
 from tracking.findings.summary import summary_table
@@ -40,13 +41,11 @@ from tracking.run_folders.sweep import RunFolder
 
 
 def run_sweep(
-    console: Console, sweep: Sweep, plan: Plan, store: AnyStore, command: str, rerun_failed: bool
+    console: Console, sweep: Sweep, plan: Plan, store: Store, command: str, rerun_failed: bool
 ) -> bool:
     """Run the plan, log it, report it. Returns whether all trials finished and were logged.
-
     `command` makes the sweep again, `rerun_failed` retries failures by data or settings, too.
-    Raises as `sweeps.execution.runner.drive`.
-    """
+    Raises as `sweeps.execution.runner.drive`."""
     for typical in plan.typical:
         console.print(f"anchors of {typical}", soft_wrap=True)
     for caution in plan.cautions:
@@ -71,7 +70,7 @@ class SweepWork:
     console: Console
     sweep: Sweep
     plan: Plan
-    store: AnyStore
+    store: Store
     command: str
     rerun_failed: bool
     started: float = field(default_factory=time.monotonic)
@@ -151,7 +150,7 @@ def _failed(plan: Plan, run: Run) -> list[tuple[Trial, Failure]]:
     return [(own, failure) for own in run_on if (failure := trial_failure(own, failures))]
 
 
-def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
+def keep_to_quota(console: Console, sweep: Sweep, store: Store) -> None:
     """Remove results that no sweep refers to, oldest first, beyond the quota of the store."""
     quota_gb = sweep.common.store.quota_gb
     if quota_gb is None:

@@ -21,7 +21,8 @@ from torch import Tensor, nn
 
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Trial
-from sweeps.store.open import AnyStore, store_of
+from sweeps.store.local import Store
+from sweeps.store.open import store_of
 from sweeps.tasks import stages
 from training.detectors.build import build
 
@@ -66,7 +67,7 @@ def _summary(table: pd.DataFrame) -> None:
         print(f"{name} {metric} @ {iou:g}: rho {rho}, bias {bias}")
 
 
-def _metrics(store: AnyStore, trial: Trial) -> pd.DataFrame:
+def _metrics(store: Store, trial: Trial) -> pd.DataFrame:
     assert trial.evaluate is not None
     return store.load(trial.evaluate)["metrics"]
 
@@ -76,7 +77,7 @@ def _means(rows: pd.DataFrame) -> pd.Series:
     return rows.groupby(keys, observed=True)["value"].mean()
 
 
-def _recalibrated(store: AnyStore, judge: Trial, own: Trial) -> pd.DataFrame:
+def _recalibrated(store: Store, judge: Trial, own: Trial) -> pd.DataFrame:
     """Metrics of the generalist after its statistics were worked out anew."""
     assert judge.finetune is not None
     assert judge.evaluate is not None

@@ -15,7 +15,7 @@ from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.rigs.placement import Placement
 from sweeps.configuration.file import ConfigError
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.parameters import CollectParams
 from training.kitti_ap import found_objects
 
@@ -26,7 +26,7 @@ Judged = Mapping[str, Sequence[DetectorTrial]]
 """Trials that differ in detector and seed alone, by their placement and further axes."""
 
 
-def rigs_of(trials: Sequence[Trial], store: AnyStore) -> Judged:
+def rigs_of(trials: Sequence[Trial], store: Store) -> Judged:
     """The rigs of which the store has detections. Raises ConfigError for recorded clouds."""
     own: dict[str, list[DetectorTrial]] = {}
     for trial in with_detector(trials):
@@ -41,7 +41,7 @@ def rigs_of(trials: Sequence[Trial], store: AnyStore) -> Judged:
     return own
 
 
-def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
+def observations(rigs: Judged, store: Store) -> pd.DataFrame:
     """A row for every object of the test frames that counts, rig and overlap of the class, columns
     `COLUMNS`: `found` is the share of the rig's detectors that found the object, points and cells
     are what the rig hits of it, with the azimuth steps of its clouds."""
@@ -61,7 +61,7 @@ def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def _test_objects(trial: Trial, store: AnyStore) -> tuple[CountedObjects, pd.DataFrame]:
+def _test_objects(trial: Trial, store: Store) -> tuple[CountedObjects, pd.DataFrame]:
     """The objects, and the frames that they are in."""
     log = join_logs([store.load(task) for task in trial.scenes])
     frames = log.frames[log.frames["split"] == "test"]

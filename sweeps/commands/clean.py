@@ -17,7 +17,7 @@ from sweeps.store.entries import SWEEPS, Entry, size_of
 
 if TYPE_CHECKING:
     from sweeps.store.cleaning import Cleaned
-    from sweeps.store.open import AnyStore
+    from sweeps.store.local import Store
 
 app = new_app()
 
@@ -79,23 +79,22 @@ def clean(
         raise typer.Exit(1)
 
 
-def _store_of(name: str) -> AnyStore:
+def _store_of(name: str) -> Store:
     """The store of a file, or the one of that name. Raises ValueError if there is none."""
-    from sweeps.store.local import Store
     from sweeps.store.open import open_store, store_of
+    from sweeps.store.remote import RemoteStore
     from sweeps.sweep_or_search import read_either
 
     if Path(name).suffix in (".yaml", ".yml"):
         opened = store_of(read_either(Path(name)))
     else:
         opened = open_store(name, Path())
-    if isinstance(opened, Store) and not (opened.folder / SWEEPS).is_dir():
+    if not isinstance(opened, RemoteStore) and not (opened.folder / SWEEPS).is_dir():
         raise ValueError(f"{opened.folder}: not a store; no sweep has stored results there")
     return opened
 
 
 def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:
-    """Print sizes by stage and by sweep, and what was removed."""
     summary, whole = summary_of(cleaned, dry_run), _of_results(_results(cleaned), cleaned)
     rows = ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items())
     stages = table(None, ("stage", "results", "size", "of no sweep", "size of these"), rows)

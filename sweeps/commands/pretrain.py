@@ -47,6 +47,7 @@ def pretrain(
     file to be written, the training starts from scratch. Scenes and clouds are kept in the store of
     the first file; a stopped training resumes at its last epoch.
     """
+    from sweeps.configuration.file import named
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.pretrain_task import pretrain_task
@@ -64,13 +65,10 @@ def pretrain(
         check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out.parent).close()
-    try:
-        task = pretrain_task([training for _, training in found])
-        store = store_of(sweep)
-    except ValueError as error:
-        wrong(f"{', '.join(map(str, configs))}: {error}")
-    tasks = with_inputs([task])
-    with checked_input():
+        with named(", ".join(map(str, configs))):
+            task = pretrain_task([training for _, training in found])
+            store = store_of(sweep)
+        tasks = with_inputs([task])
         store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")

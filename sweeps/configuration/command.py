@@ -72,7 +72,6 @@ class CommandJudge(Settings):
         return command
 
     def uses(self, placeholder: str) -> bool:
-        """Whether the command has it."""
         return f"{{{placeholder}}}" in self.command
 
 

@@ -155,9 +155,7 @@ def check(
     changes: Mapping[str, Any] | None = None,
 ) -> Model:
     """Validate, with `changes` by key path in `data`, and turn the first error into one line.
-
-    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
-    """
+    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole."""
     data = dict(data)
     for changed, value in (changes or {}).items():
         put(data, changed, value, path)

@@ -49,7 +49,6 @@ class GridPoint:
 
     @cached_property
     def roi(self) -> Roi:
-        """The ROI of the point, with its voxels."""
         return self.point.voxel_roi()
 
     @cached_property
@@ -136,11 +135,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
 
 def _check_mounts(sweep: Sweep, path: Path) -> None:
     """Refuse rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI, where clouds
-    are simulated.
-
-    A sweep that a search makes is not asked: in addition to its own rigs, which keep out of the
-    body, it has the paper's for comparison, whatever vehicle they are on.
-    """
+    are simulated. A sweep that a search makes is not asked: in addition to its own rigs, which keep
+    out of the body, it has the paper's for comparison, whatever vehicle they are on."""
     checked = set()
     for own in sweep.points:
         point = own.point

@@ -16,10 +16,8 @@ from sweeps.configuration.sweep import LidarSettings, Point
 
 
 class Rigs:
-    """Own placements and the paper's by name, with the LiDARs and in the weather of points.
-
-    A rig that is asked for again is the same object.
-    """
+    """Own placements and the paper's by name, with the LiDARs and in the weather of points. A rig
+    that is asked for again is the same object."""
 
     def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
         """Build own placements as the first point has them. Raises ValueError, as `of` does."""
@@ -35,11 +33,9 @@ class Rigs:
                 self.of(first, name)
 
     def of(self, point: Point, name: str | None = None) -> Placement:
-        """The rig of a point, or the one called `name` with its LiDARs and in its weather.
-
-        Raises ValueError: there is none of that name, two of its LiDARs are in one place, the
-        weather does not fit them, or LiDARs of a recorded rig are not those of the point's scene.
-        """
+        """The rig of a point, or the one called `name` with its LiDARs and in its weather. Raises
+        ValueError: there is none of that name, two of its LiDARs are in one place, the weather does
+        not fit them, or LiDARs of a recorded rig are not those of the point's scene."""
         name, subset = name or point.placement, None
         if names := self.recorded(name):
             with named(f"{name}.recorded"):

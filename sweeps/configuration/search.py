@@ -192,7 +192,6 @@ class ObjectiveSettings(Settings):
 
     @property
     def best(self) -> Direction:
-        """Which values are wanted."""
         if self.of_traffic or self.measured:
             return self.direction or best_of(self.by)
         return self.direction or ("minimize" if self.by in TOTALS else "maximize")
@@ -203,7 +202,6 @@ class ObjectiveSettings(Settings):
 
     @property
     def of_traffic(self) -> bool:
-        """Whether it is a surrogate."""
         return not self.measured and self.by not in OF_RIG
 
     @property
@@ -435,13 +433,11 @@ class SearchSettings(Settings):
 
     @property
     def first_families(self) -> int:
-        """How many trials are of families."""
         default = FAMILIES if self.objective[0].judged else 0
         return default if self.families is None else self.families
 
     @property
     def further_settings(self) -> tuple[CameraSettings | RadarSettings, ...]:
-        """Cameras, then radars."""
         return (*self.cameras, *self.radars)
 
     def further(self) -> tuple[MountedSensor, ...]:

@@ -329,7 +329,6 @@ class Point(Settings):
 
     @property
     def judged_by(self) -> str:
-        """The judge's name."""
         return self.judge.name if isinstance(self.judge, CommandJudge) else self.judge
 
     @property
@@ -339,7 +338,6 @@ class Point(Settings):
         return self.judged_by if by_command else self.detector
 
     def voxel_roi(self) -> Roi:
-        """The ROI with its voxels."""
         return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
 
 
@@ -429,7 +427,6 @@ class Rung(Settings):
 
     @property
     def best(self) -> Direction:
-        """Which values go on."""
         return self.direction or best_of(self.by)
 
 
@@ -468,7 +465,6 @@ class Common(Settings):
 
     @property
     def tracking_uri(self) -> str:
-        """MLflow's tracking URI."""
         return self.tracking.uri or f"sqlite:///{self.output / 'mlflow.db'}"
 
     @property

@@ -154,7 +154,6 @@ class OnRay:
 
 
 def _call(folder: str, function: Callable[..., T], *arguments: Any) -> T:
-    """The call in a worker. Raises OSError if it has not got the driver's folder."""
     from sweeps.execution.ray_cluster import enter_folder
 
     enter_folder(folder)

@@ -49,13 +49,9 @@ except ValueError as error:
 
 @dataclass(frozen=True)
 class Found:
-    """What a check found, in one line.
-
-    Attributes:
-        state: "good"; "weak": works, but worse than it could; "optional": not there, and not asked
-            for; "missing": needed and not there.
-        remedy: one command or step that mends it.
-    """
+    """What a check found, in one line. `state`: "good"; "weak": works, but worse than it could;
+    "optional": not there, and not asked for; "missing": needed and not there. `remedy`: one command
+    or step that mends it."""
 
     found: str
     state: State = "good"
@@ -88,7 +84,6 @@ def packages(extra: str | None, needed: bool) -> Found:
 
 
 def gpu() -> Found:
-    """Whether torch can use the GPU that is there."""
     import torch
 
     build = f"torch {torch.__version__}"

@@ -11,7 +11,7 @@ from sweeps.execution.failures import Failure
 from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Ended, try_task
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task
 from training.settings import LARGEST_BATCH
@@ -36,26 +36,18 @@ class Outcome:
 
 def execute(
     tasks: Sequence[Task],
-    store: AnyStore,
+    store: Store,
     backend: Backend,
     listener: Listener,
     outcome: Outcome | None = None,
     known: Mapping[str, Failure] | None = None,
 ) -> Outcome:
-    """Run all tasks that have no result in the store yet.
-
-    A task that fails takes down those that need its result; the others go on. A training for which
-    a GPU is too small is tried again with half the batch, and the GPU to itself.
-
-    Args:
-        tasks: each after its inputs.
-        outcome: of tasks that ran before; takes up what happens, and is returned.
-        known: failures of earlier runs, by key; these tasks are not tried again.
-
-    Raises:
-        DamagedResult: a result that a task needs was damaged, and is gone.
-        BackendLost: no task can end any more.
-    """
+    """Run all tasks, each after its inputs, that have no result in the store yet. One that fails
+    takes down those that need its result; the others go on. A training for which a GPU is too small
+    is tried again with half the batch, and the GPU to itself. `outcome` is of tasks that ran
+    before: it takes up what happens, and is returned. `known` are failures of earlier runs, by key,
+    which are not tried again. Raises DamagedResult: a result that a task needs was damaged, and is
+    gone; BackendLost: no task can end any more."""
     outcome = Outcome() if outcome is None else outcome
     done = store.finished(tasks)
     for item in tasks:
@@ -82,7 +74,7 @@ class _Execution:
     """Tasks between their schedule and the backend: those that run, and what they asked for; and
     how often the batch of a training is halved, by its key."""
 
-    store: AnyStore
+    store: Store
     backend: Backend
     listener: Listener
     outcome: Outcome
@@ -124,7 +116,6 @@ class _Execution:
             self.fail(task, failure)
 
     def fail(self, failed: Task, failure: Failure) -> None:
-        """Note that a task, and all that need it, failed."""
         for fallen in self.schedule.fail(failed, failure):
             self.listener.failed(fallen, self.schedule.failed.get(fallen.key, failure))
 

@@ -18,14 +18,10 @@ from sweeps.tasks.task import Task
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task has no result: one line, and the traceback.
-
-    Attributes:
-        lasting: data or settings are to blame, so trying again gives the same; else the machine.
-        out_of_gpu_memory: a smaller batch may help.
-        follows: the task was not run, as one that it needs had failed; reason and log are of that.
-        damaged: a result that it needs was damaged, and is gone.
-    """
+    """Why a task has no result: one line, and the traceback. `lasting`: data or settings are to
+    blame, so trying again gives the same; else the machine. `out_of_gpu_memory`: a smaller batch
+    may help. `follows`: the task was not run, as one that it needs had failed; reason and log are
+    of that. `damaged`: a result that it needs was damaged, and is gone."""
 
     reason: str
     log: str = ""
@@ -56,7 +52,6 @@ class FailureFolder:
     folder: Path
 
     def write(self, task: Task, failure: Failure) -> None:
-        """Keep the failure of a task."""
         self.folder.mkdir(parents=True, exist_ok=True)
         told = f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}"
         write_text(self.log(task), told)
@@ -79,13 +74,11 @@ class FailureFolder:
         return known
 
     def forget(self, key: str) -> None:
-        """Remove what was kept of a task that is tried again."""
         self._record(key).unlink(missing_ok=True)
         for path in self.folder.glob(f"*-{key}.log"):
             path.unlink()
 
     def log(self, task: Task) -> Path:
-        """The file for a reader."""
         return self.folder / f"{task.stage}-{task.key}.log"
 
     def _record(self, key: str) -> Path:

@@ -19,11 +19,9 @@ _GOES_ON = "Finished work is kept; run the same command to resume."
 
 
 def interruptible(console: Console, work: Callable[[], T]) -> T:
-    """What `work` returns, which begins again after a damaged result (`until_whole`).
-
-    Leaves with exit code 1 if the machine fails it, such as a disk that is full, with 2 if a
-    cluster cannot be joined, with 130 at Ctrl-C and 143 at SIGTERM.
-    """
+    """What `work` returns, which begins again after a damaged result (`until_whole`). Leaves with
+    exit code 1 if the machine fails it, such as a disk that is full, with 2 if a cluster cannot be
+    joined, with 130 at Ctrl-C and 143 at SIGTERM."""
     from sweeps.execution.backends import BackendLost
     from sweeps.execution.ray_cluster import ClusterError
     from sweeps.store.result_folder import DamagedResult

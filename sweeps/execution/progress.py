@@ -17,8 +17,7 @@ from rich.text import Text
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.store.local import Note
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Note, Store
 from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
@@ -33,7 +32,6 @@ class RunningColumn(bars.ProgressColumn):
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
 
     def render(self, bar: bars.Task) -> Text:
-        """Called at every refresh."""
         return Text(visible(bar.fields["now"]()), "dim")
 
 
@@ -66,7 +64,6 @@ class Running:
         return [(task.stage, now - since) for task, since in list(self._since.values())]
 
     def labels(self, stage: str) -> str:
-        """Of the tasks of a stage."""
         own = [task for task, _ in list(self._since.values()) if task.stage == stage]
         return ", ".join(task.label + self._progress_of(task) for task in own)
 
@@ -157,7 +154,7 @@ class StageProgress:
         self,
         console: Console,
         tasks: Sequence[Task],
-        store: AnyStore,
+        store: Store,
         failures: FailureFolder | None = None,
     ) -> None:
         bar, number, left = (Column(min_width=width, no_wrap=True) for width in (17, 5, 5))

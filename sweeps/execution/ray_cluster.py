@@ -68,13 +68,11 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
 
 @cache
 def _alone() -> dict[str, str]:
-    """What keeps a local Ray to this machine and this user, before it is imported.
-
-    The first makes it take 127.0.0.1 for a node's address and listen there alone. The argument
+    """What keeps a local Ray to this machine and this user, before it is imported. The first makes
+    it take 127.0.0.1 for a node's address and listen there alone. The argument
     `_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
     A token Ray would write into the home folder, where every user of the machine can read it; it
-    remembers the first one, so a process has one.
-    """
+    remembers the first one, so a process has one."""
     token = os.environ.get("RAY_AUTH_TOKEN", secrets.token_hex(32))
     return {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_TOKEN": token}
 

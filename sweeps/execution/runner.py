@@ -15,8 +15,8 @@ from sweeps.execution.backends import Backend, backend_for
 from sweeps.execution.execute import execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
+from sweeps.store.local import Store
 from sweeps.store.lock import locked
-from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
@@ -42,17 +42,11 @@ class Work(Protocol[T]):
         """Write, print and log what was found. Returns the file of the report, if there is one."""
 
 
-def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> tuple[T, bool]:
-    """Run a sweep or a search from where it stopped.
-
-    Returns what was found, and whether MLflow has got all.
-
-    Raises:
-        typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had.
-        BackendLost: Ray has gone.
-        DamagedResult: a result was damaged; it is not there any more when this is called again.
-        OSError: the run folder cannot be written.
-    """
+def drive(console: Console, common: Common, store: Store, work: Work[T]) -> tuple[T, bool]:
+    """Run a sweep or a search from where it stopped. Returns what was found, and whether MLflow has
+    got all. Raises typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had;
+    BackendLost: Ray has gone; DamagedResult: a result was damaged, and is gone when this is called
+    again; OSError: the run folder cannot be written."""
     folder = common.output / common.name
     say = partial(console.print, soft_wrap=True)
     with ExitStack() as stack:
@@ -76,18 +70,18 @@ def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> t
     return found, not log.undelivered and not log.refused
 
 
-def _remove_leftovers(common: Common, store: AnyStore) -> None:
+def _remove_leftovers(common: Common, store: Store) -> None:
     """Remove what killed runs were writing; in a shared store what others write stays."""
     remove_leftovers(common.output / common.name, "**/.*.part*")
     if (database := sqlite_file(common.tracking_uri)) is not None:
         remove_leftovers(database.parent)
-    remove_leftovers(store.local.folder, "*/.*.part*")
+    remove_leftovers(store.folder, "*/.*.part*")
 
 
 def run_tasks(
     console: Console,
     common: Common,
-    store: AnyStore,
+    store: Store,
     tasks: Sequence[Task],
     failures: FailureFolder | None = None,
 ) -> Mapping[str, Failure]:

@@ -64,11 +64,9 @@ class Schedule:
         return None
 
     def again(self, task: Task) -> None:
-        """Put a task back that was handed out."""
         self._push(task)
 
     def finish(self, task: Task) -> None:
-        """Note that a task has its result."""
         for dependent in self._dependents[task.key]:
             self._waiting[dependent.key] -= 1
             if self._waiting[dependent.key] == 0 and dependent.key not in self.failed:

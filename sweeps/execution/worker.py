@@ -15,8 +15,7 @@ from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import NOTED_S, about
-from sweeps.store.local import Note
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import R, Ran
 from sweeps.tasks.parameters import NetworkParams
 from sweeps.tasks.results import Trained
@@ -32,8 +31,7 @@ class Ended:
     seconds: float
 
 
-def try_task(task: Task, store: AnyStore, halvings: int, gpu_share: float) -> Ended:
-    """`run_task`; a mistake comes back as a note."""
+def try_task(task: Task, store: Store, halvings: int, gpu_share: float) -> Ended:
     start = time.perf_counter()
     failure = None
     try:
@@ -45,13 +43,11 @@ def try_task(task: Task, store: AnyStore, halvings: int, gpu_share: float) -> En
     return Ended(failure, time.perf_counter() - start)
 
 
-def run_task(task: Task, store: AnyStore, halvings: int = 0, gpu_share: float = 1.0) -> None:
-    """Compute one result from those in the store, and store it.
-
-    Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
-    clouds larger than the memory can be trained on. A network takes `gpu_share` of a GPU's memory;
-    `halvings` is how often its batch size is halved, after that was too small.
-    """
+def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0) -> None:
+    """Compute one result from those in the store, and store it. Inputs are mapped from the store's
+    files, not sent: workers on one machine share the pages, and clouds larger than the memory can
+    be trained on. A network takes `gpu_share` of a GPU's memory; `halvings` is how often its batch
+    size is halved, after that was too small."""
     if isinstance(task.params, NetworkParams) and gpu_share:
         import torch
 
@@ -81,7 +77,7 @@ def run_task(task: Task, store: AnyStore, halvings: int = 0, gpu_share: float = 
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))
-def _load(store: AnyStore, task: Task[R]) -> R:
+def _load(store: Store, task: Task[R]) -> R:
     """An input. Tasks that follow one another on a worker often share one, such as a POG."""
     return store.load(task)
 
@@ -96,7 +92,6 @@ class _Progress:
         self._noted = -math.inf
 
     def on_step(self, done: float) -> None:
-        """Take note of the epochs that are done."""
         now, epochs = time.monotonic(), self._task.params.training.epochs
         since, before = self._first = self._first or (now, done)
         if now - self._noted < NOTED_S:

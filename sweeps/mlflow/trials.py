@@ -18,7 +18,7 @@ from sweeps.results.trial_results import (
     trial_results,
     trial_seconds,
 )
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
@@ -32,7 +32,7 @@ class TrialLog(StageProgress):
         self,
         console: Console,
         tasks: Sequence[Task],
-        store: AnyStore,
+        store: Store,
         failures: FailureFolder,
         *,
         trials: Sequence[Trial],
@@ -114,7 +114,7 @@ class TrialLog(StageProgress):
         }
 
 
-def _pictures(trial: DetectorTrial, store: AnyStore, folder: Path) -> list[Path]:
+def _pictures(trial: DetectorTrial, store: Store, folder: Path) -> list[Path]:
     """PNGs of the placement, which trials share, and of precision over recall, each drawn once."""
     from tracking.mlflow.pictures import draw_pr_curves, draw_rig
 

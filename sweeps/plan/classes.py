@@ -29,10 +29,8 @@ def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
 
 def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
     """What is to be known of classes that the training frames of a log lack, a sentence each.
-
     Raises ConfigError for a class that the configuration names by itself. Of the three that are
-    meant unless others are named, some may be missing, or all where nothing is there at all.
-    """
+    meant unless others are named, some may be missing, or all where nothing is there at all."""
     assert isinstance(point.scene, LogScene)
     counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
     missing = [name for name in point.classes if name not in counts["train"]]

@@ -68,13 +68,9 @@ def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
 
 
 def make_plan(sweep: Sweep) -> Plan:
-    """Tasks and trials of a sweep.
-
-    Raises:
-        ConfigError: a checkpoint to start from, a map or recorded clouds are not there or do not
-            fit; a requirement cannot be asked of the vehicle, or of a rig with a LiDAR inside of
-            it; or two points of the grid are the same work.
-    """
+    """Tasks and trials of a sweep. Raises ConfigError: a checkpoint to start from, a map or
+    recorded clouds are not there or do not fit; a requirement cannot be asked of the vehicle, or of
+    a rig with a LiDAR inside of it; or two points of the grid are the same work."""
     builder = _Builder(sweep)
     trials = [builder.trial(grid_point) for grid_point in sweep.points]
     known: dict[str, Trial] = {}
@@ -129,7 +125,6 @@ class _Builder:
         return self.tasks.setdefault(task.key, task)
 
     def trial(self, grid_point: GridPoint) -> Trial:
-        """The trial of a point, with all its tasks."""
         point, rig = grid_point.point, grid_point.rig
         with named("scene"):
             parts = self._parts_of(point.scene)

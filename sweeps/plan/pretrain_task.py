@@ -19,9 +19,7 @@ _MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate
 
 def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
     """A training on the clouds of all placements of a sweep, with the seed of its first point.
-
-    Raises ConfigError: no detector, or several, or trainings, scenes, ROIs, lists of classes.
-    """
+    Raises ConfigError: no detector, or several, or trainings, scenes, ROIs, lists of classes."""
     for axis in sweep.axes:
         # A value may be a list or a mapping.
         values = {repr(grid_point.axes[axis]) for grid_point in sweep.points}

@@ -75,14 +75,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class DetectorTrial(Trial):
-    """A trial of a point with a detector.
-
-    Attributes:
-        ground_truths, collect_test: of the parts of the scene.
-        finetune: the training whose weights evaluate the placement, which is shared where a
-            generalist does; None where a command does.
-        evaluate: what the detector finds in the test frames.
-    """
+    """A trial of a point with a detector. `ground_truths`, `collect_test`: of the parts of the
+    scene. `finetune`: the training whose weights evaluate the placement, which is shared where a
+    generalist does; None where a command does. `evaluate`: what the detector finds in the test
+    frames."""
 
     ground_truths: tuple[Task[kinds.GroundTruth], ...]
     collect_test: tuple[Task[kinds.Collected], ...]
@@ -104,18 +100,14 @@ class DetectorTrial(Trial):
 
 
 def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:
-    """Those of `trials` that have one."""
     return [trial for trial in trials if isinstance(trial, DetectorTrial)]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All tasks, each once and after its inputs, and the trials that they make up.
-
-    Attributes:
-        laid: what is required, around the vehicle; by the curves of the first trial.
-        cautions: what is to be known of the classes of the logs, a sentence each.
-    """
+    """All tasks, each once and after its inputs, and the trials that they make up. `laid`: what is
+    required, around the vehicle; by the curves of the first trial. `cautions`: what is to be known
+    of the classes of the logs, a sentence each."""
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]

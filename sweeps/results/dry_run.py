@@ -16,7 +16,7 @@ from sweeps.execution.memory import machine_memory, voxel_memory
 from sweeps.plan.trial import Plan
 from sweeps.results.promotion import at_most
 from sweeps.results.rig_cautions import rig_cautions
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from training.typical_objects import as_plain, from_plain
 
 
@@ -46,7 +46,7 @@ class Planned:
     cautions: list[str]
 
 
-def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
+def planned(sweep: Sweep, plan: Plan, store: Store) -> Planned:
     """Look at what is there, and count what is not."""
     cached = store.finished(plan.tasks)
     tasks = at_most(sweep, plan)

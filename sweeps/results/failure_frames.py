@@ -12,7 +12,7 @@ from lidarplace.clouds.clouds import JoinedClouds
 from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from tracking.findings.failures import Failures
 from tracking.run_folders.arrays import FailureFrames
 
@@ -21,7 +21,7 @@ POINTS = 3000
 
 
 def failure_frames(
-    failures: Failures, trials: Mapping[str, DetectorTrial], store: AnyStore
+    failures: Failures, trials: Mapping[str, DetectorTrial], store: Store
 ) -> FailureFrames:
     """The frames of `Failures.telling`, with the detections of the lowest seed; trials by key."""
     clouds, index, boxes = {}, {}, {}

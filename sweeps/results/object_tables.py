@@ -10,7 +10,7 @@ from lidarplace.base.metrics import kitti_iou
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import axis_values, with_columns
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tracking.run_folders.sweep_tables import OBJECTS
 from training.kitti_ap import found_objects
@@ -19,7 +19,7 @@ ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility
 
 
 def object_tables(
-    trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]
+    trials: Sequence[DetectorTrial], store: Store, axes: Sequence[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """`objects` and `found` of the run folder, of evaluated trials; `axes` are the further ones.
     Objects that several trials share stand there once."""
@@ -46,7 +46,7 @@ def _truths(trial: DetectorTrial) -> list[Task]:
     return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]
 
 
-def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+def _test_objects(trial: DetectorTrial, store: Store) -> pd.DataFrame:
     truths = [store.load(task) for task in _truths(trial)]
     objects = pd.concat([truth.objects for truth in truths])
     frames = pd.concat([truth.frames for truth in truths])
@@ -55,7 +55,7 @@ def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     return pd.DataFrame(objects.merge(test, on="frame")[list(ABOUT)])
 
 
-def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
+def _found(trial: DetectorTrial, objects: pd.DataFrame, store: Store) -> pd.DataFrame:
     detections = store.read(trial.evaluate, lambda found: found.detections)
     counts = pd.concat(
         [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]

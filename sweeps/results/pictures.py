@@ -14,7 +14,7 @@ from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.table import DECIDING
 from lidarplace.requirements.tables import Ground
 from sweeps.plan.trial import DetectorTrial, Plan, Trial
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.stages import grids_of
 from tracking.run_folders.arrays import Frame, Grounds, Maps
 
@@ -38,7 +38,7 @@ def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFr
     return list(by_name.values())[:MOST_UNTESTED]
 
 
-def maps(trials: Sequence[Trial], store: AnyStore) -> Maps:
+def maps(trials: Sequence[Trial], store: Store) -> Maps:
     """The maps of the trials' placements."""
     pog = store.load(trials[0].pog)
     grids = grids_of(pog)
@@ -69,7 +69,7 @@ def uncovered(
     return np.array(above, np.float32), np.array(side, np.float32)
 
 
-def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
+def grounds(plan: Plan, trials: Sequence[Trial], store: Store) -> Grounds:
     """The ground around the vehicle under each requirement and the trials' placements."""
     names = [own.requirement.name for own in plan.laid]
     by_rig = {}
@@ -83,7 +83,7 @@ def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
     return Grounds.of(outline(trials[0].grid_point.vehicle or Vehicle.car()), names, by_rig)
 
 
-def one_frame(trials: Sequence[DetectorTrial], store: AnyStore) -> Frame:
+def one_frame(trials: Sequence[DetectorTrial], store: Store) -> Frame:
     """The test frame with most objects, as every placement sees it."""
     first = trials[0]
     objects = pd.concat([store.load(task).objects for task in first.ground_truths])

@@ -19,7 +19,7 @@ from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import Cell, cells, metric_mean, trial_seconds
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 
 _ALL = "all"
@@ -46,9 +46,7 @@ class Promotion:
         return pd.DataFrame(self.standings)
 
 
-def promote(
-    sweep: Sweep, plan: Plan, store: AnyStore, run: Callable[[list[Task]], bool]
-) -> Promotion:
+def promote(sweep: Sweep, plan: Plan, store: Store, run: Callable[[list[Task]], bool]) -> Promotion:
     """Go up the rungs of a sweep and, at last, through the full trainings. `run` runs the tasks a
     rung needs, as far as they have no result, and returns whether to go on."""
 
@@ -150,7 +148,7 @@ def _axes(trial: Trial) -> dict[str, object]:
 
 
 def _standings(
-    number: int, rung: Rung, group: Mapping[str, list[Trial]], store: AnyStore
+    number: int, rung: Rung, group: Mapping[str, list[Trial]], store: Store
 ) -> tuple[list[dict[str, Cell]], dict[str, str | None]]:
     """Rows of `Promotion.table` of one group, and by placement why it is out."""
     if not group:
@@ -191,7 +189,7 @@ def _standings(
 
 
 def _value_and_seconds(
-    trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore
+    trials: Sequence[Trial], rung: Rung, object_class: str, store: Store
 ) -> tuple[float, float]:
     """What a placement is ranked by, a mean over seeds for a metric; NaN if nothing is there."""
     if rung.by in RANKING:

@@ -37,7 +37,7 @@ from sweeps.results.trial_results import (
     trial_seconds,
     with_columns,
 )
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
@@ -83,7 +83,7 @@ class Run:
     seconds: float
 
 
-def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run) -> None:
+def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) -> None:
     """Gather the results of all trials into `folder`, each file renamed into place."""
     folder.mkdir(parents=True, exist_ok=True)
     axes = further_axes(sweep)
@@ -157,7 +157,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         failure_frames(compared, {trial.key: trial for trial in tested}, store).write(folder)
 
 
-def trials_table(plan: Plan, store: AnyStore, run: Run, axes: Sequence[str]) -> pd.DataFrame:
+def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.DataFrame:
     """One row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
     rows = []
     for trial in plan.trials:
@@ -198,12 +198,12 @@ def _once(
     return every.drop_duplicates(ignore_index=True)
 
 
-def _points(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+def _points(trial: DetectorTrial, store: Store) -> pd.DataFrame:
     counts = [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
     return points_by_distance(_objects(trial, store), pd.concat(counts))
 
 
-def _individuals(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+def _individuals(trial: DetectorTrial, store: Store) -> pd.DataFrame:
     """In how many frames of a split and a route every object counts."""
     keys = ["split", "scene", "route", "class", "object_id"]
     truths = [store.read(task, lambda truth: truth.frames) for task in trial.ground_truths]
@@ -212,13 +212,13 @@ def _individuals(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     return counts.sort_index().reset_index(name="boxes")
 
 
-def _objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
+def _objects(trial: DetectorTrial, store: Store) -> pd.DataFrame:
     truths = [store.read(task, lambda truth: truth.objects) for task in trial.ground_truths]
     objects = pd.concat(truths)
     return objects[objects["class"].isin(trial.grid_point.point.classes)]
 
 
-def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:
+def _tasks_table(tasks: Sequence[Task], store: Store, run: Run) -> pd.DataFrame:
     rows, there = [], store.finished(tasks)
     for task in (task for task in tasks if task.key in there):
         record = store.record(task)

@@ -12,9 +12,8 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
-from sweeps.store.local import Note
+from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked
-from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 
 Status = Literal["done", "running", "stopped", "waiting", "failed", "pruned"]
@@ -42,7 +41,7 @@ class SweepState:
     trials: list[TrialState]
 
 
-def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
+def sweep_state(sweep: Sweep, plan: Plan, store: Store) -> SweepState:
     """Look at everything that a sweep has left so far."""
     folder = sweep.common.output / sweep.common.name
     alive = is_locked(folder)

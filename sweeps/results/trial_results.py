@@ -8,7 +8,7 @@ import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.findings.groups import ONE_FOR_ALL
@@ -25,7 +25,7 @@ def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | No
 
 def trial_results(
     trial: DetectorTrial,
-    store: AnyStore,
+    store: Store,
     axes: Sequence[str],
     table: Callable[[Evaluated], pd.DataFrame] = lambda found: found.metrics,
 ) -> pd.DataFrame:
@@ -33,7 +33,7 @@ def trial_results(
     return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
 
 
-def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: AnyStore) -> float:
+def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: Store) -> float:
     """Mean of a metric at KITTI's IoU over trials that differ in seed, percent.
 
     NaN if one has no result: a mean over the other seeds would compare unlike things.
@@ -54,7 +54,7 @@ def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> flo
     return next(iter(metrics.loc[match, "value"].tolist()), math.nan)
 
 
-def trial_seconds(trial: Trial, store: AnyStore) -> float:
+def trial_seconds(trial: Trial, store: Store) -> float:
     """Seconds of training and evaluation; of the surrogates without a detector. A generalist's
     training counts for none of the placements that it judges."""
     tasks: tuple[Task, ...] = trial.scores
@@ -64,7 +64,7 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
     return sum(store.record(task).seconds for task in tasks)
 
 
-def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
+def surrogate_table(trial: Trial, store: Store) -> pd.DataFrame:
     """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
     there = [task for task in trial.scores if store.has(task)]
     return pd.concat([store.read(task, lambda own: own.table) for task in there], ignore_index=True)

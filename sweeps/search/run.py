@@ -49,7 +49,8 @@ from sweeps.search.trials.study import (
     storage_in,
 )
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
-from sweeps.store.open import AnyStore, reference
+from sweeps.store.local import Store
+from sweeps.store.open import reference
 from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
@@ -61,7 +62,7 @@ _ARTIFACTS = (".parquet", ".yaml", ".html", ".json")
 
 
 def run_search(
-    console: Console, problem: Problem, store: AnyStore, command: str, verify: bool
+    console: Console, problem: Problem, store: Store, command: str, verify: bool
 ) -> bool:
     """Search, write the results, verify. Returns whether a placement was found and all went well.
     Raises as `sweeps.execution.runner.drive`."""
@@ -81,7 +82,7 @@ class TrialProgress(StageProgress):
     """How many of the `wanted` trials are finished, and what their tasks do meanwhile: a bar in a
     terminal, elsewhere a line now and then."""
 
-    def __init__(self, console: Console, wanted: int, store: AnyStore) -> None:
+    def __init__(self, console: Console, wanted: int, store: Store) -> None:
         super().__init__(console, (), store)
         self._wanted, self._told = wanted, 0
         self._batch: tuple[float, int] | None = None  # seconds and trials of the latest
@@ -120,7 +121,7 @@ class SearchWork:
 
     console: Console
     problem: Problem
-    store: AnyStore
+    store: Store
     command: str
     started: float = field(default_factory=time.monotonic)
     _storage: optuna.storages.BaseStorage = field(init=False)

@@ -31,10 +31,8 @@ _TRIES = 3  # to read what another machine is writing
 @contextmanager
 def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterator[None]:
     """Copy the files of an attempt's folder to the place of the attempts at the task when they have
-    changed, and at the end.
-
-    A remote place that does not answer is logged and tried again: the work goes on without it.
-    """
+    changed, and at the end. A remote place that does not answer is logged and tried again: the work
+    goes on without it."""
     stop = threading.Event()
     target = f"{place}/{folder.name}{_ENDING}"
 
@@ -60,12 +58,10 @@ def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterat
 
 
 def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
-    """Copy what the latest of the attempts at `place` left into a new one in `folder`.
-
-    Nothing is new if it was this machine that left it, or fetched it earlier: what is here is that
-    or went on from there, also while the remote place did not answer. Names decide, not the
-    clocks of two machines: an attempt is called the same here and there, and what was fetched
-    after its content.
+    """Copy what the latest of the attempts at `place` left into a new one in `folder`. Nothing is
+    new if it was this machine that left it, or fetched it earlier: what is here is that or went on
+    from there, also while the remote place did not answer. Names decide, not the clocks of two
+    machines: an attempt is called the same here and there, and what was fetched after its content.
     """
     for left in reversed(range(_TRIES)):
         filesystem.invalidate_cache()

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sweeps.store.entries import Entry, size_of
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 
 
 @dataclass(frozen=True)
@@ -20,16 +20,14 @@ class Cleaned:
 
     @property
     def kept_bytes(self) -> int:
-        """Bytes that are left."""
         return size_of(self.contents) - size_of(self.removed)
 
     @property
     def referred(self) -> set[str]:
-        """Keys that some sweep refers to."""
         return set[str]().union(*self.references.values())
 
 
-def clean_store(store: AnyStore, quota_bytes: int | None = None, dry_run: bool = False) -> Cleaned:
+def clean_store(store: Store, quota_bytes: int | None = None, dry_run: bool = False) -> Cleaned:
     """Remove leftovers, and results that no sweep refers to: all, or with a quota those least
     recently used, until the store is no larger. The caller holds `store.exclusive()`, except for a
     dry run. Raises ValueError: the file of a sweep is damaged, so what it refers to is not

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -20,14 +20,9 @@ _NAMES = re.compile(
 
 @dataclass(frozen=True)
 class Entry:
-    """What lies in a stage's folder, a folder or a file.
-
-    Attributes:
-        kind: "result"; "working", the checkpoints of an unfinished training; "running", a note
-            that a task runs; or "partial", what a killed process was writing.
-        key: of the task; of "partial" any text.
-        size: bytes.
-    """
+    """What lies in a stage's folder, a folder or a file. `kind`: "result"; "working", the
+    checkpoints of an unfinished training; "running", a note that a task runs; or "partial", what a
+    killed process was writing. `key`: of the task; of "partial" any text. `size`: bytes."""
 
     stage: str
     kind: Literal["result", "working", "running", "partial"]
@@ -54,13 +49,5 @@ def keys_in(data: bytes, named: object) -> set[str]:
     raise ValueError(f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again")
 
 
-def check_sweeps(names: Iterable[str], store: object, known: Collection[str]) -> None:
-    """Raise ValueError that names the first sweep of which the store knows nothing."""
-    for name in names:
-        if name not in known:
-            raise ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")
-
-
 def size_of(entries: Iterable[Entry]) -> int:
-    """Bytes of entries together."""
     return sum(entry.size for entry in entries)

@@ -13,7 +13,7 @@ from pathlib import Path
 from lidarplace.files.atomic import naming, sync, temporary, unique, write_text
 from lidarplace.files.regular import regular
 from sweeps.store import result_folder as results
-from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
+from sweeps.store.entries import SWEEPS, Entry, entry_of, keys_in
 from sweeps.store.lock import locked
 from sweeps.store.result_folder import DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import whole_folder
@@ -33,28 +33,22 @@ class Note:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results: `STAGE/KEY/`, and hidden next to them what belongs to running tasks.
-
-    A result is written under a temporary name and renamed, so what is there is whole.
-    """
+    """A folder of results: `STAGE/KEY/`, and hidden next to them what belongs to running tasks. A
+    result is written under a temporary name and renamed, so what is there is whole."""
 
     folder: Path
 
     @property
-    def local(self) -> Store:
-        """The results on this machine: all of them."""
-        return self
+    def shown(self) -> str:
+        return str(self.folder)
 
     def path(self, task: Task) -> Path:
-        """Folder of the task's result."""
         return self.folder / task.stage / task.key
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
-        """Keys of the tasks whose results are there."""
         return {task.key for task in self._with(lambda task: task.key, tasks)}
 
     def has(self, task: Task) -> bool:
-        """Whether the result is there."""
         return self.path(task).is_dir()
 
     def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
@@ -91,10 +85,8 @@ class Store:
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
-        """A new folder for a task's checkpoints, with the state that any attempt wrote last.
-
-        What the block leaves there, a file that is replaced in one step, is kept until `discard`.
-        """
+        """A new folder for a task's checkpoints, with the state that any attempt wrote last. What
+        the block leaves there, a file that is replaced in one step, is kept until `discard`."""
         folder = self.attempts(task)
         # Hidden are those that a killed process was filling.
         states = [path for attempt in folder.glob("[!.]*") for path in attempt.glob("[!.]*")]
@@ -106,11 +98,9 @@ class Store:
         yield own
 
     def attempts(self, task: Task) -> Path:
-        """Folder of the attempts at an unfinished task.
-
-        Two can overlap: two drivers, or a machine that was believed dead. In one folder the slower
-        would put its older state under the other's feet, so each has its own.
-        """
+        """Folder of the attempts at an unfinished task. Two can overlap: two drivers, or a machine
+        that was believed dead. In one folder the slower would put its older state under the other's
+        feet, so each has its own."""
         return self._hidden(task, "working")
 
     def discard(self, task: Task) -> None:
@@ -139,22 +129,21 @@ class Store:
             path.unlink(missing_ok=True)
 
     def note(self, task: Task) -> Path:
-        """File of the note that a task runs."""
         return self._hidden(task, "running")
 
     def running_notes(self, tasks: Iterable[Task]) -> dict[str, Note]:
         """Notes by key, also those of killed processes. One that is not whole is left out."""
         notes = {}
-        for task in self._with(self._note_name, tasks):
+        for task in self._noted(tasks):
             # It has ended since, or its machine lost power before the note was on the disk.
             with suppress(FileNotFoundError, ValueError):
-                notes[task.key] = Note(**json.loads(self.note(task).read_text(encoding="utf-8")))
+                notes[task.key] = Note(**json.loads(self._read(self._note_place(task))))
         return notes
 
     def end_running(self, tasks: Iterable[Task]) -> None:
         """Remove the notes of tasks: what a killed process left."""
-        for task in self._with(self._note_name, tasks):
-            self.note(task).unlink(missing_ok=True)
+        for task in self._noted(tasks):
+            self._remove_file(self._note_place(task))
 
     def refer(self, name: str, keys: Collection[str]) -> None:
         """Note what the sweep `name` refers to, in place of what it referred to before."""
@@ -163,20 +152,25 @@ class Store:
         write_text(path, json.dumps(sorted(keys)))
 
     def sweep_file(self, name: str) -> Path:
-        """File of what the sweep `name` refers to."""
         return self.folder / SWEEPS / f"{name}.json"
 
     def references(self) -> dict[str, set[str]]:
         """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
-        paths = sorted((self.folder / SWEEPS).glob("*.json"))
-        return {path.stem: keys_in(regular(path).read_bytes(), path) for path in paths}
+        places = {name: f"{SWEEPS}/{name}.json" for name in self._sweeps()}
+        return {
+            name: keys_in(self._read(place), f"{self.shown}/{place}")
+            for name, place in places.items()
+        }
 
     def forget(self, *names: str) -> None:
         """Refer to nothing in the names of sweeps. Raises ValueError, before, if one is unknown."""
-        known = sorted(path.stem for path in (self.folder / SWEEPS).glob("*.json"))
-        check_sweeps(names, self.folder, known)
+        known = self._sweeps()
         for name in names:
-            self.sweep_file(name).unlink(missing_ok=True)
+            if name not in known:
+                there = ", ".join(known) or "none"
+                raise ValueError(f"{self.shown}: no sweep {name!r}; there are {there}")
+        for name in names:
+            self._remove_file(f"{SWEEPS}/{name}.json")
 
     def contents(self) -> list[Entry]:
         """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
@@ -206,18 +200,34 @@ class Store:
     def _hidden(self, task: Task, kind: str) -> Path:
         return self.folder / task.stage / f".{task.key}.{kind}"
 
-    def _note_name(self, task: Task) -> str:
-        return self.note(task).name
+    def _note_place(self, task: Task) -> str:
+        return f"{task.stage}/{self.note(task).name}"
+
+    def _noted(self, tasks: Iterable[Task]) -> Iterator[Task]:
+        return self._with(lambda task: self.note(task).name, tasks)
 
     def _with(self, name: Callable[[Task], str], tasks: Iterable[Task]) -> Iterator[Task]:
         """Tasks of which a name is in the stage's folder: one listing, however many tasks."""
-        there: dict[str, set[str]] = {}
+        there: dict[str, Collection[str]] = {}
         for task in tasks:
             if task.stage not in there:
-                with suppress(FileNotFoundError):
-                    there[task.stage] = set(os.listdir(self.folder / task.stage))
-            if name(task) in there.setdefault(task.stage, set()):
+                there[task.stage] = self._names(task.stage)
+            if name(task) in there[task.stage]:
                 yield task
+
+    def _names(self, stage: str) -> Collection[str]:
+        with suppress(FileNotFoundError):
+            return set(os.listdir(self.folder / stage))
+        return ()
+
+    def _sweeps(self) -> list[str]:
+        return sorted(path.stem for path in (self.folder / SWEEPS).glob("*.json"))
+
+    def _read(self, place: str) -> bytes:
+        return regular(self.folder / place).read_bytes()
+
+    def _remove_file(self, place: str) -> None:
+        (self.folder / place).unlink(missing_ok=True)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 import hashlib
 from pathlib import Path
-from typing import TypeAlias
 
 from fsspec import get_filesystem_class
 
@@ -14,11 +13,8 @@ from sweeps.store.entries import SWEEPS
 from sweeps.store.local import Store
 from sweeps.store.remote import RemoteStore
 
-AnyStore: TypeAlias = Store | RemoteStore
-"""What results are kept in; the two have the same methods."""
 
-
-def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyStore:
+def open_store(url: str | None, output: Path, cache: Path | None = None) -> Store:
     """The store at a folder, or at a URL that fsspec knows; `output/store` by default, as are the
     copies at `cache`. Nothing is written; a URL is tried out. Raises ValueError: it has an unknown
     protocol, needs a package, or cannot be read."""
@@ -39,7 +35,7 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyS
     except ValueError:
         shown = public_url(url)
         raise ValueError(f"store: {shown}: fsspec has no protocol {protocol!r}") from None
-    store = RemoteStore(url.rstrip("/"), (cache or own).absolute())
+    store = RemoteStore((cache or own).absolute(), url.rstrip("/"))
     try:
         store.find(SWEEPS)
     except Exception as error:  # each remote place has errors of its own
@@ -48,7 +44,7 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyS
     return store
 
 
-def store_of(sweep: Sweep) -> AnyStore:
+def store_of(sweep: Sweep) -> Store:
     """The store of a sweep. Raises ConfigError: its URL is of no known kind or cannot be had, a
     quota is given for a URL, or the store is the run folder."""
     settings = sweep.common.store
@@ -56,19 +52,18 @@ def store_of(sweep: Sweep) -> AnyStore:
         store = open_store(settings.url, sweep.common.output, settings.cache)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    remote = isinstance(store, RemoteStore)
-    if remote and settings.quota_gb is not None:
+    if isinstance(store, RemoteStore) and settings.quota_gb is not None:
         raise ConfigError("store.quota_gb: applies to folders only; a URL has no lock")
-    folder = store.local.folder
-    if folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
-        raise ConfigError(f"name: the run folder would be the store {folder}; choose another name")
+    if store.folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
+        said = f"name: the run folder would be the store {store.folder}; choose another name"
+        raise ConfigError(said)
     return store
 
 
-def check_writable(sweep: Sweep, store: AnyStore) -> None:
+def check_writable(sweep: Sweep, store: Store) -> None:
     """Try whether the run folder and the folder of the store, or of its copies, take files. Raises
     OSError: what is wrong with a folder does not mend itself, unlike a disk that fills up later."""
-    for folder in (sweep.common.output / sweep.common.name, store.local.folder):
+    for folder in (sweep.common.output / sweep.common.name, store.folder):
         check_takes_files(folder)
 
 

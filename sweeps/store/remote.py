@@ -1,6 +1,5 @@
 """Results at a URL that fsspec knows (s3://, gs://, az://, …), with a folder of copies here."""
 
-import json
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -13,7 +12,7 @@ from fsspec.core import url_to_fs
 from lidarplace.files.secret_urls import public_url
 from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
-from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
+from sweeps.store.entries import SWEEPS, Entry, entry_of
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
@@ -21,34 +20,19 @@ from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
-class RemoteStore:
-    """A store at a URL. What is loaded is copied to `cache` first and read from there.
-
-    An object store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their
-    own for every writer, and `STAGE/KEY/result.json` comes last: with it the result is there.
-    """
+class RemoteStore(Store):
+    """A store at a URL. What is loaded is copied to `folder` first and read from there. An object
+    store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their own for
+    every writer, and `STAGE/KEY/result.json` comes last: with it the result is there."""
 
     url: str
-    cache: Path
 
     @property
     def shown(self) -> str:
-        """The URL without its secrets."""
         return public_url(self.url)
 
-    @property
-    def local(self) -> Store:
-        """The copies on this machine."""
-        return Store(self.cache)
-
-    def path(self, task: Task) -> Path:
-        """Folder of the copy of the task's result."""
-        return self.local.path(task)
-
     def finished(self, tasks: Iterable[Task]) -> set[str]:
-        tasks = tuple(tasks)
-        names = {stage: self.find(stage) for stage in {task.stage for task in tasks}}
-        return {task.key for task in tasks if f"{task.key}/{RECORD}" in names[task.stage]}
+        return {task.key for task in self._with(lambda task: f"{task.key}/{RECORD}", tasks)}
 
     def has(self, task: Task) -> bool:
         """Whether the result is there; a copy alone does not count, others cannot read it."""
@@ -56,10 +40,9 @@ class RemoteStore:
         return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
 
     def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
-        """Write a result here and there, see `Store.save`. One that is there already stays."""
         with suppress(FileNotFoundError, DamagedResult):
-            self.local.load(task)  # a copy of before stays only if it is whole
-        self.local.save(task, value, seconds, ran)
+            super().read(task, results.whole(task.result))  # a copy stays only if it is whole
+        super().save(task, value, seconds, ran)
         if self.has(task):
             return
         filesystem, root = self._remote()
@@ -72,20 +55,14 @@ class RemoteStore:
             )
         put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
 
-    def load(self, task: Task[R]) -> R:
-        """Read a result, see `Store.load`."""
-        return self.read(task, results.whole(task.result))
-
     def read(self, task: Task[R], of: Callable[[R], T]) -> T:
-        """What `of` takes from a result, see `Store.read`; all its files are copied here first.
-
-        A damaged copy is replaced once. If that is damaged too, so is what it was copied from.
-        """
-        copied = self.local.has(task)
+        """Copies all files of the result here first. A damaged copy is replaced once. If that is
+        damaged too, so is what it was copied from."""
+        copied = super().has(task)
         try:
             if not copied:
                 self._copy_here(task)
-            return self.local.read(task, of)
+            return super().read(task, of)
         except DamagedResult as error:
             if not copied:
                 self._remove_result(f"{task.stage}/{task.key}")
@@ -94,9 +71,8 @@ class RemoteStore:
         return self.read(task, of)
 
     def record(self, task: Task) -> Record:
-        """How the result was computed, see `Store.record`."""
         with suppress(FileNotFoundError, DamagedResult):
-            return self.local.record(task)
+            return super().record(task)
         place = f"{task.stage}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
@@ -107,72 +83,49 @@ class RemoteStore:
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
-        """A new folder here for a task's checkpoints, see `Store.working_folder`, which is copied
-        there every few seconds, so that another machine can go on."""
+        """The folder is copied there every few seconds, so that another machine can go on."""
         filesystem, root = self._remote()
-        attempts = self.local.attempts(task)
+        attempts = self.attempts(task)
         place = f"{root}/{task.stage}/{attempts.name}"
         fetch(filesystem, place, attempts)
-        with self.local.working_folder(task) as folder, mirrored(folder, filesystem, place):
+        with super().working_folder(task) as folder, mirrored(folder, filesystem, place):
             yield folder
 
     def discard(self, task: Task) -> None:
-        """Remove the checkpoints and the note of a task whose result is there."""
-        self.local.discard(task)
+        super().discard(task)
         if task.resumable:
-            self._remove(f"{task.stage}/{self.local.attempts(task).name}")
-        self._remove_file(f"{task.stage}/{self.local.note(task).name}")
+            self._remove(f"{task.stage}/{self.attempts(task).name}")
+        self._remove_file(self._note_place(task))
 
     @contextmanager
     def running(self, task: Task, note: Note) -> Iterator[Callable[[str], None]]:
-        """Leave a note while the block runs, see `Store.running`."""
-        path = self.local.note(task)
-        with self.local.running(task, note) as write_here:
+        with super().running(task, note) as write_here:
 
             def write(progress: str = "") -> None:
                 write_here(progress)
-                self._put(path, f"{task.stage}/{path.name}")
+                self._put(self.note(task), self._note_place(task))
 
             write()
             try:
                 yield write
             finally:
-                self._remove_file(f"{task.stage}/{path.name}")
-
-    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Note]:
-        """Notes by key, also those of killed processes. One that is not whole is left out."""
-        notes = {}
-        for key, place in self._noted(tasks).items():
-            with suppress(FileNotFoundError, ValueError):  # see `Store.running_notes`
-                notes[key] = Note(**json.loads(self._read(place)))
-        return notes
+                self._remove_file(self._note_place(task))
 
     def end_running(self, tasks: Iterable[Task]) -> None:
         tasks = tuple(tasks)
-        self.local.end_running(tasks)
-        for place in self._noted(tasks).values():
-            self._remove_file(place)
+        Store(self.folder).end_running(tasks)
+        super().end_running(tasks)
 
     def refer(self, name: str, keys: Collection[str]) -> None:
-        """Note what the sweep `name` refers to, in place of what it referred to before."""
-        self.local.refer(name, keys)
-        self._put(self.local.sweep_file(name), f"{SWEEPS}/{name}.json")
-
-    def references(self) -> dict[str, set[str]]:
-        return {
-            name: keys_in(self._read(f"{SWEEPS}/{name}.json"), f"{self.shown}/{SWEEPS}/{name}.json")
-            for name in self._sweeps()
-        }
+        super().refer(name, keys)
+        self._put(self.sweep_file(name), f"{SWEEPS}/{name}.json")
 
     def forget(self, *names: str) -> None:
-        """Refer to nothing in the names of sweeps, see `Store.forget`."""
-        check_sweeps(names, self.shown, self._sweeps())
+        super().forget(*names)
         for name in names:
-            self._remove_file(f"{SWEEPS}/{name}.json")
-            self.local.sweep_file(name).unlink(missing_ok=True)
+            self.sweep_file(name).unlink(missing_ok=True)
 
     def contents(self) -> list[Entry]:
-        """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
         sizes: dict[tuple[str, str], int] = {}
         files = self.find("")
         for path, size in files.items():
@@ -200,10 +153,6 @@ class RemoteStore:
         else:
             self._remove(place)
 
-    def in_use(self) -> AbstractContextManager[None]:
-        """Keep cleaning away from the copies on this machine while the block runs."""
-        return self.local.in_use()
-
     def exclusive(self) -> AbstractContextManager[None]:
         """Always raises ValueError: sweeps on other machines cannot be seen."""
         raise ValueError(
@@ -228,16 +177,13 @@ class RemoteStore:
         found = self.find(SWEEPS)
         return [path.removesuffix(".json") for path in found if path.endswith(".json")]
 
-    def _noted(self, tasks: Iterable[Task]) -> dict[str, str]:
-        places = {task: f"{task.stage}/{self.local.note(task).name}" for task in tasks}
-        stages = {task.stage for task in places}
-        there = {f"{stage}/{name}" for stage in stages for name in self.find(stage)}
-        return {task.key: place for task, place in places.items() if place in there}
+    def _names(self, stage: str) -> Collection[str]:
+        return self.find(stage)
 
     def _copy_here(self, task: Task) -> None:
         filesystem, root = self._remote()
         place = f"{task.stage}/{task.key}"
-        with self.local.incoming(task) as folder:
+        with self.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()
             content = results.parse_content(data, place, f"{self.shown}/{place}")

@@ -201,15 +201,12 @@ class DamagedResult(ValueError):
 
 
 def damaged(named: object, fault: str) -> DamagedResult:
-    """The error for a result that is not what was written."""
     return DamagedResult(f"{named} is damaged: {fault}; it is removed, to be computed again")
 
 
 def _digest(path: Path) -> str:
-    """Hash of a file's content. What is mapped afterwards is in the page cache by then.
-
-    Not one of the faster kinds from a package of its own: 1.2 GB/s is more than most disks have.
-    """
+    """Hash of a file's content. What is mapped afterwards is in the page cache by then. Not one of
+    the faster kinds from a package of its own: 1.2 GB/s is more than most disks have."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, _hash).hexdigest()
 

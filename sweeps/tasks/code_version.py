@@ -36,17 +36,11 @@ class Code:
         self._sources: dict[str, Source] = {}
 
     def version(self, *roots: str) -> str:
-        """Hash of all that `roots` can run.
-
-        Args:
-            roots: dotted paths of functions, classes, constants or modules; a module counts as a
-                whole, and with a function the types that its arguments are annotated with. A root
-                in a package of which a module is imported by a name put together at run time says
-                that it is this one.
-
-        Raises:
-            ValueError: a path leads nowhere, or a source imports in a way that is not followed.
-        """
+        """Hash of all that `roots` can run: dotted paths of functions, classes, constants or
+        modules. A module counts as a whole, and with a function the types that its arguments are
+        annotated with. A root in a package of which a module is imported by a name put together at
+        run time says that it is this one. Raises ValueError: a path leads nowhere, or a source
+        imports in a way that is not followed."""
         edges = self._closure(roots)
         colours: dict[_Node | str, str] = {node: self._definition(node).says for node in edges}
         # Colour refinement: nodes that say the same differ if what their names lead to differs.

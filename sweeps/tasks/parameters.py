@@ -73,16 +73,11 @@ class SurrogateParams:
 
 @dataclass(frozen=True)
 class RecallParams:
-    """How surrogates of objects are computed.
-
-    Attributes:
-        rigs: the rig of the clouds, with their quirks and azimuth steps; or as single vehicles have
-            it, with their mounts off. Values are the mean over them.
-        roi: its resolution does not matter.
-        seed: of the shapes of the objects.
-        frames: at most so many, spread over those of the training split.
-        vehicle: carries the LiDARs; None: a sedan.
-    """
+    """How surrogates of objects are computed. `rigs`: the rig of the clouds, with their quirks and
+    azimuth steps; or as single vehicles have it, with their mounts off. Values are the mean over
+    them. `roi`: its resolution does not matter. `seed`: of the shapes of the objects. `frames`: at
+    most so many, spread over those of the training split. `vehicle`: carries the LiDARs; None: a
+    sedan."""
 
     rigs: Annotated[tuple[Placement, ...], "placement", "lidar", "weather", "surrogate.mount_draws"]
     names: Annotated[tuple[str, ...], "surrogate.names"]
@@ -158,12 +153,9 @@ class CollectParams:
 
 @dataclass(frozen=True)
 class RecordedParams:
-    """The folder of clouds of a rig that were recorded, and the hash of their content.
-
-    Attributes:
-        rig: that recorded them, in whose order points are; None: that of the placement alone.
-        lidars: of it, whose points are taken.
-    """
+    """The folder of clouds of a rig that were recorded, and the hash of their content. `rig`: that
+    recorded them, in whose order points are; None: that of the placement alone. `lidars`: of it,
+    whose points are taken."""
 
     folder: Annotated[Path, "placement", "scene"]
     digest: str
@@ -175,14 +167,10 @@ class RecordedParams:
 
 @dataclass(frozen=True)
 class NetworkParams:
-    """A detector, what it detects, and how it is trained and selects boxes.
-
-    Attributes:
-        point_range: the crop of the clouds.
-        typical: objects of which anchors are, of classes that have not the preset's.
-        ious: of classes that are judged by others than KITTI's, where detections are judged.
-        metrics: of plug-ins, where detections are judged.
-    """
+    """A detector, what it detects, and how it is trained and selects boxes. `point_range`: the crop
+    of the clouds. `typical`: objects of which anchors are, of classes that have not the preset's.
+    `ious`: of classes that are judged by others than KITTI's, where detections are judged.
+    `metrics`: of plug-ins, where detections are judged."""
 
     detector: str
     classes: tuple[str, ...]
@@ -226,13 +214,9 @@ class PretrainParams(TrainingParams):
 
 @dataclass(frozen=True)
 class CommandParams:
-    """A command that detects.
-
-    Attributes:
-        digests: of the content of what it depends on.
-        rig, seed: what `{rig}` and `{seed}` stand for; None: the command has them not.
-        log: file that gets what it prints.
-    """
+    """A command that detects. `digests`: of the content of what it depends on. `rig`, `seed`: what
+    `{rig}` and `{seed}` stand for; None: the command has them not. `log`: file that gets what it
+    prints."""
 
     judge: CommandJudge
     digests: tuple[str, ...]

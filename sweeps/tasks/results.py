@@ -33,15 +33,10 @@ class GroundTruth:
 
 @dataclass(frozen=True, eq=False)
 class Pog:
-    """Occupancy of every class.
-
-    Attributes:
-        classes: in the order of the configuration.
-        frames: T, of the training split.
-        roi: voxels.
-        counts: by class, frames in which each voxel is occupied, shape (nx, ny, nz), int32.
-        from_above: by class, entropy summed over z, nats, shape (nx, ny), float32.
-    """
+    """Occupancy of every class. `classes`: in the order of the configuration. `frames`: T, of the
+    training split. `roi`: voxels. `counts`: by class, frames in which each voxel is occupied, shape
+    (nx, ny, nz), int32. `from_above`: by class, entropy summed over z, nats, shape (nx, ny),
+    float32."""
 
     classes: Sequence[str]
     frames: int
@@ -67,13 +62,10 @@ class PogScores(Scores):
 
 @dataclass(frozen=True, eq=False)
 class Required:
-    """What becomes of each requirement under a rig.
-
-    Attributes:
-        table: columns of `lidarplace.requirements.tables.case_table`.
-        x, y, least: those of `lidarplace.requirements.tables.Ground`, metres and the measure of the
-            requirement, by its number; `least` as float32.
-    """
+    """What becomes of each requirement under a rig. `table`: columns of
+    `lidarplace.requirements.tables.case_table`. `x`, `y`, `least`: those of
+    `lidarplace.requirements.tables.Ground`, metres and the measure of the requirement, by its
+    number; `least` as float32."""
 
     table: pd.DataFrame
     x: Mapping[str, NDArray[np.float64]]
@@ -120,15 +112,10 @@ class Trained:
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """Detections of one split, and what they are worth; percent at each class's IoUs.
-
-    Attributes:
-        metrics, pr_curves, left_out: `metrics`, `curves` and `left_out` of
-            `training.kitti_ap.Evaluation`.
-        by_distance: columns of `training.by_distance.evaluate_by_distance`.
-        by_sector: columns of `training.by_sector.recall_by_sector`.
-        detections: `boxes` of `training.detect.Detections`.
-    """
+    """Detections of one split, and what they are worth; percent at each class's IoUs. `metrics`,
+    `pr_curves`, `left_out`: `metrics`, `curves` and `left_out` of `training.kitti_ap.Evaluation`.
+    `by_distance`: columns of `training.by_distance.evaluate_by_distance`. `by_sector`: columns of
+    `training.by_sector.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`."""
 
     metrics: pd.DataFrame
     pr_curves: pd.DataFrame

@@ -19,15 +19,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Definition:
-    """What a name of a module stands for.
-
-    Attributes:
-        says: hash of the statements that define it.
-        uses: (name as written, dotted path) of what it refers to. A path that ends in ".*" is any
-            module of a package.
-        takes: the same of the annotations of a function's arguments.
-        runs: dotted paths of what it imports.
-    """
+    """What a name of a module stands for. `says`: hash of the statements that define it. `uses`:
+    (name as written, dotted path) of what it refers to. A path that ends in ".*" is any module of a
+    package. `takes`: the same of the annotations of a function's arguments. `runs`: dotted paths of
+    what it imports."""
 
     says: str
     uses: frozenset[tuple[str, str]]
@@ -167,10 +162,8 @@ _NOT_SAID = {"annotation", "returns", "ctx", "type_comment"}
 
 class _Speech:
     """Writes syntax trees as text, the same for all versions of Python, and notes references, by
-    the dotted paths of names.
-
-    A local name that is called as one of the module counts as that one: too much is safe.
-    """
+    the dotted paths of names. A local name that is called as one of the module counts as that one:
+    too much is safe."""
 
     def __init__(self, paths: Mapping[str, str]) -> None:
         self.uses: set[tuple[str, str]] = set()

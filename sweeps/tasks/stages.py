@@ -79,13 +79,9 @@ T = TypeVar("T")
 
 
 class How(TypedDict):
-    """How a training runs.
-
-    Attributes:
-        folder: where it goes on after a stop.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
-        on_step: called with the epochs that are done.
-    """
+    """How a training runs. `folder`: where it goes on after a stop. `halvings`: how often the batch
+    size is halved, after the GPU's memory was too small. `on_step`: called with the epochs that are
+    done."""
 
     folder: Path
     halvings: int
@@ -106,10 +102,8 @@ def ground_truth(params: GroundTruthParams, log: BoxLog) -> GroundTruth:
 
 
 def pog(params: PogParams, *logs: BoxLog) -> Pog:
-    """Occupancy by every class over the frames of the training split.
-
-    Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
-    """
+    """Occupancy by every class over the frames of the training split. Test frames stay out: a
+    surrogate predicts how a placement will do on what was not seen."""
     roi, log = params.roi, _training_log(logs)
     frames = len(log.frames)
     grids = OccupancyGrid.by_class(log.boxes, roi, params.classes, frames=frames)
@@ -258,11 +252,9 @@ def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
 def finetune(
     params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
 ) -> Trained:
-    """Train one detector on the clouds of one placement.
-
-    From scratch it is trained for the classes that occur; heads that are there already stay.
-    `inputs` are clouds, the objects in them, and a generalist to start from, if any.
-    """
+    """Train one detector on the clouds of one placement. From scratch it is trained for the classes
+    that occur; heads that are there already stay. `inputs` are clouds, the objects in them, and a
+    generalist to start from, if any."""
     from training.dataset import occurring_classes
 
     clouds, objects = _clouds_and_objects(inputs)
@@ -320,7 +312,6 @@ def command(params: CommandParams, *inputs: BoxLog | Collected | GroundTruth) ->
 
 
 def measure(params: MeasureParams, found: Judged, *truths: GroundTruth) -> Evaluated:
-    """Compare detections with the ground truth."""
     tables = ([own.objects for own in truths], [own.frames for own in truths])
     whole = (pd.concat(table, ignore_index=True) for table in tables)
     objects, routes = (table[table["frame"].isin(found.frames["frame"])] for table in whole)
@@ -345,12 +336,10 @@ FUNCTIONS = {stage.__name__: stage for stage in _STAGES}
 
 
 def _of(kind: type[T], inputs: Iterable[object]) -> list[T]:
-    """The inputs of a kind, in their order."""
     return [own for own in inputs if isinstance(own, kind)]
 
 
 def _training_log(logs: Sequence[BoxLog]) -> BoxLog:
-    """The training split, from which surrogates are."""
     log = join_logs(logs)
     frames = log.frames[log.frames["split"] == "train"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
@@ -380,11 +369,9 @@ def _simulated(params: CollectParams, log: BoxLog) -> SimulatedClouds:
 def _clouds_and_objects(
     inputs: Sequence[object], scenes: Sequence[int] = ()
 ) -> tuple[Clouds, pd.DataFrame]:
-    """Clouds, and the objects that are in their frames.
-
-    `scenes` is how many of the inputs each scene has, whose frames are numbered on from those of
-    the scene before; by default all inputs are of one scene.
-    """
+    """Clouds, and the objects that are in their frames. `scenes` is how many of the inputs each
+    scene has, whose frames are numbered on from those of the scene before; by default all inputs
+    are of one scene."""
     left = iter(inputs)
     clouds: list[Collected] = []
     objects: list[pd.DataFrame] = []

@@ -49,7 +49,6 @@ class Task(Generic[R]):
 
     @property
     def result(self) -> type[R]:
-        """Class of the result."""
         found: type[R] = get_type_hints(stages.FUNCTIONS[self.stage])["return"]
         return found
 

@@ -35,7 +35,7 @@ def saved(store, *names, size=1000):
 def store(request, tmp_path):
     if request.param == "folder":
         return Store(tmp_path / "store")
-    return RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    return RemoteStore(tmp_path / "cache", f"memory://{uuid.uuid4().hex}")
 
 
 def kinds(entries):
@@ -67,7 +67,7 @@ def test_what_killed_processes_left_is_removed(store):
             (folder / "last.pt").write_text("1")
     lost = store.running(going, Note("n1"))
     lost.__enter__()  # and never left
-    half = store.folder / "scene" if isinstance(store, Store) else None
+    half = store.folder / "scene" if not isinstance(store, RemoteStore) else None
     if half:
         (half / f".{gone.key}.n1-7-0123abcd.part").mkdir()
     cleaned = clean_store(store)
@@ -80,7 +80,7 @@ def test_what_killed_processes_left_is_removed(store):
 
 
 def test_an_upload_that_broke_off_is_a_leftover(tmp_path, monkeypatch):
-    store = RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    store = RemoteStore(tmp_path / "cache", f"memory://{uuid.uuid4().hex}")
     with monkeypatch.context() as patch:
         patch.setattr("fsspec.implementations.memory.MemoryFileSystem.put_file", None)
         with pytest.raises(TypeError):
@@ -107,7 +107,7 @@ def test_a_quota_spares_what_was_used_last(tmp_path):
 
 
 def test_a_remote_quota_spares_what_was_stored_last(tmp_path):
-    store = RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    store = RemoteStore(tmp_path / "cache", f"memory://{uuid.uuid4().hex}")
     a, b = saved(store, "a", "b")
     cleaned = clean_store(store, size_of(store.contents()) - 1)
     assert [entry.key for entry in cleaned.removed] == [a.key]
@@ -183,7 +183,7 @@ def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
 
 def test_the_command_at_a_url_has_to_be_told_that_no_sweep_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    store = RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    store = RemoteStore(tmp_path / "cache", f"memory://{uuid.uuid4().hex}")
     (a,) = saved(store, "a")
     assert "--unlocked" in run(store.url, code=2)
     told = run(store.url, "--dry-run")

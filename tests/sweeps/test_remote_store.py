@@ -40,7 +40,7 @@ def url(request, tmp_path, monkeypatch):
 @pytest.fixture
 def machine(url, tmp_path):
     """Makes the store as a machine of that name sees it."""
-    return lambda name: RemoteStore(url, tmp_path / name)
+    return lambda name: RemoteStore(tmp_path / name, url)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def test_what_is_here_is_not_copied_again(machine, url):
     assert not machine("other").has(TASK), "others would not find it"
     with pytest.raises(FileNotFoundError):
         machine("third").load(TASK)
-    assert not any(machine("third").local.contents())
+    assert not any(Store(machine("third").folder).contents())
 
 
 @pytest.mark.parametrize("step", ["put", "put_file"])
@@ -266,7 +266,7 @@ def test_a_fetch_that_breaks_off_spoils_nothing(machine, url, monkeypatch):
         patch.setattr(type(fsspec.url_to_fs(url)[0]), "get_file", half)
         with pytest.raises(ConnectionError):
             other.working_folder(TASK).__enter__()
-    assert list(other.local.attempts(TASK).iterdir()) == []
+    assert list(other.attempts(TASK).iterdir()) == []
     with other.working_folder(TASK) as folder:
         assert texts(folder) == {"last.pt": "whole"}
 
@@ -276,7 +276,7 @@ def test_notes_and_references_are_seen_by_all(machine, url):
     filesystem, root = fsspec.url_to_fs(url)
     with one.running(TASK, Note("n1")):
         assert other.running_notes([TASK]) == {TASK.key: Note("n1")}
-        filesystem.pipe_file(f"{root}/{TASK.stage}/{one.local.note(TASK).name}", b'{"host": ')
+        filesystem.pipe_file(f"{root}/{TASK.stage}/{one.note(TASK).name}", b'{"host": ')
         assert other.running_notes([TASK]) == {}, "it is not whole"
     assert other.running_notes([TASK]) == {}
     lost = one.running(TASK, Note())
@@ -301,7 +301,7 @@ def test_a_sweep_at_a_url_cannot_be_locked_out(machine, monkeypatch):
     monkeypatch.setattr("sweeps.store.lock._PATIENCE_S", 0.05)
     store = machine("one")
     with store.in_use(), pytest.raises(ValueError, match="in use"):
-        store.local.exclusive().__enter__()
+        Store(store.folder).exclusive().__enter__()
     with pytest.raises(ValueError, match="--unlocked"):
         store.exclusive()
 
@@ -313,8 +313,8 @@ def test_the_store_of_a_configuration(tmp_path, monkeypatch):
     assert open_store(None, runs) == Store(own)
     assert open_store("shared", runs) == Store(tmp_path / "shared")
     assert open_store("file:///data/store", runs) == Store(Path("/data/store"))
-    assert open_store("memory://a/b/", runs) == RemoteStore("memory://a/b", own)
-    assert open_store("memory://a", runs, runs / "c") == RemoteStore("memory://a", own.parent / "c")
+    assert open_store("memory://a/b/", runs) == RemoteStore(own, "memory://a/b")
+    assert open_store("memory://a", runs, runs / "c") == RemoteStore(own.parent / "c", "memory://a")
     assert not list(tmp_path.iterdir())
 
 
@@ -346,7 +346,7 @@ def test_sweeps_of_one_name_in_two_folders_refer_apart(tmp_path):
     here, there = sweep(tmp_path), sweep(tmp_path, output=str(tmp_path / "other"))
     assert store_of(here) == Store(tmp_path / "runs/store")
     remote = sweep(tmp_path, store={"url": "memory://b/", "cache": str(tmp_path / "c")})
-    assert store_of(remote) == RemoteStore("memory://b", tmp_path / "c")
+    assert store_of(remote) == RemoteStore(tmp_path / "c", "memory://b")
     assert reference(here) != reference(there)
     assert reference(here) == reference(sweep(tmp_path, output=f"{tmp_path}/./runs"))
     assert reference(here).startswith("grid.")

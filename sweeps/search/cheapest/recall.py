@@ -11,11 +11,11 @@ from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import judged_rigs
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
-from sweeps.store.open import AnyStore
+from sweeps.store.local import Store
 from sweeps.tasks.task import with_inputs
 
 
-def recall_of(console: Console, problem: Problem, store: AnyStore) -> Recall | None:
+def recall_of(console: Console, problem: Problem, store: Store) -> Recall | None:
     """Ask the first objective of a rig, percent; None where `search.cheapest.recall` is null.
     Results are kept in the store. The returned function raises BackendLost if a rig cannot be
     judged. Raises ValueError: the objective is not of the generalist of the package."""

@@ -23,7 +23,8 @@ from sweeps.search.trials.aggregate import (
     metrics_over_tests,
     weighted_value,
 )
-from sweeps.store.open import AnyStore, reference
+from sweeps.store.local import Store
+from sweeps.store.open import reference
 from sweeps.tasks.task import with_inputs
 
 MOST_CHOSEN = 8
@@ -31,11 +32,7 @@ MOST_CHOSEN = 8
 
 
 def choose(
-    console: Console,
-    problem: Problem,
-    judged: Mapping[str, Judged],
-    store: AnyStore,
-    backend: Backend,
+    console: Console, problem: Problem, judged: Mapping[str, Judged], store: Store, backend: Backend
 ) -> tuple[dict[str, Judged], pd.DataFrame]:
     """The best rigs of the search and the paper's on the traffic of the choice: those that were
     found in their new order and names, then the others; and the table of `verified_table`. Raises
@@ -77,7 +74,7 @@ def choose(
 
 
 def _results(
-    name: str, tests: Sequence[DetectorTrial], store: AnyStore, over: Over
+    name: str, tests: Sequence[DetectorTrial], store: Store, over: Over
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Metrics of a rig by one generalist, over all tests; the same without each unit."""
     evaluations = [trial.evaluate for trial in tests]

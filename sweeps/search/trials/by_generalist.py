@@ -26,7 +26,8 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
 from sweeps.search.trials.study import finished_trials, tell
 from sweeps.search.trials.traffic import Pool
-from sweeps.store.open import AnyStore, reference
+from sweeps.store.local import Store
+from sweeps.store.open import reference
 from sweeps.tasks.parameters import CollectParams, JudgeParams
 from sweeps.tasks.results import Evaluated, GroundTruth, Judged
 from sweeps.tasks.task import Task, with_inputs
@@ -52,7 +53,7 @@ class GeneralistAnswers:
         study: optuna.Study,
         problem: Problem,
         pool: Pool,
-        store: AnyStore,
+        store: Store,
         backend: Backend,
         listener: Listener,
     ) -> None:
@@ -187,7 +188,7 @@ def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
 
 
 def judged_metrics(
-    store: AnyStore,
+    store: Store,
     portions: Sequence[Task[Judged]],
     truths: Sequence[Task[GroundTruth]],
     classes: Sequence[str],

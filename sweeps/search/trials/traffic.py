@@ -21,7 +21,8 @@ from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Space
 from sweeps.search.trials.study import assessment_of, finished_trials, tell
-from sweeps.store.open import AnyStore, reference
+from sweeps.store.local import Store
+from sweeps.store.open import reference
 from sweeps.tasks.parameters import RecallParams
 from sweeps.tasks.stages import grids_of, objects_of
 from sweeps.tasks.task import Task
@@ -34,7 +35,7 @@ class NoTraffic(RuntimeError):
 def training_traffic(
     console: Console,
     problem: Problem,
-    store: AnyStore,
+    store: Store,
     backend: Backend,
     scene: Mapping[str, Any] | None = None,
 ) -> Traffic:
@@ -64,7 +65,7 @@ def training_traffic(
     return Traffic(grids, objects)
 
 
-def _objects(problem: Problem, store: AnyStore, recall: Task) -> ExpectedRecall:
+def _objects(problem: Problem, store: Store, recall: Task) -> ExpectedRecall:
     """The objects of which the objectives are, under rigs as clouds are collected."""
     file, params = problem.file, recall.params
     assert isinstance(params, RecallParams)
