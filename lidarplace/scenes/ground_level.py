@@ -1,7 +1,6 @@
 """Boxes under our ground, or above it: how many there are, and setting them on it.
 
-Rays end on the ground z = 0. Real roads are uneven, so at a distance boxes are below or above.
-"""
+Rays end on the ground z = 0. Real roads are uneven, so at a distance boxes are below or above."""
 
 from dataclasses import replace
 

@@ -20,13 +20,9 @@ def write_layout(
     """Write clouds of frames, and labels of those to train, to a new folder.
 
     Layout kitti: `training` and, without labels, `testing`; parquet: `clouds/FRAME.bin` (x, y, z,
-    intensity; float32), `boxes.parquet` and `frames.parquet`, ego frame. Returns the frames with
-    `SOURCE`, what the layout calls each. Raises OSError, and ValueError for a negative frame.
-
-    Args:
-        frames: of a box log.
-        labels: of frames to train, columns of `lidarplace.clouds.visibility.ground_truth`.
-        clouds: of the frames."""
+    intensity; float32), `boxes.parquet` and `frames.parquet`, ego frame. Labels have the columns of
+    `lidarplace.clouds.visibility.ground_truth`. Returns the frames with `SOURCE`, what the layout
+    calls each. Raises OSError, and ValueError for a negative frame."""
     told = frames.assign(**{SOURCE: frames["frame"].map(frame_name)})
     if layout == "kitti":
         write_kitti(folder, frames, [(to_labels(labels), clouds)], secret=True)

@@ -3,8 +3,7 @@
 A cell counts the points in it, the frames that they are of, and the rays that pass through the
 middle of where its points are. What is in a labelled box counts as if rays had passed. Cells that
 enough frames hit and that stop enough of their rays stand still; the lowest of them are ground.
-Tiles that the vehicle leaves behind are condensed, so memory does not grow with the points.
-"""
+Tiles that the vehicle leaves behind are condensed, so memory does not grow with the points."""
 
 import math
 from collections import defaultdict
@@ -62,13 +61,9 @@ class _State(NamedTuple):
 
 
 def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, StaticWorld]:
-    """The static world of every scene of a log.
-
-    Args:
-        log: frames with poses, boxes, and the rig of every scene, which says where rays start.
-        clouds: of the log's frames, in the ego frame; the frames of a scene follow each other.
-
-    Raises ValueError if a frame has no pose, a scene no rig, or clouds distinguish other LiDARs."""
+    """The static world of every scene of a log, whose rigs say where rays start. `clouds` are of
+    its frames, in the ego frame; those of a scene follow each other. Raises ValueError if a frame
+    has no pose, a scene no rig, or clouds distinguish other LiDARs."""
     if missing := [name for name in POSE_COLUMNS if name not in log.frames.columns]:
         problem, found = "a static world needs poses of the vehicle", f"no {', '.join(missing)}"
         raise InputError(problem, place="frames", expected=", ".join(POSE_COLUMNS), found=found)
@@ -130,16 +125,10 @@ class WorldBuilder:
         place: NDArray[np.float64],
         boxes: NDArray[np.float64],
     ) -> None:
-        """Add a frame.
-
-        Args:
-            points: x, y, z, intensity in [0, 1], ego frame, shape (n, 4).
-            lidar: the LiDAR of each point, shape (n,).
-            eyes: where the LiDARs are, ego frame, shape (LiDARs, 3).
-            turn, place: from the ego frame to the world of the scene, shapes (3, 3) and (3,).
-            boxes: labelled objects, rows of `GEOMETRY`, ego frame, shape (m, 7).
-
-        Raises ValueError if the vehicle is farther from the first frame than a world reaches."""
+        """Add a frame: points with intensity, (n, 4), of the LiDAR of a number, (n,), at `eyes`,
+        (LiDARs, 3), and labelled boxes, rows of `GEOMETRY`, (m, 7), all in the ego frame. `turn`,
+        (3, 3), and `place`, (3,), lead from there to the world of the scene. Raises ValueError if
+        the vehicle is farther from the first frame than a world reaches."""
         if self._origin is None:
             self._origin = np.floor(place / TILE_M) * TILE_M
         shift = place - self._origin

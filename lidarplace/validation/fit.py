@@ -3,8 +3,7 @@
 A ray on an object of class c at range r returns with probability `factor_c exp(-r / distance)`,
 times the share that the LiDAR's own shadow leaves. The fit minimises the mean of
 `|log2((simulated + 1/2) / (real + 1/2))|` over boxes: errors of factors count alike for rich and
-for poor objects, and single boxes do not decide it.
-"""
+for poor objects, and single boxes do not decide it."""
 
 import math
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """The own shadow of every LiDAR, from real clouds: sectors of azimuth from which little returns.
 
 Sky returns nothing either, so only rays count that have something to return from: ground nearby, or
-what another LiDAR of the rig sees in that direction. Each sector counts with its best frame.
-"""
+what another LiDAR of the rig sees in that direction. Each sector counts with its best frame."""
 
 import math
 import warnings

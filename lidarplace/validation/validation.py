@@ -130,11 +130,13 @@ def validate(
     counted, by_points = objects[near], points_by_subset(objects, names)
     by_cells = cells_by_subset(seen, classes, near.to_numpy(), names, curves)
     subsets = pd.concat([by_points, by_cells], ignore_index=True)
-    done = Validation(
+    routes, dark = int(counted["route"].nunique()), mask if clouds or correction else None
+    facts = {"routes": routes, "tracks": problem.tracks, "boxes": len(counted)}
+    return Validation(
         names=names,
-        correction=CorrectionFile(),
+        correction=correction or _file(final, names, dark, facts),
         given=correction is not None,
-        routes=int(counted["route"].nunique()),
+        routes=routes,
         tracks=problem.tracks,
         boxes=len(counted),
         frames=len(frames),
@@ -146,11 +148,10 @@ def validate(
         intervals=intervals,
         subsets=subsets,
         agreement=agreement(subsets),
-        shadows=mask if clouds or correction is not None else None,
+        shadows=dark,
         worst=_worst(counted, seen),
         without=tuple(without),
     )
-    return replace(done, correction=correction or _file(final, done))
 
 
 def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
@@ -285,16 +286,17 @@ def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
     return rig.placement.with_lidar(lidars)
 
 
-def _file(fit: Fit, done: Validation) -> CorrectionFile:
+def _file(
+    fit: Fit, names: Sequence[str], dark: NDArray[np.float64] | None, facts: dict[str, int]
+) -> CorrectionFile:
     """The correction that is written."""
-    lidars: dict[str, object] = {name: {} for name in done.names}
-    for name, row in zip(done.names, () if done.shadows is None else done.shadows, strict=False):
+    lidars: dict[str, object] = {name: {} for name in names}
+    for name, row in zip(names, () if dark is None else dark, strict=False):
         if (row < 1.0).any():
             shares = [round(float(share), 3) for share in row]
             lidars[name] = {"mask": {"azimuth_deg": 360.0 / SECTORS, "shares": shares}}
-    facts = {"routes": done.routes, "tracks": done.tracks, "boxes": done.boxes, "below_m": BELOW_M}
-    if done.tracks < FEWEST_TRACKS:
-        facts["too_few_tracks"] = True
+    few = {"too_few_tracks": True} if facts["tracks"] < FEWEST_TRACKS else {}
+    fitted = facts | {"below_m": BELOW_M} | few
     factor = {str(name): round(share, 4) for name, share in fit.factor.items()}
-    known = {"factor": factor, "distance": fit.distance, "lidars": lidars, "fitted": facts}
+    known = {"factor": factor, "distance": fit.distance, "lidars": lidars, "fitted": fitted}
     return CorrectionFile.model_validate(known)

@@ -7,8 +7,7 @@
     OUT/clouds/<placement>/<route>/       point clouds
 
 What is there is not done again: a collection that was stopped goes on with the next route, and
-placements can be added later under the same traffic.
-"""
+placements can be added later under the same traffic."""
 
 import json
 import shutil

@@ -118,4 +118,4 @@ def ego_points(
     half = np.array(body)[:, None] / 2
     middle = half * [[0.0], [0.0], [1.0]]
     seen &= ~(np.abs(place - middle) <= half + BODY_MARGIN_M).all(axis=0)
-    return np.column_stack([place.T, returns[:, 3]])[seen].astype(np.float32)
+    return np.asarray(np.column_stack([place.T, returns[:, 3]])[seen], np.float32)

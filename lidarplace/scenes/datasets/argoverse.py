@@ -1,7 +1,5 @@
 """Box logs of the Argoverse 2 sensor data set."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

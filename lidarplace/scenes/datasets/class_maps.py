@@ -2,8 +2,7 @@
 
 In the paper's, Car is everything of a car's size: sedans, pickups, SUVs. Cyclist is its *Van and
 Cyclist*: bicycles, motorcycles, box trucks and the like. What its towns do not have (buses,
-trailers, construction machines, scooters) is ignored, and so is what is not a road user.
-"""
+trailers, construction machines, scooters) is ignored, and so is what is not a road user."""
 
 import reprlib
 from collections import ChainMap, Counter
@@ -61,7 +60,7 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
         return result
     names = {*NO_ROAD_USERS, *result}.difference(NO_OBSTACLES)
     ignored = [name for name in names if name in result and result[name] == IGNORE]
-    return ChainMap(dict.fromkeys(ignored, OTHER), result)  # type: ignore[arg-type]
+    return ChainMap(dict.fromkeys(ignored, OTHER), result)
 
 
 def named_class_map(name: str) -> ClassMap | None:

@@ -20,15 +20,10 @@ Drive = tuple[pd.DataFrame, pd.DataFrame, RecordedRig | None]
 def drives_in(
     folder: Path, splits: Sequence[str], known: Mapping[str, str], pattern: str, each: str
 ) -> list[tuple[Path, str]]:
-    """Paths of drives in `folder/<split>`, and the split of a box log that each is for.
-
-    Args:
-        splits: of `known`; empty: its first two, or the one that is there.
-        known: folder of the data set -> split of the box log.
-        pattern: of the paths.
-        each: what there must be for each drive.
-
-    Raises ValueError if a split is unknown, or a folder has no drive."""
+    """Paths of drives in `folder/<split>`, and the split of a box log that each is for. `known`
+    maps folders of the data set to these; without `splits` its first two are meant, or the one that
+    is there. `each` is what there must be for each drive. Raises ValueError if a split is unknown,
+    or a folder has no path of the pattern."""
     for split in splits:
         if split not in known:
             raise ValueError(f"split {split!r}: allowed are {', '.join(known)}")

@@ -1,7 +1,6 @@
 """Box logs from ASAM OpenLABEL: cuboids of JSON files, a drive each.
 
-https://www.asam.net/standards/detail/openlabel has the standard.
-"""
+https://www.asam.net/standards/detail/openlabel has the standard."""
 
 import math
 from collections import Counter

@@ -1,8 +1,7 @@
 """Box logs of Waymo's perception data set v2, which is tables of Parquet.
 
 https://github.com/waymo-research/waymo-open-dataset/tree/master/src/waymo_open_dataset/v2 has the
-components that the columns are named after.
-"""
+components that the columns are named after."""
 
 from collections import Counter
 from collections.abc import Sequence

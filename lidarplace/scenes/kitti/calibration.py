@@ -1,8 +1,7 @@
 """KITTI's frames: where the LiDAR and the camera are, and the files that say so.
 
 LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Places on the
-vehicle are those of Geiger et al., Vision meets Robotics, IJRR 2013; our camera looks ahead.
-"""
+vehicle are those of Geiger et al., Vision meets Robotics, IJRR 2013; our camera looks ahead."""
 
 from collections.abc import Mapping
 from pathlib import Path

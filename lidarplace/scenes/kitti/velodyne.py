@@ -1,8 +1,6 @@
 """KITTI's point clouds: files of float32, four a point, in the LiDAR frame."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,26 +48,20 @@ def read_kitti_clouds(
             fault(f"{path}: {size} bytes are no multiple of {_BYTES}, so no whole points", skipped)
         else:
             whole[frame] = path
-    clouds = _read(whole.values(), np.array(crop), lidar_height, skipped)
-    return PointClouds.from_frames(list(whole), clouds, crop)
+    low, high = np.reshape(crop, (2, 3))
 
-
-def _read(
-    paths: Iterable[Path], crop: NDArray[np.float64], lidar_height: float, skipped: list[str] | None
-) -> Iterator[tuple[NDArray[np.float32], list[int]]]:
-    for path in paths:
+    def read(path: Path) -> tuple[NDArray[np.float32], list[int]]:
         points = np.fromfile(regular(path), "<f4").reshape(-1, 4).astype(np.float32, copy=False)
         good = valid_points(points)
         for index in np.flatnonzero(~good).tolist():
-            fault(
-                f"{path}: point {index} must be finite, with an intensity in [0, 1]; "
-                f"found {points[index].tolist()}",
-                skipped,
-            )
+            problem = f"point {index} must be finite, with an intensity in [0, 1]"
+            fault(f"{path}: {problem}; found {points[index].tolist()}", skipped)
         points = points[good]
         points[:, 2] += np.float32(lidar_height)
         # Adding the height rounds; what lay on a face of the region must stay in it.
-        inside = (points[:, :3] >= crop[:3] - STEP_M / 2) & (points[:, :3] <= crop[3:] + STEP_M / 2)
+        inside = (points[:, :3] >= low - STEP_M / 2) & (points[:, :3] <= high + STEP_M / 2)
         points = points[inside.all(axis=1)]
-        points[:, :3] = np.clip(points[:, :3], crop[:3], crop[3:])
-        yield points, [len(points)]
+        points[:, :3] = np.clip(points[:, :3], low, high)
+        return points, [len(points)]
+
+    return PointClouds.from_frames(list(whole), map(read, whole.values()), crop)

@@ -1,8 +1,7 @@
 """Left-hand traffic by its mirror image: y turns into -y, and who kept left keeps right.
 
 netconvert's own option exchanges the sides of OpenDRIVE's roads, not the direction of their lanes.
-So it is given the mirrored map, and what is recorded in there is mirrored back.
-"""
+So it is given the mirrored map, and what is recorded in there is mirrored back."""
 
 from dataclasses import replace
 from xml.etree.ElementTree import Element
