@@ -1,5 +1,6 @@
 """What the cases of Python in `tests/data/messages.txt` may call, and tiny data for them."""
 
+import gzip  # noqa: F401 - for cases
 import json
 import math
 import shutil
@@ -37,7 +38,8 @@ lidarplace.recall.detection_curve lidarplace.requirements.area lidarplace.requir
 lidarplace.requirements.presets.read lidarplace.requirements.requirement
 lidarplace.rig_files.formats lidarplace.rigs.recorded lidarplace.rigs.scan_pattern
 lidarplace.rigs.weather lidarplace.scenes.datasets.argoverse lidarplace.scenes.datasets.nuscenes
-lidarplace.scenes.datasets.tabular lidarplace.scenes.datasets.waymo lidarplace.scenes.kitti.read
+lidarplace.scenes.datasets.openlabel lidarplace.scenes.datasets.tabular
+lidarplace.scenes.datasets.waymo lidarplace.scenes.kitti.read
 lidarplace.scenes.kitti.velodyne lidarplace.scenes.sumo.record lidarplace.scenes.sumo.settings
 lidarplace.studio.rigs_file tests.lidarplace.test_detections
 tests.test_own_detector tracking.run_folders.search tracking.run_folders.sweep
@@ -146,6 +148,20 @@ def argoverse(category: str | None = "BUS", **values: object) -> Path:
 def waymo() -> Path:
     box = WaymoBox(5, 1, (9.0, 0.0, 1.0))
     return write_waymo(Path("waymo"), [Segment("training", "s", {5: np.eye(4)}, [box])])
+
+
+def openlabel(where: str = "kiosk", value: object = None) -> Path:
+    """A drive that is wrong at a place; None: that is not there."""
+    drive = json.loads((Path(__file__).parent / "data/openlabel/drive.json").read_text())
+    *parents, last = where.split("/")
+    at = drive["openlabel"]
+    for key in parents:
+        at = at[int(key) if isinstance(at, list) else key]
+    if value is None:
+        at.pop(last, None)
+    else:
+        at[int(last) if isinstance(at, list) else last] = value
+    return file("drive.json", json.dumps(drive))
 
 
 def curves(*changes: dict[str, object]) -> str:

@@ -104,8 +104,8 @@ def test_settings(pair, world):
 def test_mappings(change, world):
     mapping = yaml.safe_load((world / "examples/labels/map.yaml").read_text("utf-8"))
     key, value = yaml.safe_load(change).popitem()
-    section, name = key.split(".")
-    mapping[section][name] = value
+    section, _, name = key.rpartition(".")
+    (mapping[section] if section else mapping)[name] = value
     (world / "map.yaml").write_text(yaml.safe_dump(mapping))
     line = line_of("convert", "table", LABELS, "out", "--mapping", "map.yaml")
     check(f"map.yaml {change}", line)

@@ -16,8 +16,6 @@ import numpy as np
 class KittiObject:
     name: str
     truncated: float
-    occluded: int
-    alpha: float
     image_box: np.ndarray
     height: float
     width: float
@@ -81,8 +79,7 @@ def read_frame(root: Path, stem: str) -> KittiFrame:
     objects = []
     for line in (root / "training" / "label_2" / f"{stem}.txt").read_text().splitlines():
         name, *numbers = line.split(" ")
-        truncated, occluded, alpha, *value = map(float, numbers)
+        truncated, _, _, *value = map(float, numbers)
         image_box, size, bottom = np.array(value[:4]), value[4:7], np.array(value[7:10])
-        shown = (truncated, int(occluded), alpha, image_box)
-        objects.append(KittiObject(name, *shown, *size, bottom, value[10]))
+        objects.append(KittiObject(name, truncated, image_box, *size, bottom, value[10]))
     return KittiFrame(objects, points, raw[:, 3], projection)

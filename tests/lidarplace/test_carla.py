@@ -41,30 +41,6 @@ def test_command_without_a_server(tmp_path):
     assert f"no CARLA server answers at 127.0.0.1:{port} within 0.5 s" in line
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("scene: {densty: 3}", "scene.densty: unknown key, found 3"),
-        ("scene: [", "is not YAML"),
-        ("placements: {mine: null}", "mine has no mounts"),
-        ("placements: {a: {mounts: [{z: 2}, {z: 2}]}}", "two LiDARs cannot sit in one place"),
-        ("placements: {a: {mounts: [{x: 0, z: 2, height: 2}]}}", "height: unknown key, found 2"),
-        ("scene: {classes: {vehicle.a.b: a truck}}", "found 'a truck'"),
-        ("scene: {crop: [0, 0, 0, 0, 1, 1]}", "crop needs x0 < x1"),
-        ("lidar: vlp61", "did you mean vlp16?"),
-        ("- 1", "found [1]"),
-    ],
-)
-def test_command_with_a_wrong_file(tmp_path, content, message):
-    config = tmp_path / "carla.yaml"
-    config.write_text(content)
-    done = CliRunner().invoke(app, [str(config), str(tmp_path / "out")])
-    assert done.exit_code == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(str(config))
-    assert message in line
-
-
 @pytest.mark.parametrize("version", ["0.9.10.1", "0.9.15-dirty"])
 def test_versions_must_match(version):
     release = version[:6].rstrip(".-")

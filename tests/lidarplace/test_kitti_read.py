@@ -95,38 +95,6 @@ def test_calibration_turns_and_moves_the_boxes(tmp_path, tilt) -> None:
     np.testing.assert_allclose(moved, expected, atol=1e-9 + 1.5 * length * tilt)
 
 
-KITTI_DAY = {  # 2011_09_26, the day of most of KITTI's frames
-    "R0_rect": "9.999239e-01 9.837760e-03 -7.445048e-03 -9.869795e-03 9.999421e-01 -4.278459e-03 "
-    "7.402527e-03 4.351614e-03 9.999631e-01",
-    "Tr_velo_to_cam": "7.533745e-03 -9.999714e-01 -6.166020e-04 -4.069766e-03 1.480249e-02 "
-    "7.280733e-04 -9.998902e-01 -7.631618e-02 9.998621e-01 7.523790e-03 1.480755e-02 -2.717806e-01",
-}
-
-
-def openpcdets_centre(calibration: dict, label: str) -> np.ndarray:
-    """In the LiDAR frame: the bottom's centre, raised by half the height along z."""
-    height, _, _, *place = map(float, label.split()[8:14])
-    to_camera = calibration["Tr_velo_to_cam"]
-    rectified = np.linalg.solve(calibration["R0_rect"], place) - to_camera[:, 3]
-    return np.linalg.solve(to_camera[:, :3], rectified) + np.array([0, 0, height / 2])
-
-
-@pytest.mark.parametrize(("height", "apart"), [("1.50", 0.0111), ("2.00", 0.0149)])
-def test_how_far_openpcdets_centres_are(tmp_path, height, apart):
-    """docs/kitti.md: half the height times the tilt; nothing for the calibration of the export."""
-    fields = CAR.split()
-    label = " ".join([*fields[:8], height, *fields[9:]])
-    kitti = dict(STANDARD)
-    for name, text in KITTI_DAY.items():
-        kitti[name] = np.array(text.split(), float).reshape(STANDARD[name].shape)
-    for name, calibration, expected in (("day", kitti, apart), ("export", dict(STANDARD), 0.0)):
-        root = folder_of(tmp_path / name, {"000000": label}, calibration_text(calibration))
-        box = read_kitti(root, lidar_height=0.0).boxes.iloc[0]
-        ours = box[["x", "y", "z"]].to_numpy(float)
-        distance = np.linalg.norm(ours - openpcdets_centre(calibration, label))
-        assert distance == pytest.approx(expected, abs=1e-4)
-
-
 finite = st.floats(-80, 80)
 geometry = (finite, finite, st.floats(-3, 5), st.floats(0, 15), st.floats(0, 4), st.floats(0, 5))
 box = st.tuples(st.sampled_from(CLASSES), *geometry, st.floats(-7, 7), st.integers(0, 3))

@@ -16,7 +16,9 @@ from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
+from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
+from tests.docs_blocks import ROOT, blocks
 
 
 def write(folder, log, manner, change=None, **keys):
@@ -191,34 +193,23 @@ def cell(column, value):
 
 
 MISTAKES = {
-    "unknown key": ({"colums": {}}, None, "colums: unknown key"),
     "an object twice": ({}, lambda t: pd.concat([t, t[:3]]), "the first is row 144 with '0-0' of"),
     "NaN": ({}, cell("heading", math.nan), "row 5: heading: "),
     "text": ({}, cell("posY", "left"), "row 5: posY: "),
     "negative": ({}, cell("wid", -1800), "row 5: wid: "),
     "no row": ({}, lambda t: t[:0], "no rows"),
-    "both splits": ({"drives": {"train": ["drive 0"], "test": ["drive 0"]}}, None, "and in test"),
-    "unlisted": ({"drives": {"train": ["drive 0"]}}, None, "'drive 1' is neither in drives.train"),
-    "time and frame": (columns(frame="n"), None, "columns: needs one of `time` and `frame`"),
-    "unmapped": ({"classes": {"passenger_car": "Car", "person": None}}, None, "bicyclist 48; null"),
-    "world without poses": ({"coordinates": "world"}, None, "coordinates: world needs `poses`"),
-    "poses elsewhere": ({"poses": {"x": "a", "y": "b", "yaw": "c"}}, None, "poses.x: no column"),
     "radians as degrees": (
         {},
         lambda t: t.assign(heading=np.linspace(-math.pi, math.pi, len(t))),
         "column heading: yaw ends at 3.14 degrees, where radians end: 144 of 144 boxes",
     ),
-    "millimetres as centimetres": (units(size="cm"), None, "the longest side of a Car is 44 m"),
-    "metres as millimetres": (units(position="mm"), None, "column posX: nothing is farther than"),
     "metres as kilometres": ({}, lambda t: t.assign(posX=t["posX"] * 1000), "farther than 1,000 m"),
-    "centre as bottom": ({"box_z": "bottom"}, None, "change box_z: centre of"),
     "the own vehicle": (
         {},
         lambda t: t.assign(**{k: t[k].where(t["track"] != "0-0", 0.5) for k in ("posX", "posY")}),
         "the centre is in the body of the vehicle: 8 of 144 boxes (5.6%)",
     ),
     "exchanged": (columns(length="wid", width="len"), None, "cars are wider than long"),
-    "half the rate": ({"frames": {"rate_hz": 0.001}}, None, "repeat an object in its frame"),
 }  # fmt: skip
 
 
@@ -279,3 +270,28 @@ def test_what_is_meant_is_accepted(tmp_path):
     ):
         labels, mapping = write(tmp_path, log, manner, change, **keys)
         assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
+
+
+LABELS, MAP = "examples/labels/labels.csv", "examples/labels/map.yaml"
+
+
+def printed(language, start):
+    """The block of docs/label_files.md that starts so."""
+    of_page = [block.text for block in blocks(language) if block.page == "label_files.md"]
+    return next(text for text in of_page if text.startswith(start))
+
+
+def test_the_example_is_as_the_docs_show_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal, one without colours
+    monkeypatch.setenv("TERM", "dumb")
+    assert propose_mapping(ROOT / LABELS) == printed("yaml", "# A guess")
+    result = convert(LABELS, tmp_path / "labels", "--mapping", MAP)
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout.replace(str(tmp_path), "logs") == printed("text", "Frames")
+    content = yaml.safe_load((ROOT / MAP).read_text(encoding="utf-8"))
+    content["units"]["angle"] = "rad"
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(content))
+    result = convert(LABELS, tmp_path / "log", "--mapping", tmp_path / "map.yaml")
+    assert result.exit_code == 2
+    assert result.stderr == printed("text", "examples/labels")

@@ -174,21 +174,3 @@ def test_lanes_change_sides():
     assert root.find(".//laneLink").attrib == {"from": "-1", "to": "1"}
     offset = {name: float(value) for name, value in root.find(".//laneOffset").attrib.items()}
     assert offset == {"a": -1, "b": 2, "c": -0.5, "d": 0}
-
-
-@pytest.mark.parametrize(
-    ("rule", "message"),
-    [
-        ("left", r"a.xodr: road 2: rule is 'left'; allowed are RHT and LHT"),
-        ("LHT", r"a.xodr: road 2 has left-hand traffic \(rule LHT\), road 1 right-hand traffic"),
-    ],
-)
-def test_rules_that_cannot_be_kept(tmp_path, rule, message):
-    source = STREET.read_text()
-    road = source[source.index("<road ") : source.index("</OpenDRIVE>")]
-    other = road.replace('id="1" junction', f'id="2" rule="{rule}" junction').replace('"5"', '"90"')
-    path = tmp_path / "a.xodr"
-    path.write_text(source.replace("</OpenDRIVE>", f"{other}</OpenDRIVE>"))
-    with pytest.raises(ValueError, match=message) as error:
-        log_of(path)
-    assert "\n" not in str(error.value)

@@ -6,6 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
@@ -22,24 +23,21 @@ def turn(axis, angle):
     return (math.cos(angle / 2), *(math.sin(angle / 2) * np.array(axis) / np.linalg.norm(axis)))
 
 
+def rotation(quaternion):
+    """SciPy's quaternions are x, y, z, w."""
+    return Rotation.from_quat(np.roll(quaternion, -1))
+
+
 def matrix(position, quaternion):
-    """The 4 x 4 matrix of a pose, from the textbook's formula."""
-    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), position[0]],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), position[1]],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), position[2]],
-            [0, 0, 0, 1],
-        ]
-    )
+    """The 4 x 4 matrix of a pose."""
+    whole = np.eye(4)
+    whole[:3, :3], whole[:3, 3] = rotation(quaternion).as_matrix(), position
+    return whole
 
 
 def product(a, b):
-    """Hamilton's product of two quaternions w, x, y, z."""
-    (p, *u), (q, *v) = a, b
-    u, v = np.array(u), np.array(v)
-    return (p * q - u @ v, *(p * v + q * u + np.cross(u, v)))
+    """Quaternion of a turn b, then a."""
+    return np.roll((rotation(a) * rotation(b)).as_quat(), 1)
 
 
 def test_a_car_ahead_of_a_vehicle_that_drives_north(tmp_path):

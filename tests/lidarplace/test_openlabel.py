@@ -97,39 +97,3 @@ def test_time_stamps(stamps, unit, expected, tmp_path):
     path = changed(tmp_path, times)
     log = read_openlabel(path, origin=AXLE, seconds=unit, class_map={"kiosk": "Car"})
     np.testing.assert_allclose(log.frames["timestamp_s"], expected, atol=1e-9)
-
-
-SOME = [10.0, 2.0, 0.5, 0.0, 0.0, 0.3, 4.5, 1.9, 1.6]
-CUBOID = "frames/0/objects/0/object_data/cuboid"
-PARENT = "coordinate_systems/lidar_top/pose_wrt_parent"
-WRONG = [
-    ("", {}, "object 2: unknown category 'kiosk'; name its class in a class map"),
-    ("frames/1/frame_properties/transforms", {}, "frame 1, object 2: no transform leads from odom"),
-    (CUBOID, 2 * [{"name": "a", "val": SOME}], "frame 0, object 0: has 2 cuboids; leave one"),
-    ("coordinate_systems/vehicle-iso8855/type", "custom_cs", "Name it by --vehicle; found odom"),
-    ("objects/1", None, "frame 0, object 1: is not among the objects of the file"),
-    (f"{CUBOID}/0/val", [1, 2], "frames.0.objects.0.object_data.cuboid[0].val: found [1, 2]"),
-    (f"{CUBOID}/0/val/8", -1, "sizes must be at least 0"),
-    ("frames/0/frame_properties/timestamp", "noon", "a number or a date of ISO 8601, found 'noon'"),
-    (PARENT, {"quaternion": [0, 0, 0, 1]}, "a transform is matrix4x4, or translation with quatern"),
-    ("frames", None, "not a valid OpenLABEL file: openlabel.frames: is missing"),
-]
-"""Where the file is made wrong, what is there then (None: nothing), and what is told."""
-
-
-@pytest.mark.parametrize(("where", "value", "told"), WRONG, ids=[told for *_, told in WRONG])
-def test_a_wrong_file_is_one_line(where, value, told, tmp_path):
-    def change(content):
-        *parents, last = where.split("/")
-        for key in parents:
-            content = content[int(key) if isinstance(content, list) else key]
-        content[int(last) if isinstance(content, list) else last] = value
-        if value is None:
-            del content[last]
-
-    path = changed(tmp_path, change)
-    words = ["openlabel", str(path), str(tmp_path / "log"), "--origin", *"000"]
-    done = CliRunner().invoke(app, words)
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.startswith(f"{path}: ")
-    assert told in done.stderr

@@ -116,21 +116,6 @@ def test_a_sumo_network_needs_no_pedestrians():
         record(scene.model_copy(update={"pedestrians": 6}))
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.xodr.gz", gzip.compress(b"<OpenDRIVE>", mtime=0)[:-9], "a.xodr.gz: not a gzip file"),
-        ("a.xodr.gz", gzip.compress(b"", mtime=0)[:10] + b"\xff" * 20, "xodr.gz: not a gzip file"),
-        ("a.net.xml", b"<net><edge", "a.net.xml: not a SUMO network: "),
-    ],
-)
-def test_bad_maps_are_named_in_one_line(tmp_path, name, content, message):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(ValueError, match=message) as error:
-        record(SMALL.model_copy(update={"towns": (str(tmp_path / name),)}))
-    assert "\n" not in str(error.value)
-
-
 def test_runs_are_numbered_before_anything_is_recorded():
     both = ("generated", str(STREET))
     towns = {"towns": (*both, "generated"), "test_towns": both}

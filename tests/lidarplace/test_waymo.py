@@ -41,24 +41,6 @@ def test_boxes_and_poses_by_hand(tmp_path):
     np.testing.assert_allclose(log.boxes[list(GEOMETRY)], expected, atol=1e-12)
 
 
-def test_an_object_that_stands_stays_where_it_is(tmp_path):
-    rng = np.random.default_rng(3)
-    place, poses, boxes = np.array([50.0, -20.0, 1.0]), {}, []
-    for n in range(20):
-        yaw, at = rng.uniform(-3, 3), np.array([*rng.uniform(-40, 40, 2), 0.3])
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = Rotation.from_euler("z", yaw).as_matrix(), at
-        poses[START + n] = matrix
-        centre = matrix[:3, :3].T @ (place - at)
-        boxes.append(Box(START + n, 1, tuple(centre), heading=0.7 - yaw))
-    log = read_waymo(write_waymo(tmp_path, [Segment("validation", "s", poses, boxes)]))
-    both = log.boxes.merge(log.frames, on="frame")
-    cos, sin = np.cos(both["ego_yaw"]), np.sin(both["ego_yaw"])
-    np.testing.assert_allclose(both["ego_x"] + cos * both["x"] - sin * both["y"], place[0])
-    np.testing.assert_allclose(both["ego_y"] + sin * both["x"] + cos * both["y"], place[1])
-    np.testing.assert_allclose(both["ego_yaw"] + both["yaw"], 0.7, atol=1e-12)
-
-
 def test_segments_and_splits(tmp_path):
     segments = [
         Segment("validation", "a", {5: HERE}, [Box(5, 2, (3.0, 0.0, 1.0), (0.6, 0.6, 1.8))]),
