@@ -164,9 +164,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     rigs = read_rigs(folder)
     _check_counted(rigs, boxes, folder / RIG_FILE)
     world = read_worlds(folder / WORLD_FILE) if is_there(folder / WORLD_FILE) else {}
-    path, buildings = folder / "buildings.parquet", _no_buildings()
-    if is_there(path):
-        buildings = checked_buildings(read_parquet(path), str(path))
+    buildings = read_buildings(folder)
     if (len(buildings) or world) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         need = "buildings need" if len(buildings) else "a static world needs"
         raise ValueError(
@@ -242,8 +240,11 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
     return _with_texts(boxes, ("scene", "object_id"), source)
 
 
-def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
-    """The table of buildings, numbers and names as such. Raises ValueError for what is wrong."""
+def read_buildings(folder: Path) -> pd.DataFrame:
+    """The buildings alone; none where there is no file. Raises ValueError for what is wrong."""
+    if not is_there(path := folder / "buildings.parquet"):
+        return _no_buildings()
+    buildings, source = read_parquet(path), str(path)
     columns.check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
     buildings[list(GEOMETRY)] = columns.numbers(buildings, GEOMETRY, source)
     columns.sizes(buildings, SIZE, source)

@@ -1,7 +1,7 @@
 """Writes a small data set in the layout of the Argoverse 2 sensor data set."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,8 +10,7 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 
 
-@dataclass
-class Box:
+class Box(NamedTuple):
     timestamp_ns: int
     category: str
     translation: tuple
@@ -20,14 +19,13 @@ class Box:
     track: str = "022c398c"
 
 
-@dataclass
-class Log:
+class Log(NamedTuple):
     split: str
     name: str
     boxes: list
     poses: dict  # timestamp_ns -> (quaternion w x y z, translation)
-    sweeps: list = field(default_factory=list)  # empty: a log without its sensors
-    mounts: dict = field(default_factory=dict)  # sensor -> (quaternion w x y z, translation)
+    sweeps: tuple | list = ()  # empty: a log without its sensors
+    mounts: dict | None = None  # sensor -> (quaternion w x y z, translation)
 
 
 def write_argoverse(folder: Path, logs: list) -> Path:

@@ -6,14 +6,13 @@ at P2 · R0_rect · Tr_velo_to_cam · (x, y, z, 1) in the image.
 """
 
 import itertools
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 
-@dataclass
-class KittiObject:
+class KittiObject(NamedTuple):
     name: str
     truncated: float
     image_box: np.ndarray
@@ -40,14 +39,11 @@ class KittiObject:
         return inside & (y <= margin) & (y >= -self.height - margin)
 
 
-@dataclass
-class KittiFrame:
+class KittiFrame(NamedTuple):
     objects: list[KittiObject]
-    points: np.ndarray
-    """Camera frame, shape (n, 3)."""
+    points: np.ndarray  # camera frame, shape (n, 3)
     intensity: np.ndarray
-    projection: np.ndarray
-    """P2, shape (3, 4)."""
+    projection: np.ndarray  # P2, shape (3, 4)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Where points of the camera frame are in the image, shape (n, 2)."""

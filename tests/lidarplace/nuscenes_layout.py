@@ -3,8 +3,8 @@
 import itertools
 import json
 import random
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 TABLES = (
@@ -14,8 +14,7 @@ TABLES = (
 CHANNELS = {"CAM_FRONT": "camera", "LIDAR_TOP": "lidar", "RADAR_FRONT": "radar"}
 
 
-@dataclass
-class Box:
+class Box(NamedTuple):
     category: str
     translation: tuple
     size: tuple = (2.0, 4.0, 1.5)  # width, length, height
@@ -23,16 +22,14 @@ class Box:
     instance: str = "a"
 
 
-@dataclass
-class Sample:
+class Sample(NamedTuple):
     timestamp: int
-    boxes: list = field(default_factory=list)
+    boxes: tuple | list = ()
     translation: tuple = (0.0, 0.0, 0.0)
     rotation: tuple = LEVEL
 
 
-@dataclass
-class Scene:
+class Scene(NamedTuple):
     name: str
     samples: list
     log: str = "n015"

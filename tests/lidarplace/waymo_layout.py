@@ -4,8 +4,8 @@ Columns and their types are those of `v2/perception/box.py`, `pose.py` and `base
 https://github.com/waymo-research/waymo-open-dataset, a file a segment.
 """
 
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -15,8 +15,7 @@ CALIBRATION = "[LiDARCalibrationComponent]"
 BOX, POSE = "[LiDARBoxComponent]", "[VehiclePoseComponent]"
 
 
-@dataclass
-class Box:
+class Box(NamedTuple):
     time_us: int
     kind: int
     centre: tuple
@@ -25,13 +24,12 @@ class Box:
     name: str = "a"
 
 
-@dataclass
-class Segment:
+class Segment(NamedTuple):
     split: str
     name: str
     poses: dict  # time in microseconds -> (4, 4)
-    boxes: list = field(default_factory=list)
-    lidars: dict = field(default_factory=dict)  # number -> (extrinsic (4, 4), inclinations)
+    boxes: tuple | list = ()
+    lidars: dict | None = None  # number -> (extrinsic (4, 4), inclinations)
 
 
 def write_waymo(folder: Path, segments: list) -> Path:

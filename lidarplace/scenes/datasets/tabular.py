@@ -12,7 +12,7 @@ from lidarplace.base.ranges import FRAMES
 from lidarplace.files import columns
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
-from lidarplace.logs.box_log import BoxLog, check_listed, checked_buildings, read_rigs
+from lidarplace.logs.box_log import BoxLog, check_listed, read_buildings, read_rigs
 from lidarplace.logs.boxes import (
     CLOUD,
     FRAME_COLUMNS,
@@ -66,9 +66,7 @@ def read_tabular(
     class_map = merged(BOX_LOG, class_map)
     further: dict[str, Any] = {}
     if source.is_dir():
-        if is_there(path := source / "buildings.parquet"):
-            further["buildings"] = checked_buildings(read_parquet(path), str(path))
-        further["rigs"] = read_rigs(source)
+        further = {"buildings": read_buildings(source), "rigs": read_rigs(source)}
         folder, source = source, _found(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
