@@ -1,4 +1,4 @@
-"""Tables from files; what is wrong with a file is one line that names it."""
+"""Tables from files, what is wrong with one being a line that names it, and CSV to files."""
 
 import re
 from collections.abc import Sequence
@@ -10,9 +10,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import feather
 
-from lidarplace.files.atomic import first_line, reading
+from lidarplace.files.atomic import first_line, reading, replacing
 from lidarplace.files.columns import check_columns
 from lidarplace.files.regular import regular
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
@@ -58,6 +60,22 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
 def _has_decimal_commas(table: pd.DataFrame) -> bool:
     texts = (table[name].astype(str) for name in table.select_dtypes(exclude="number"))
     return any(values.str.fullmatch(r"[-+]?\d+,\d+").any() for values in texts)
+
+
+def write_csv(table: pd.DataFrame, path: Path) -> None:
+    """Write `table` without its index, see `replacing`. Texts, heads included, that a spreadsheet
+    would take for formulas have an apostrophe in front, with which spreadsheets mark texts. Numbers
+    are as they are."""
+    shown = table.rename(columns=_as_text)
+    for i, kind in enumerate(table.dtypes):
+        if not pd.api.types.is_numeric_dtype(kind):
+            shown.isetitem(i, shown.iloc[:, i].astype(object).map(_as_text).to_numpy())
+    with replacing(path) as partial:
+        shown.to_csv(partial, index=False)
+
+
+def _as_text(cell: object) -> object:
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
 
 
 def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:

@@ -49,7 +49,7 @@ def failures(
     configuration of the sweep in RUN and its results in the store.
     """
     from lidarplace.files.atomic import replacing
-    from lidarplace.files.csv import write_csv
+    from lidarplace.files.tables import write_csv
     from tracking.pages.page import FOLDER, write_csv_files
     from tracking.report.failures import write_failures
     from tracking.report.sections.failures import FILE, counted_failures

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.files.csv import write_csv
+from lidarplace.files.tables import write_csv
 
 
 def rows(path):

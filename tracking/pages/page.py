@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from lidarplace.command_line.terminal import say, visible
 from lidarplace.files.atomic import replacing
-from lidarplace.files.csv import write_csv
+from lidarplace.files.tables import write_csv
 from tracking.figures.kit.style import theme
 from tracking.pages.section import Section, Table, figure_title
 
