@@ -1,5 +1,7 @@
 """A box log as a whole: its tables, and the folder that holds them."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack

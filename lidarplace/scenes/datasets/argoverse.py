@@ -1,5 +1,7 @@
 """Box logs of the Argoverse 2 sensor data set."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Box logs of nuScenes, from the tables of its v1.0 database."""
 
+from __future__ import annotations
+
 import math
 from collections import Counter
 from collections.abc import Sequence

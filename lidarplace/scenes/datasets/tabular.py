@@ -1,5 +1,7 @@
 """Box logs from tables of one's own, Parquet or CSV."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path

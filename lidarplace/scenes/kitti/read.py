@@ -1,5 +1,7 @@
 """A box log from a folder in KITTI's object layout; labels are enough."""
 
+from __future__ import annotations
+
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,5 +1,7 @@
 """KITTI's point clouds: files of float32, four a point, in the LiDAR frame."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
 
