@@ -76,8 +76,7 @@ class Exposure:
         """
         check_weights(weights, [*grids])
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
-        if not weighted:
-            return cls._empty(len(candidates))
+        weighted = weighted or dict(grids)
         asked = detection_probability, occlusion, azimuth_stride
         source = Tracing(weighted, surrogate, method, *asked)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
@@ -91,13 +90,6 @@ class Exposure:
         scale = np.array([source.scale(candidate) for candidate in candidates])
         gain = VoxelGain.of_voxels(source.shape, weighted, weights, counts)
         return cls(offsets.astype(np.int64), *entries, scale, gain)
-
-    @classmethod
-    def _empty(cls, candidates: int) -> Exposure:
-        none, nothing = np.empty(0), np.empty((0, 0))
-        gain = VoxelGain("linear", np.empty(0, np.int32), none, nothing, nothing, none)
-        entries = np.empty(0, np.uint32), np.empty(0, np.float32)
-        return cls(np.zeros(candidates + 1, np.int64), *entries, np.ones(candidates), gain)
 
     @property
     def candidates(self) -> int:

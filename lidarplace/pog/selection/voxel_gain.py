@@ -56,7 +56,7 @@ class VoxelGain:
         """From the `counts` of each class of `grids` in the voxels, shape (classes, voxels)."""
         profile, of_profile = _profiles(counts)
         frames = np.array([grid.frames for grid in grids.values()])
-        weight = np.array([weights[name] for name in grids], np.float64)
+        weight = np.array([weights.get(name, 0) for name in grids], np.float64)
         p, rest = of_profile / frames, (frames - of_profile) / frames
         each = zip(of_profile.T, frames.tolist(), strict=True)
         entropy = [entropy_of_counts(own, number) for own, number in each]
