@@ -74,15 +74,10 @@ class PointClouds:
     ) -> PointClouds:
         """Pack clouds, one frame at a time.
 
-        Args:
-            frames: frame numbers, shape (F,).
-            clouds: of every frame its points (n, 4), sorted by LiDAR, and the number of points of
-                every LiDAR (LiDARs,).
-            crop: the region that the clouds were cut to; decides the grid.
-
-        Raises:
-            ValueError: a point is not on the grid or not finite, or numbers do not fit together.
-        """
+        Of each of `frames`, numbers (F,), `clouds` has its points (n, 4), sorted by LiDAR, and the
+        number of points of every LiDAR (LiDARs,). The region `crop`, to which the clouds were cut,
+        decides the grid. Raises ValueError: a point is not on the grid or not finite, or numbers do
+        not fit together."""
         numbers = np.asarray(frames, np.int64)
         origin = np.array(crop[:3])
         step = _grid_step(crop)

@@ -91,13 +91,10 @@ def cast_in_world(
     only_objects: bool = False,
     level: bool = True,
 ) -> Hits:
-    """Cast all rays of one LiDAR at parts and the static world, see `cast`.
+    """Cast all rays of one LiDAR at parts and the static world, None being none, see `cast`.
 
-    Args:
-        world: around the vehicle; None: there is none.
-        only_objects: let the world stop only rays that hit an object.
-        level: whether the ground is flat, at z = 0, where the world has none.
-    """
+    `only_objects`: the world stops only rays that hit an object. `level`: whether the ground is
+    flat, at z = 0, where the world has none."""
     hits = cast(mount, lidar, parts, crop, into, ends, level=level and world is None)
     if world is None:
         return hits
@@ -376,14 +373,10 @@ def stop_at_world(
 ):
     """Let rays end at the world, in place, where that is nearer than what they hit.
 
-    Args:
-        place, turn_in_ego: position and rotation of the sensor in the ego frame.
-        worlds, scene, turn, shift: as of `WorldAround`.
-        crop: hits within it are right, as of `cast`.
-        only_objects: rays that hit no object are left as they are.
-        level: where no ground is known it is flat, as seen from the vehicle.
-        hits: of the `Beams` that are fired, without ground.
-    """
+    `place` and `turn_in_ego` are position and rotation of the sensor in the ego frame, `hits` of
+    the `Beams` that are fired, without ground; `worlds` to `shift` as of `WorldAround`, `crop` as
+    of `cast`, `only_objects` as of `cast_in_world`. `level`: where no ground is known it is flat,
+    as seen from the vehicle."""
     ox, oy, oz = turn @ place + shift
     rotation, patch = turn @ turn_in_ego, np.empty(6)
     ranges, targets, reflected = hits

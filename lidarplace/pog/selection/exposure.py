@@ -62,18 +62,11 @@ class Exposure:
     ) -> Exposure:
         """Trace every candidate once, in as many threads as numba has.
 
-        The keywords are those of `lidarplace.evaluate_classes`. The value of a set is the weighted
-        sum over the classes of the surrogate of its union, if the LiDARs of all candidates have the
-        same `ray_weight`; else `evaluate_classes` takes the mean over the LiDARs of a rig.
-
-        Args:
-            grids: a POG for each class, of one ROI.
-            weights: weight of each class, not negative; classes without weight do not count.
-
-        Raises:
-            ValueError: a weight that is negative or of an unknown class, grids of different ROIs,
-                or a stride below 1.
-        """
+        The keywords are those of `lidarplace.evaluate_classes`, `grids` a POG for each class, of
+        one ROI. The value of a set is the sum over the classes by `weights` (unless 0) of the
+        surrogate of its union, if the LiDARs of all candidates have the same `ray_weight`; else
+        `evaluate_classes` takes the mean over the LiDARs of a rig. Raises ValueError: a weight that
+        is negative or of an unknown class, grids of different ROIs, or a stride below 1."""
         check_weights(weights, [*grids])
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
         weighted = weighted or dict(grids)

@@ -163,14 +163,11 @@ class SubmodularChoice(ABC):
     ) -> UpperBound:
         """No set of candidates that `limits` allow is worth more.
 
-        Args:
-            chosen: candidates in the order of `greedy`. Of each of its prefixes, what all others
-                add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular set
-                functions: formulations and analysis of algorithms).
-            seconds: no round starts later.
-            relative_gap: stop when the bound is this close to the best that cuts can reach.
-            blocks: of what is seen, as many cuts a round.
-        """
+        `chosen` are candidates in the order of `greedy`: what all others add to each of its
+        prefixes makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular set
+        functions: formulations and analysis of algorithms). No round starts after `seconds`, nor if
+        the bound is within `relative_gap` of the best that cuts can reach. A round makes a cut for
+        each of `blocks` of what is seen."""
         self._check(limits)
         start = time.perf_counter()
         history: list[tuple[float, float, str]] = []

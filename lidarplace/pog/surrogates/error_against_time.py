@@ -60,32 +60,22 @@ def accuracy(
     """Every surrogate of every placement, computed in several ways.
 
     One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
-    rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps. Only
-    with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
-    `resolutions`, and each of `frame_shares` at the resolution of `roi`. The reference of a
-    surrogate is the same at the finest resolution with all frames. Fewer azimuth steps of the
-    RAY_SURROGATES are those of an `azimuth_stride`, so the sensor stays the same. The LiDAR's own
-    number is always among them, more than that never.
+    rays with each number of `azimuth_steps` below the LiDAR's own and with that, next to the cones,
+    which know no azimuth steps (0). Only with cones (for the RAY_SURROGATES: `dda` with the LiDAR's
+    own azimuth steps) each of `resolutions`, which must divide the edges of `roi`, and each of
+    `frame_shares`, a share s being every round(1/s)-th of `frames`. The reference of a surrogate is
+    the same at the finest resolution with all frames. Fewer azimuth steps of the RAY_SURROGATES are
+    those of an `azimuth_stride`, so the sensor stays the same.
 
-    Args:
-        boxes: box log; boxes of frames that are not in `frames` are left out.
-        frames: the frames of the POG, rows with `frame` (and `scene`), in the order of time.
-        roi: the voxels; each of `resolutions` must divide its edges.
-        frame_shares: a share s is every round(1/s)-th frame, from the first.
-        detection_probability, occlusion: of `expected_ig`, see `evaluate`.
-        surrogates: which, plug-ins included.
+    `frames` are those of the POG in the order of time, rows with `frame` (and `scene`); boxes of
+    others are left out. Further arguments as of `evaluate`; `surrogates` may be of plug-ins.
 
-    Returns:
-        One row per (placement, class, surrogate, method, resolution, azimuth_steps, frames):
-        value; comparable, the value in units that do not depend on the resolution; reference,
-        whether the row is the reference; seconds of the evaluation (that of `m_sog` counts the
-        covered voxels too, `expected_points` and `expected_ig` are computed together);
-        pog_seconds of counting the POG and what depends on it alone. azimuth_steps is 0 for cones.
-
-    Raises:
-        ValueError: a share outside (0, 1], azimuth steps below 1, a resolution that does not divide
-            the ROI, or a bad box log.
-    """
+    Returns the COLUMNS, one row per (placement, class, surrogate, method, resolution,
+    azimuth_steps, frames): `comparable` is the value in units that do not depend on the resolution,
+    `seconds` are of the evaluation (of `m_sog` with counting the covered voxels, of
+    `expected_points` and `expected_ig` together), `pog_seconds` of counting the POG and what
+    depends on it alone. Raises ValueError: a share outside (0, 1], azimuth steps below 1, a
+    resolution that does not divide the ROI, or a bad box log."""
     for share in frame_shares:
         if not 0 < share <= 1:
             raise ValueError(f"a share of the frames must be within (0, 1], found {share}")

@@ -58,9 +58,7 @@ def evaluate(
         azimuth_stride: count only every so many rays of a beam, each in the place of as many;
             faster, less accurate, and for the RAY_SURROGATES alone.
 
-    Raises:
-        ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1.
-    """
+    Raises ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1."""
     check_grid(grid)
     asked = (azimuth_steps, surrogates, detection_probability, occlusion, azimuth_stride)
     return evaluate_classes({grid.object_class: grid}, placement, method, *asked)[grid.object_class]

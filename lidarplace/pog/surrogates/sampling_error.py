@@ -72,20 +72,13 @@ def pog_sampling_error(
     seed: int = 0,
     surrogates: Collection[str] = ASKED_OF_POG.own,
 ) -> SamplingError:
-    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames.
+    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames:
+    `resamples` draws by `seed` of as many blocks as there are, see `frame_blocks`.
 
     With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled. It
-    is several times slower then: no two voxels share ln(1 - d).
-
-    Args:
-        boxes: box log of the frames; boxes of other frames are left out.
-        frames, blocks: the frames of the POG, and about how many blocks, see `frame_blocks`.
-        resamples: draws of as many blocks as there are, by `seed`.
-        surrogates: which, plug-ins included.
-
-    Raises:
-        ValueError: fewer than two blocks or resamples, or what `OccupancyGrid.by_class` raises.
-    """
+    is several times slower then: no two voxels share ln(1 - d). Boxes of frames that are not in
+    `frames` are left out; `surrogates` may be of plug-ins. Raises ValueError: fewer than two blocks
+    or resamples, or what `OccupancyGrid.by_class` raises."""
     if resamples < 2:
         raise ValueError(f"resamples must be at least 2, found {resamples}")
     of_frame = frame_blocks(frames, blocks)
