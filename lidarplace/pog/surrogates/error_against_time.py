@@ -7,8 +7,8 @@ are closer than voxels a voxel is covered once for several of them."""
 
 import time
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -28,20 +28,15 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class _Variant:
+class _Variant(NamedTuple):
     """One way to compute surrogates on a given POG: method of coverage or of the rays, azimuth
-    steps (0 for cones), and whether the RAY_SURROGATES are computed or the others."""
+    steps (0 for cones), whether the RAY_SURROGATES are computed or the others, and whether no other
+    variant is more accurate."""
 
     method: Method
     azimuth_steps: int
     rays: bool
-
-    def is_best(self, placement: Placement) -> bool:
-        """Whether no other variant is more accurate."""
-        if not self.rays:
-            return self.method == "cone"
-        return self.method == "dda" and self.azimuth_steps == _azimuth_steps(placement)
+    best: bool = False
 
 
 def accuracy(
@@ -98,10 +93,8 @@ def accuracy(
             for placement in placements:
                 for variant in _variants(placement, azimuth_steps if base else ()):
                     table = _timed(grid, placement, variant, surrogates, options)
-                    table["reference"] = (
-                        grid_roi.resolution == finest and every == 1 and variant.is_best(placement)
-                    )
-                    tables.append(table.assign(pog_seconds=pog_seconds))
+                    best = grid_roi.resolution == finest and every == 1 and variant.best
+                    tables.append(table.assign(reference=best, pog_seconds=pog_seconds))
     table = pd.concat(tables, ignore_index=True)
     return table[list(COLUMNS)]
 
@@ -114,9 +107,9 @@ def scale(surrogate: str, resolution: float) -> float:
 def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:
     """The most accurate ways, and further methods and steps if there are `azimuth_steps`."""
     own = _azimuth_steps(placement)
-    yield _Variant("cone", 0, rays=False)
+    yield _Variant("cone", 0, rays=False, best=True)
     if not azimuth_steps:
-        yield _Variant("dda", own, rays=True)
+        yield _Variant("dda", own, rays=True, best=True)
         return
     strides = {round(own / steps) for steps in azimuth_steps if steps < own} | {1}
     for method in METHODS:
@@ -125,7 +118,8 @@ def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[
         for steps in dict.fromkeys(azimuth_steps):
             yield _Variant(method, steps, rays=False)
         for stride in sorted(strides, reverse=True):
-            yield _Variant(method, round(own / stride), rays=True)
+            best = method == "dda" and stride == 1
+            yield _Variant(method, round(own / stride), rays=True, best=best)
 
 
 def _azimuth_steps(placement: Placement) -> int:
@@ -159,12 +153,8 @@ def _timed(
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     edge = grid.roi.resolution
-    own: dict[str, Any] = {
-        "placement": placement.name,
-        "class": grid.object_class,
-        "method": variant.method,
-    }
-    own |= {"resolution": edge, "azimuth_steps": variant.azimuth_steps, "frames": grid.frames}
+    who = {"placement": placement.name, "class": grid.object_class, "method": variant.method}
+    own = who | {"azimuth_steps": variant.azimuth_steps, "frames": grid.frames, "resolution": edge}
     return table.assign(comparable=[value * scale(name, edge) for name, value, _ in rows], **own)
 
 
