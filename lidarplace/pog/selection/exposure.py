@@ -33,14 +33,9 @@ class Exposure:
     Voxels that no class occupies are left out. With occlusion what a ray gives depends on the
     class, so a voxel stands there once for each class.
 
-    Attributes:
-        offsets: int64, shape (candidates + 1,).
-        voxels: ascending within a candidate, uint32, shape (entries,).
-        amounts: exposure, positive, float32 or float64, shape (entries,): 1 for a covered voxel,
-            rays traced, or `-ln(1 - d)` with occlusion.
-        scale: what one of its amounts counts in `gain`, float64, shape (candidates,).
-        gain: what a voxel is worth by the sum of its exposures.
-    """
+    `voxels` are ascending within a candidate, `amounts` their exposures, positive: 1 for a covered
+    voxel, rays traced, or `-ln(1 - d)` with occlusion, shape (entries,). `scale`, (candidates,), is
+    what one of its amounts counts in `gain`, what a voxel is worth by the sum of its exposures."""
 
     offsets: NDArray[np.int64]
     voxels: NDArray[np.uint32]

@@ -32,14 +32,9 @@ _PART = 1024  # terms summed up before they join the sum, whose error stays belo
 
 @dataclass(frozen=True, eq=False)
 class Majorant:
-    """A line or steps for every voxel; arrays are float64, shape (voxels,).
-
-    Attributes:
-        exposure: the candidates.
-        constant: where no candidate adds anything.
-        slopes: slope of the line, or -1 for steps.
-        start: exposure at which steps start, in rungs of the ladder if there is one.
-    """
+    """A line or steps for every voxel; arrays are float64, shape (voxels,): `constant`, where no
+    candidate adds anything; `slopes` of the lines, or -1 for steps; `start`, the exposure at which
+    steps start, in rungs of the ladder if there is one."""
 
     exposure: Exposure
     constant: NDArray[np.float64]

@@ -46,13 +46,10 @@ NORMAL_95 = 1.959963984540054
 class SamplingError:
     """Sampling error of the surrogates of one placement.
 
-    Attributes:
-        estimates: one row per (class, surrogate): value; sd, standard deviation of the resamples;
-            bias, mean of the resamples less the value; low and high, the 95 % interval
-            `value - bias ± 1.96 sd`; blocks; resamples.
-        resamples: class, surrogate, resample (0, 1, ...), value. Placements with the same frames,
-            blocks and seed have the same draws in the same order, so they can be paired.
-    """
+    `estimates` has one row per (class, surrogate): value; sd, standard deviation of the resamples;
+    bias, mean of the resamples less the value; low and high, the 95 % interval `value - bias ± 1.96
+    sd`; blocks; resamples. `resamples` has class, surrogate, resample (0, 1, ...) and value.
+    Placements with the same frames, blocks and seed have the same draws, so they can be paired."""
 
     estimates: pd.DataFrame
     resamples: pd.DataFrame
