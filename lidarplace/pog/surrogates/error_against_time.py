@@ -55,12 +55,12 @@ def accuracy(
     """Every surrogate of every placement, computed in several ways.
 
     One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
-    rays with each number of `azimuth_steps` below the LiDAR's own and with that, next to the cones,
-    which know no azimuth steps (0). Only with cones (for the RAY_SURROGATES: `dda` with the LiDAR's
-    own azimuth steps) each of `resolutions`, which must divide the edges of `roi`, and each of
-    `frame_shares`, a share s being every round(1/s)-th of `frames`. The reference of a surrogate is
-    the same at the finest resolution with all frames. Fewer azimuth steps of the RAY_SURROGATES are
-    those of an `azimuth_stride`, so the sensor stays the same.
+    rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps (0).
+    Only with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
+    `resolutions`, which must divide the edges of `roi`, and each of `frame_shares`, a share s being
+    every round(1/s)-th of `frames`. The reference of a surrogate is the same at the finest
+    resolution with all frames. Fewer azimuth steps of the RAY_SURROGATES are those of an
+    `azimuth_stride`, so the sensor stays the same; its own are among them, more never.
 
     `frames` are those of the POG in the order of time, rows with `frame` (and `scene`); boxes of
     others are left out. Further arguments as of `evaluate`; `surrogates` may be of plug-ins.
