@@ -4,6 +4,7 @@ import numpy as np
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
+from lidarplace.clouds.convex import span
 from lidarplace.clouds.own_body import sedan
 from lidarplace.clouds.raycast import Beams, along, rays_of
 from lidarplace.mounting.housing import housings_in, turned
@@ -63,13 +64,8 @@ def _sees(origin, rotation, beams: Beams, reach, low, high, obstacles: Obstacles
             dx, dy, dz = turned(rotation, ce * cosines[step], ce * sines[step], se)
             enter, leave = beams.nearest, np.inf
             for axis, d in enumerate((dx, dy, dz)):
-                to_low, to_high = low[axis] - origin[axis], high[axis] - origin[axis]
-                if d == 0.0:
-                    if to_low > 0.0 or to_high < 0.0:
-                        leave = -np.inf
-                else:
-                    t0, t1 = to_low / d, to_high / d
-                    enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+                near, far = span(origin[axis], d, low[axis], high[axis])
+                enter, leave = max(enter, near), min(leave, far)
             grounded = low[2] == 0.0 and dz < 0.0 and leave == -origin[2] / dz
             needed = min(enter + SPACE_M, leave) if grounded else enter + SPACE_M
             room = enter <= leave and needed <= min(leave, reach)

@@ -1,6 +1,7 @@
 """Point clouds as drivers and data sets write them: a file a sweep, of whatever format."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -78,20 +79,17 @@ def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
     return cloud
 
 
-def _floats(columns: int) -> Callable[[Path], pd.DataFrame]:
-    def read(path: Path) -> pd.DataFrame:
-        size = regular(path).stat().st_size
-        if size % (4 * columns):
-            raise InputError(
-                "no whole points",
-                place=str(path),
-                expected=f"{columns} float32 a point ({', '.join(COLUMNS[:columns])})",
-                found=f"{size} bytes",
-            )
-        values = np.fromfile(path, "<f4").reshape(-1, columns)
-        return pd.DataFrame(values, columns=list(COLUMNS[:columns]))
-
-    return read
+def _floats(columns: int, path: Path) -> pd.DataFrame:
+    size = regular(path).stat().st_size
+    if size % (4 * columns):
+        raise InputError(
+            "no whole points",
+            place=str(path),
+            expected=f"{columns} float32 a point ({', '.join(COLUMNS[:columns])})",
+            found=f"{size} bytes",
+        )
+    values = np.fromfile(path, "<f4").reshape(-1, columns)
+    return pd.DataFrame(values, columns=list(COLUMNS[:columns]))
 
 
 def _npy(path: Path) -> pd.DataFrame:
@@ -171,6 +169,7 @@ def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame
 
 
 # By the end of a file's name; the first that fits.
-_READERS = {".pcd.bin": _floats(5), ".bin": _floats(4), ".pcd": _pcd}
+_READERS: dict[str, Callable[[Path], pd.DataFrame]]
+_READERS = {".pcd.bin": partial(_floats, 5), ".bin": partial(_floats, 4), ".pcd": _pcd}
 _READERS |= {".feather": _arrow, ".parquet": _arrow, ".npy": _npy}
 CLOUD_SUFFIXES = tuple(_READERS)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -29,11 +29,6 @@ STEP_M = 0.001
 """Grid on which points lie; coarser where the region is wider than 65.535 m."""
 _LEVEL = 1  # of zstd: higher ones cost ten times as long for 4 % fewer bytes
 _BYTES = 7  # of a point before compression: three coordinates and an intensity
-
-
-def valid_points(points: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Whether each point is finite and has an intensity in [0, 1]; (n, 4) to (n,)."""
-    return np.asarray(np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1))
 
 
 @dataclass(frozen=True)
@@ -74,15 +69,10 @@ class PointClouds:
     ) -> PointClouds:
         """Pack clouds, one frame at a time.
 
-        Args:
-            frames: frame numbers, shape (F,).
-            clouds: of every frame its points (n, 4), sorted by LiDAR, and the number of points of
-                every LiDAR (LiDARs,).
-            crop: the region that the clouds were cut to; decides the grid.
-
-        Raises:
-            ValueError: a point is not on the grid or not finite, or numbers do not fit together.
-        """
+        Of each of `frames`, numbers (F,), `clouds` has its points (n, 4), sorted by LiDAR, and the
+        number of points of every LiDAR (LiDARs,). The region `crop`, to which the clouds were cut,
+        decides the grid. Raises ValueError: a point is not on the grid or not finite, or numbers do
+        not fit together."""
         numbers = np.asarray(frames, np.int64)
         origin = np.array(crop[:3])
         step = _grid_step(crop)

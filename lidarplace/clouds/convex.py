@@ -76,6 +76,15 @@ def fill_planes(part, origin, rotation, planes):
 
 
 @inner
+def span(origin, way, low, high):
+    """From where to where a ray is between two planes across an axis."""
+    if way == 0.0:
+        return (-np.inf, np.inf) if low <= origin <= high else (np.inf, -np.inf)
+    a, b = (low - origin) / way, (high - origin) / way
+    return min(a, b), max(a, b)
+
+
+@inner
 def shorter_turn(start, end):
     """The shorter way from one azimuth in [-pi, pi] to another."""
     turn = end - start

@@ -49,9 +49,8 @@ def points_by_distance(objects: pd.DataFrame, points: pd.DataFrame) -> pd.DataFr
 
     `objects` are ground truth with frame, object_id, class, x, y; ego frame, metres; `points` of
     `count_points_per_object`. Objects of frames without points, and rings without objects, have no
-    row. Columns class, from_m, to_m (bounds of the ring), objects (their number), mean, median and
-    p10 (of the points on an object; a tenth of the objects have p10 or fewer), unseen (share of the
-    objects without a point, in [0, 1])."""
+    row. from_m and to_m bound the ring, objects is their number, mean, median and p10 are of the
+    points on an object (a tenth have p10 or fewer), unseen is the share without a point."""
     found = objects.merge(points, on=["frame", "object_id"])
     grouped = found.assign(ring=ring_of(found)).groupby(["class", "ring"], observed=True)["points"]
     table = grouped.agg(

@@ -1,13 +1,9 @@
 """How the paper says its clouds were collected, and how its published code collects them.
 
-They differ in three ways, each of which can be had alone, so that a study can measure the effect
-of each on AP:
-
-- the LiDAR fires 4,000 rays a frame (5,000 points a second and beam at 20 Hz), not 90,000;
-- roll and pitch in radians are passed to CARLA, which takes degrees: 0.28 rad become 0.28 degrees;
-- every LiDAR's cloud is turned and moved into the vehicle's frame, but then the LiDAR's own height
-  is taken off, so clouds of LiDARs at different heights are merged at different heights.
-"""
+They differ in three ways, each of which can be had alone, to measure its effect on AP: the LiDAR
+fires 4,000 rays a frame (5,000 points a second and beam at 20 Hz), not 90,000; roll and pitch in
+radians are passed to CARLA, which takes degrees; and clouds of LiDARs at different heights are
+merged at different heights, as each LiDAR's own height is taken off in the vehicle's frame."""
 
 from dataclasses import dataclass, replace
 from math import radians

@@ -65,15 +65,11 @@ def cast(
     """Cast all rays of one LiDAR: range noise, drop-off, the least range and what is too dark to
     return light are not applied.
 
-    Args:
-        mount, lidar: pose in the ego frame; beams, azimuth steps, field of view and range.
-        parts: what stands around, and the vehicle's own body.
-        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres. Hits within it are right, for rays
-            that meet nothing there the answer is open: parts that cannot matter are skipped.
-        into: hits of an earlier call for the same `lidar`, whose memory is used again.
-        ends: inverse distances at which rays end at the rig, of `lidarplace.clouds.shade`.
-        level: whether the ground is flat, at z = 0; else there is none.
-    """
+    `parts` are what stands around, and the vehicle's own body. Hits within the `crop` x0, y0, z0,
+    x1, y1, z1, ego frame, metres, are right, for rays that meet nothing there the answer is open:
+    parts that cannot matter are skipped. `into` are hits of an earlier call for the same `lidar`,
+    whose memory is used again; `ends` the inverse distances at which rays end at the rig, of
+    `lidarplace.clouds.shade`. `level`: whether the ground is flat, at z = 0; else there is none."""
     number = lidar.rays
     hits = into or Hits(np.empty(number), np.empty(number, np.int32), np.empty(number))
     surfaces = parts.geometry, parts.owner, parts.reflectivity, np.array(crop, np.float64)

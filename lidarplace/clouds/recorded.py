@@ -104,16 +104,10 @@ def check_lidars(
 def recorded_clouds(
     folder: Path, frames: NDArray[np.int64], crop: Crop, lidars: Sequence[int] | None = None
 ) -> PointClouds:
-    """The clouds of `frames` (F,) within `crop`, its faces included.
-
-    Args:
-        folder: of one placement; each folder in it is of `lidarplace.clouds.clouds.write_clouds`.
-        lidars: whose points are kept, by their place in the counts, ascending; None: all.
-
-    Raises:
-        ValueError: there is no such folder, a frame is missing or duplicate, or less than `crop`
-            was recorded.
-    """
+    """The clouds of `frames` (F,) within `crop`, its faces included; `folder` is of one placement,
+    each folder in it of `lidarplace.clouds.clouds.write_clouds`. Points are kept of `lidars`, by
+    their place in the counts, ascending; None: all. Raises ValueError: there is no such folder, a
+    frame is missing or duplicate, or less than `crop` was recorded."""
     place: dict[int, tuple[PointClouds, int]] = {}
     for path in _parts(folder):
         part = read_clouds(path)

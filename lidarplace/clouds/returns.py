@@ -53,19 +53,12 @@ def sample_points(
     body returns nothing, nor does what is nearer than `lidar.min_range` or, by the light reflected,
     beyond `lidar.sight`.
 
-    Args:
-        mount, lidar: as cast.
-        hits: from `lidarplace.clouds.raycast.cast`.
-        ground: decides how bright the ground is where it is hit.
-        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
-        key: seed, frame and index of the LiDAR; decides drop-off and noise together with the ray.
-        points: x, y, z, intensity go to its first rows, in the order of the rays; float32, shape
-            (n, 4) with n at least the number of rays.
-        lift: metres by which the points are raised before they are cut.
-        classes: of objects by the number that `hits` have of them, for a correction; what has
-            another number is no object to it.
-        level: whether the ground is flat, at z = 0.
-    """
+    `mount` and `lidar` are as cast for the `hits`, `crop` is x0, y0, z0, x1, y1, z1 in the ego
+    frame, metres, its faces included. `key` (seed, frame, index of the LiDAR) decides drop-off and
+    noise together with the ray. x, y, z and intensity go to the first rows of `points`, float32,
+    (rays or more, 4), in the order of the rays; z is raised by `lift`, metres, before the cut.
+    `classes` are those of objects by the number that `hits` have of them, for a correction: what
+    has another number is no object to it. `level`: whether the ground is flat, at z = 0."""
     count, region = 0, np.array(crop, np.float64)
     codes = WORLD, GROUND, GROUND if level else NOTHING
     dimmed = ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2

@@ -34,18 +34,13 @@ NOISE_RANGES_M = (3.0, 30.0)
 class ScanFit:
     """What clouds show of the LiDAR that recorded them.
 
-    Attributes:
-        rings: their numbers in the file, by elevation from the lowest.
-        elevations: of every ring, radians, ascending.
-        offsets: of every laser along the sensor's z axis, metres; None: all start at one point.
-        azimuth_steps: firings of a beam per turn.
-        range_noise: standard deviation of a range, metres; None: no smooth surface shows it.
-        share: of all firings that returned.
-        range: farthest return, metres.
-        rate: turns a second; None: the clouds have no times.
-        origin: x, y, z where the rays start, metres; near 0 in the LiDAR's frame.
-        left_out: rings with fewer than LEAST_POINTS.
-    """
+    `rings` are their numbers in the file, by elevation from the lowest, and `elevations` theirs,
+    radians; `offsets` those of the lasers along the sensor's z axis, metres, None if all start at
+    one point. `azimuth_steps` are firings of a beam per turn; `range_noise` is the standard
+    deviation of a range, metres, None if no smooth surface shows it; `share` that of all firings
+    which returned; `range` the farthest return, metres; `rate` turns a second, None without times;
+    `origin` x, y, z where the rays start, metres, near 0 in the LiDAR's frame; `left_out` the rings
+    with fewer than LEAST_POINTS."""
 
     rings: tuple[int, ...]
     elevations: tuple[float, ...]

@@ -100,12 +100,9 @@ def bricks(
 class Shapes:
     """How the objects of a table of boxes look.
 
-    Attributes:
-        unit: parts of every different shape, as shares of the box, shape (S, _MOST_PARTS, 10): the
-            fields of `Part`, with its reflectivity in the place of the material; else NaN.
-        of_row: shape of every row of the table, shape (rows,), int64.
-        margin: of every shape, see `MARGIN_M`, shape (S, 3), float64, metres.
-    """
+    `unit` are the parts of every different shape, as shares of the box, shape (S, _MOST_PARTS, 10):
+    the fields of `Part`, with its reflectivity in the place of the material; else NaN. `of_row` is
+    the shape of every row of the table; `margin` that of every shape, see `MARGIN_M`, (S, 3)."""
 
     unit: NDArray[np.float64]
     of_row: NDArray[np.int64]

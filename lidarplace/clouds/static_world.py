@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import inner, njit
+from lidarplace.clouds.convex import span
 from lidarplace.clouds.hashed import uniform
 from lidarplace.clouds.raycast import EVERYWHERE, GROUND, HAIR, NO_ENDS, Hits, along, cast, rays_of
 from lidarplace.clouds.shapes import WORLD, Parts
@@ -91,13 +92,10 @@ def cast_in_world(
     only_objects: bool = False,
     level: bool = True,
 ) -> Hits:
-    """Cast all rays of one LiDAR at parts and the static world, see `cast`.
+    """Cast all rays of one LiDAR at parts and the static world, None being none, see `cast`.
 
-    Args:
-        world: around the vehicle; None: there is none.
-        only_objects: let the world stop only rays that hit an object.
-        level: whether the ground is flat, at z = 0, where the world has none.
-    """
+    `only_objects`: the world stops only rays that hit an object. `level`: whether the ground is
+    flat, at z = 0, where the world has none."""
     hits = cast(mount, lidar, parts, crop, into, ends, level=level and world is None)
     if world is None:
         return hits
@@ -216,22 +214,13 @@ def stops(share, key, ray):
 
 
 @inner
-def _span(origin, way, low, high):
-    """From where to where a ray is between two planes across an axis."""
-    if way == 0.0:
-        return (-np.inf, np.inf) if low <= origin <= high else (np.inf, -np.inf)
-    a, b = (low - origin) / way, (high - origin) / way
-    return min(a, b), max(a, b)
-
-
-@inner
 def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):
     """Distance at which a ray meets a cell of a block, at most `most`, and the cell; or inf, -1.
     Cells follow each other along the ray, so the first that is met is the nearest."""
     box = worlds.block_boxes[b]
-    x0, x1 = _span(ox, dx, box[3], box[6])
-    y0, y1 = _span(oy, dy, box[4], box[7])
-    z0, z1 = _span(oz, dz, box[5], box[8])
+    x0, x1 = span(ox, dx, box[3], box[6])
+    y0, y1 = span(oy, dy, box[4], box[7])
+    z0, z1 = span(oz, dz, box[5], box[8])
     start, end = max(x0, y0, z0, 0.0), min(x1, y1, z1, most)
     if start > end:
         return np.inf, -1
@@ -254,9 +243,9 @@ def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):
         if mask & bit:
             cell = worlds.first_cell[b, i] + _ones(mask & (bit - np.uint64(1)))
             own = worlds.cells[cell]
-            x0, x1 = _span(x - i, vx, own[0] / 255.0, own[3] / 255.0)
-            y0, y1 = _span(y - j, vy, own[1] / 255.0, own[4] / 255.0)
-            z0, z1 = _span(z - k, vz, own[2] / 255.0, own[5] / 255.0)
+            x0, x1 = span(x - i, vx, own[0] / 255.0, own[3] / 255.0)
+            y0, y1 = span(y - j, vy, own[1] / 255.0, own[4] / 255.0)
+            z0, z1 = span(z - k, vz, own[2] / 255.0, own[5] / 255.0)
             near = max(x0, y0, z0)
             key = worlds.block_keys[b] * 512 + (i * BLOCK + j) * BLOCK + k
             if 0.0 < near <= min(x1, y1, z1, most) and stops(own[6], key, ray):
@@ -278,8 +267,8 @@ def _meet_patch(ox, oy, oz, dx, dy, dz, patch, most):
     """Distance at which a ray comes down to a patch of ground, at most `most`, or inf.
 
     `patch`: x and y of its corner, heights there, further along y, along x, and along both."""
-    x0, x1 = _span(ox, dx, patch[0], patch[0] + PATCH_M)
-    y0, y1 = _span(oy, dy, patch[1], patch[1] + PATCH_M)
+    x0, x1 = span(ox, dx, patch[0], patch[0] + PATCH_M)
+    y0, y1 = span(oy, dy, patch[1], patch[1] + PATCH_M)
     start, end = max(x0, y0, 0.0), min(x1, y1, most)
     if start > end:
         return np.inf
@@ -376,14 +365,10 @@ def stop_at_world(
 ):
     """Let rays end at the world, in place, where that is nearer than what they hit.
 
-    Args:
-        place, turn_in_ego: position and rotation of the sensor in the ego frame.
-        worlds, scene, turn, shift: as of `WorldAround`.
-        crop: hits within it are right, as of `cast`.
-        only_objects: rays that hit no object are left as they are.
-        level: where no ground is known it is flat, as seen from the vehicle.
-        hits: of the `Beams` that are fired, without ground.
-    """
+    `place` and `turn_in_ego` are position and rotation of the sensor in the ego frame, `hits` of
+    the `Beams` that are fired, without ground; `worlds` to `shift` as of `WorldAround`, `crop` as
+    of `cast`, `only_objects` as of `cast_in_world`. `level`: where no ground is known it is flat,
+    as seen from the vehicle."""
     ox, oy, oz = turn @ place + shift
     rotation, patch = turn @ turn_in_ego, np.empty(6)
     ranges, targets, reflected = hits
@@ -406,7 +391,7 @@ def stop_at_world(
                 if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
                     ranges[ray], targets[ray], reflected[ray], most = t, GROUND, -way[2], t
             for axis in range(3):  # beyond the crop, and rounding, all may stay as it is
-                _, leave = _span(place[axis], way[axis], crop[axis], crop[axis + 3])
+                _, leave = span(place[axis], way[axis], crop[axis], crop[axis + 3])
                 most = min(most, leave + HAIR)
             t, cell = first_met(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch)
             if t >= most:

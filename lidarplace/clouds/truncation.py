@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Interval
+from lidarplace.mounting.slices import clip
 
 
 def truncation(boxes: NDArray[np.float64], x: Interval, y: Interval) -> NDArray[np.float64]:
@@ -36,22 +37,10 @@ def _truncation(boxes, bounds) -> NDArray[np.float64]:
             polygon[n, 0], polygon[n, 1] = c * lx - s * ly, s * lx + c * ly
         number, cut = 4, False
         for edge in range(4):
-            axis, sign = edge >> 1, 1.0 if edge & 1 else -1.0
-            limit = sign * (bounds[edge] - box[axis])
-            kept = 0
-            for n in range(number):
-                here, there = polygon[n], polygon[(n + 1) % number]
-                over, next_over = sign * here[axis] - limit, sign * there[axis] - limit
-                if over <= 0.0:
-                    clipped[kept] = here
-                    kept += 1
-                if (over <= 0.0) != (next_over <= 0.0):
-                    cut = True
-                    t = over / (over - next_over)
-                    clipped[kept] = here + t * (there - here)
-                    kept += 1
-            polygon, clipped = clipped, polygon
-            number = kept
+            axis, sign = edge >> 1, -1.0 if edge & 1 else 1.0
+            kept = clip(polygon, number, axis, sign, bounds[edge] - box[axis], clipped)
+            cut |= kept != number or (clipped[:kept] != polygon[:kept]).any()
+            polygon, clipped, number = clipped, polygon, kept
         area = 0.0
         for n in range(number):
             here, there = polygon[n], polygon[(n + 1) % number]

@@ -58,14 +58,11 @@ def visible_share(
     grid: tuple[int, int],
     world: WorldAround | None = None,
 ) -> NDArray[np.float64]:
-    """Share of each object that an ideal sensor at `viewpoint` sees past the others, float64,
-    (objects,).
+    """Share of each object that an ideal sensor at `viewpoint`, ego frame, metres, sees past the
+    others, float64, (objects,); `parts` are of one frame, owners of objects below `objects`.
 
-    A grid of (azimuths, elevations) rays spans the angles of each object. Of the rays that enter
-    one of its parts when it is alone, the share that meets no other object, no building and nothing
-    of the static world before. 0 if no ray enters it: it is thinner than the grid, or all of it
-    holds the viewpoint. That is x, y, z in the ego frame, metres; `parts` are of one frame, owners
-    of objects below `objects`."""
+    A grid of (azimuths, elevations) rays spans the angles of each object. As of `visibility`; 0 if
+    no ray enters it: it is thinner than the grid, or all of it holds the viewpoint."""
     around = world or WorldAround(worlds_of({}), -1, np.eye(3), np.zeros(3))
     geometry = parts.geometry, parts.owner
     return _visible_share(np.array(viewpoint), *geometry, objects, *grid, *around)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 
 _HAIR = 1e-9  # metres: a touch does not count
 _MOST = 5  # corners of a triangle that two planes cut
@@ -24,26 +24,34 @@ def slices_of(
     return _cut(np.ascontiguousarray(triangles[some]), low, high)
 
 
+@inner
+def clip(polygon, number, axis, sign, limit, kept):
+    """Write to `kept` the corners that are left of `number` corners of a polygon where `sign` times
+    their coordinate on an axis is at least that of `limit`; return their number (Sutherland and
+    Hodgman 1974)."""
+    left = 0
+    for n in range(number):
+        here, there = polygon[n], polygon[(n + 1) % number]
+        above, next_above = sign * (here[axis] - limit), sign * (there[axis] - limit)
+        if above >= 0.0:
+            kept[left] = here
+            left += 1
+        if (above > 0.0 and next_above < 0.0) or (above < 0.0 and next_above > 0.0):
+            kept[left] = here + above / (above - next_above) * (there - here)
+            left += 1
+    return left
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Clip by Sutherland and Hodgman."""
     polygons = np.zeros((len(triangles), _MOST, 2))
     corners = np.zeros(len(triangles), np.int64)
     before, after = np.empty((_MOST + 1, 3)), np.empty((_MOST + 1, 3))
     for t in range(len(triangles)):
         before[:3], number = triangles[t], 3
         for sign, height in ((1.0, low), (-1.0, high)):
-            kept = 0
-            for k in range(number):
-                a, b = before[k], before[(k + 1) % number]
-                above_a, above_b = sign * (a[2] - height), sign * (b[2] - height)
-                if above_a >= 0.0:
-                    after[kept] = a
-                    kept += 1
-                if (above_a > 0.0 and above_b < 0.0) or (above_a < 0.0 and above_b > 0.0):
-                    after[kept] = a + above_a / (above_a - above_b) * (b - a)
-                    kept += 1
-            before[:kept], number = after[:kept], kept
+            number = clip(before, number, 2, sign, height, after)
+            before, after = after, before
         polygons[t, :number], corners[t] = before[:number, :2], number
     return polygons, corners
 

@@ -355,23 +355,19 @@ class Studio:
         return path
 
     def sweep(self, path: Path, scene: Mapping[str, Any], overwrite: bool = False) -> str:
-        """Write the configuration of a sweep over the rigs that have LiDARs; its command.
-
-        `scene` is the traffic as a configuration has it, with frames to train and to test. Raises
+        """Write the configuration of a sweep over the rigs that have LiDARs; its command. `scene`
+        is the traffic as a configuration has it, with frames to train and to test. Raises
         ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing;
-        FileExistsError: the file is there, without `overwrite`.
-        """
+        FileExistsError: the file is there, without `overwrite`."""
         content = sweep_of(self.rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(content), overwrite)
         return command("run", str(path))
 
     def evaluation(self, path: Path, scene: Mapping[str, Any]) -> Path:
-        """Write the configuration of a sweep in which a generalist judges the rigs as they work.
-
-        One of the same name is brought up to date, see `evaluation_of`. Returns the run folder of
-        the sweep, for `found_by_sweep`. Raises ValueError as `sweep`, of the LiDARs that work, and
-        for another file of that name.
-        """
+        """Write the configuration of a sweep in which a generalist judges the rigs as they work;
+        one of the same name is brought up to date, see `evaluation_of`. Returns its run folder, for
+        `found_by_sweep`. Raises ValueError as `sweep`, of the LiDARs that work, and for another
+        file of that name."""
         before = read_yaml_file(path) if path.exists() else None
         if before is not None and not is_evaluation(before):
             raise ValueError(f"{path}: is there already and is no evaluation; rename it")

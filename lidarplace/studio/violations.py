@@ -34,11 +34,9 @@ class Violation:
     """A constraint that is not kept: zone, body, keep_out, distance, body_share, common_view,
     facing, price, power, blind or requirement.
 
-    Attributes:
-        lidars: numbers of those concerned; none if it is the rig.
-        excess: by how much: metres, a share, money, watts, or what a requirement lacks in its own
-            measure; NaN where it is not known.
-    """
+    `lidars` are the numbers of those concerned, none if it is the rig; `excess` is by how much, in
+    metres, a share, money, watts, or what a requirement lacks in its own measure; NaN where it is
+    not known."""
 
     constraint: str
     lidars: tuple[int, ...]

@@ -28,12 +28,9 @@ NAMES = {
 class AimedRays:
     """What becomes of the rays of one LiDAR that meet the object when it is alone in the world.
 
-    Attributes:
-        dark: those that meet it, too near or too dark to return light.
-        lost: those whose return drop-off or a correction loses; expected, rounded.
-        stopped: those that something else stops, by the id of an object or a value of `NAMES`; the
-            other LiDARs are part of the vehicle.
-    """
+    `dark` are those that meet it, too near or too dark to return light; `lost` those whose return
+    drop-off or a correction loses, expected, rounded; `stopped` those that something else stops, by
+    the id of an object or a value of `NAMES`; the other LiDARs are part of the vehicle."""
 
     aimed: int
     returned: int

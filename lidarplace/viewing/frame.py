@@ -32,19 +32,6 @@ class Frame:
     buildings: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Cloud:
-    """Points of one placement in one frame, (n, 3), metres, ego frame, and the mount of each.
-
-    They are thinned: `returned` is the number before, `on_objects` that on each of `Frame.objects`.
-    """
-
-    points: NDArray[np.float32]
-    lidar: NDArray[np.uint8]
-    returned: int
-    on_objects: NDArray[np.int64]
-
-
 def busiest_frame(log: BoxLog, crop: Crop) -> int:
     """The first of the frames with most boxes in the crop. Raises ValueError without a frame."""
     if log.frames.empty:
@@ -85,9 +72,12 @@ def read_cloud(
     most: int,
     misaligned_heights: bool = False,
     vehicle: Vehicle | None = None,
-) -> Cloud:
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], int, NDArray[np.int64]]:
     """The cloud of `placement` within the crop and on the ground under it, as a sweep collects it.
-    Beyond `most` points a random choice of them. The vehicle is a sedan for None."""
+
+    Its points, (n, 3), metres, ego frame, beyond `most` a random choice of them, and the mount of
+    each; the number before, and that on each of `Frame.objects`. The vehicle is a sedan for
+    None."""
     reach = crop_for(crop[::3], crop[1::3], crop[2::3], placement, misaligned_heights)
     numbers = [frame.row["frame"]]
     clouds = collect(frame.log, numbers, placement, reach, 0, misaligned_heights, vehicle=vehicle)
@@ -97,7 +87,7 @@ def read_cloud(
         kept = np.sort(np.random.default_rng(0).choice(len(points), most, replace=False))
     boxes = frame.objects[list(GEOMETRY)].to_numpy(np.float64)
     grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
-    return Cloud(points[kept, :3], lidar[kept], len(points), count_points(points, grown))
+    return points[kept, :3], lidar[kept], len(points), count_points(points, grown)
 
 
 def centres_in(crop: Crop, boxes: pd.DataFrame) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.shapes import between
@@ -14,7 +15,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes, xyz
-from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
+from lidarplace.viewing.frame import Frame, read_cloud, read_frame
 from lidarplace.viewing.solids import edges, headings, triangles
 from lidarplace.viewing.vehicle import Surface, add_lidars, vehicle_surface
 
@@ -49,48 +50,40 @@ def draw_frame(
     are drawn, chosen at random. Other arguments and errors as of `read_cloud` and `read_frame`.
     """
     frame = read_frame(log, number, crop)
-    cloud = read_cloud(frame, placement, crop, points, misaligned_heights, vehicle)
+    how = misaligned_heights, vehicle
+    drawn, lidar, returned, on_objects = read_cloud(frame, placement, crop, points, *how)
     body = vehicle_surface(vehicle)
     mounts = [mount.position for mount in placement.mounts]
     seen = np.concatenate([np.reshape(crop, (2, 3)), body[0], mounts])
     axes = equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}
+    told = f"{returned:,} points" + (f", {len(drawn):,} drawn" if len(drawn) < returned else "")
     figure = go.Figure(layout={"template": style.theme(False), "scene": axes})
     figure.update_layout(
-        title=style.title(placement.name, _summary(cloud)),
+        title=style.title(placement.name, f"{told}, {on_objects.sum():,} on objects"),
         height=400,
         margin={"l": 10, "r": 10, "t": 48, "b": 0},
         legend={"itemsizing": "constant"},
         hovermode="closest",
     )
-    _add_cloud(figure, cloud, placement)
-    _add_objects(figure, frame, cloud, style.class_colours(log.boxes["class"].unique()))
-    _add_surroundings(figure, frame, crop, body)
-    return figure
-
-
-def _summary(cloud: Cloud) -> str:
-    drawn = len(cloud.points)
-    part = "" if drawn == cloud.returned else f"{drawn:,} drawn, "
-    return f"{cloud.returned:,} points, {part}{cloud.on_objects.sum():,} on objects"
-
-
-def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
     for i in range(len(placement.mounts)):
         shade, name = style.COLOURS[i % len(style.COLOURS)], f"LiDAR {i}"
         marker = {"size": 1.2, "color": shade, "line": {"width": 0}}
         own: dict[str, Any] = {"hoverinfo": "skip", "name": name, "legendgroup": name}
-        figure.add_scatter3d(
-            **xyz(cloud.points[cloud.lidar == i]), mode="markers", marker=marker, **own
-        )
+        figure.add_scatter3d(**xyz(drawn[lidar == i]), mode="markers", marker=marker, **own)
     add_lidars(figure, placement)
+    _add_objects(figure, frame, on_objects, style.class_colours(log.boxes["class"].unique()))
+    _add_surroundings(figure, frame, crop, body)
+    return figure
 
 
-def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping[str, str]) -> None:
+def _add_objects(
+    figure: go.Figure, frame: Frame, on_objects: NDArray[np.int64], colours: Mapping[str, str]
+) -> None:
     """A trace of lines for each class, and one of marks at the fronts with a label."""
     present = frame.objects["class"]
     for name, shade in colours.items():
         own = frame.objects[present == name]
-        points = cloud.on_objects[present == name]
+        points = on_objects[present == name]
         boxes = own[list(GEOMETRY)].to_numpy(np.float64)
         if boxes.size == 0:
             continue

@@ -21,12 +21,9 @@ _MOST = 2**31  # above any count of frames
 class BlockCounts:
     """Histories of the voxels of one class.
 
-    Attributes:
-        voxels: flat indices, C order, of the voxels that are ever occupied, int64, shape (n,).
-        history: node of each of them, int32, shape (n,).
-        parent, block, count: what a node adds to its parent, int32, shape (nodes,); parents come
-            before their children. Node 0 is the history of voxels that are never occupied.
-    """
+    `voxels` are the flat indices, C order, of those that are ever occupied, `history` the node of
+    each; `parent, block, count` what a node adds to its parent, shape (nodes,). Parents come before
+    their children; node 0 is the history of voxels that are never occupied."""
 
     voxels: NDArray[np.int64]
     history: NDArray[np.int32]

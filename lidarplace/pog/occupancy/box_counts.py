@@ -81,11 +81,9 @@ def _inside(box, y):
 def _run(dx, sides, ys, minimum, resolution):
     """First and last voxel of a row of constant x whose centres lie in a box; none: first > last.
 
-    Args:
-        dx: x of the row, from the centre of the box.
-        sides: y, cos, sin, length / 2, width / 2; the index along y of the centre; voxels a metre
-            along y for the sides along and across the box; rounding of an index.
-    """
+    `dx` is x of the row from the centre of the box; `sides` are y, cos, sin, length / 2, width / 2,
+    the index along y of the centre, voxels a metre along y for the sides along and across the box,
+    and the rounding of an index."""
     y, c, s, half_length, half_width, start, per_along, per_across, rounding = sides
     along, across = c * dx, s * dx
     reach_along, reach_across = abs(half_length * per_along), abs(half_width * per_across)

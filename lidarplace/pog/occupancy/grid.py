@@ -66,18 +66,11 @@ class OccupancyGrid(Plottable):
         """Count the boxes of `object_class` in a box log (paper, equation of p-hat).
 
         A voxel is occupied when its centre lies in a box or on its surface. A frame counts once,
-        however many boxes overlap in it. Boxes are cut at the ROI. Warns of boxes that look as if
-        they were in degrees or millimetres.
-
-        Args:
-            boxes: rows of the box log; `frame`, `class` and the box geometry are used, and `scene`
-                where there is one.
-            frames: T, the number of frames that the log covers.
-
-        Raises:
-            ValueError: a column is missing, a value is not finite, the boxes come from more than
-                `frames` frames, or nothing knows the class.
-        """
+        however many boxes overlap in it. Boxes are cut at the ROI. `frames` is T, the number of
+        frames that the log covers; of its columns `frame`, `class`, the box geometry and `scene`,
+        if it is there, are used. Warns of boxes that look as if they were in degrees or
+        millimetres. Raises ValueError: a column is missing, a value is not finite, the boxes come
+        from more than `frames` frames, or nothing knows the class."""
         return cls.by_class(boxes, roi, (object_class,), frames)[object_class]
 
     @classmethod

@@ -19,15 +19,10 @@ from lidarplace.coverage.tiles import Tiles
 class Levels:
     """Sets of voxels that share a column and a count; voxels with count 0 are in none.
 
-    Attributes:
-        first: the sets of column c of word w are `first[c]` to `first[c + 1]`, where columns are
-            numbered as the elements of a bit set of shape (words, nx, ny); int64.
-        voxels, level: a bit for every voxel of the word that is in the set, uint64, and the level
-            of the set, int64, shape (sets,).
-        counts, total: count of a level, int32, ascending, and number of its voxels, int64,
-            (levels,).
-        tiles: where there are occupied voxels.
-    """
+    The sets of column c of word w are `first[c]` to `first[c + 1]`, where columns are numbered as
+    the elements of a bit set of shape (words, nx, ny). `voxels` has a bit for every voxel of the
+    word that is in a set, `level` its level; `counts`, ascending, and `total` are the count of a
+    level and the number of its voxels, `tiles` where there are occupied voxels."""
 
     first: NDArray[np.int64]
     voxels: NDArray[np.uint64]

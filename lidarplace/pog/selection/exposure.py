@@ -33,14 +33,9 @@ class Exposure:
     Voxels that no class occupies are left out. With occlusion what a ray gives depends on the
     class, so a voxel stands there once for each class.
 
-    Attributes:
-        offsets: int64, shape (candidates + 1,).
-        voxels: ascending within a candidate, uint32, shape (entries,).
-        amounts: exposure, positive, float32 or float64, shape (entries,): 1 for a covered voxel,
-            rays traced, or `-ln(1 - d)` with occlusion.
-        scale: what one of its amounts counts in `gain`, float64, shape (candidates,).
-        gain: what a voxel is worth by the sum of its exposures.
-    """
+    `voxels` are ascending within a candidate, `amounts` their exposures, positive: 1 for a covered
+    voxel, rays traced, or `-ln(1 - d)` with occlusion, shape (entries,). `scale`, (candidates,), is
+    what one of its amounts counts in `gain`, what a voxel is worth by the sum of its exposures."""
 
     offsets: NDArray[np.int64]
     voxels: NDArray[np.uint32]
@@ -62,22 +57,14 @@ class Exposure:
     ) -> Exposure:
         """Trace every candidate once, in as many threads as numba has.
 
-        The keywords are those of `lidarplace.evaluate_classes`. The value of a set is the weighted
-        sum over the classes of the surrogate of its union, if the LiDARs of all candidates have the
-        same `ray_weight`; else `evaluate_classes` takes the mean over the LiDARs of a rig.
-
-        Args:
-            grids: a POG for each class, of one ROI.
-            weights: weight of each class, not negative; classes without weight do not count.
-
-        Raises:
-            ValueError: a weight that is negative or of an unknown class, grids of different ROIs,
-                or a stride below 1.
-        """
+        The keywords are those of `lidarplace.evaluate_classes`, `grids` a POG for each class, of
+        one ROI. The value of a set is the sum over the classes by `weights` (unless 0) of the
+        surrogate of its union, if the LiDARs of all candidates have the same `ray_weight`; else
+        `evaluate_classes` takes the mean over the LiDARs of a rig. Raises ValueError: a weight that
+        is negative or of an unknown class, grids of different ROIs, or a stride below 1."""
         check_weights(weights, [*grids])
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
-        if not weighted:
-            return cls._empty(len(candidates))
+        weighted = weighted or dict(grids)
         asked = detection_probability, occlusion, azimuth_stride
         source = Tracing(weighted, surrogate, method, *asked)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
@@ -91,13 +78,6 @@ class Exposure:
         scale = np.array([source.scale(candidate) for candidate in candidates])
         gain = VoxelGain.of_voxels(source.shape, weighted, weights, counts)
         return cls(offsets.astype(np.int64), *entries, scale, gain)
-
-    @classmethod
-    def _empty(cls, candidates: int) -> Exposure:
-        none, nothing = np.empty(0), np.empty((0, 0))
-        gain = VoxelGain("linear", np.empty(0, np.int32), none, nothing, nothing, none)
-        entries = np.empty(0, np.uint32), np.empty(0, np.float32)
-        return cls(np.zeros(candidates + 1, np.int64), *entries, np.ones(candidates), gain)
 
     @property
     def candidates(self) -> int:

@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 class Limits:
     """A set is feasible when it keeps all budgets and every two of its elements are compatible.
 
-    Attributes:
-        used: how much of each resource a candidate uses (its LiDARs, its price, 1 if it is of a
-            kind), not negative, shape (resources, candidates).
-        budgets: the most of each resource that may be used, shape (resources,).
-        compatible: which candidates may be chosen together, symmetric, shape (candidates,
-            candidates); None: all.
-    """
+    `used` is how much of each resource a candidate uses (its LiDARs, its price, 1 if it is of a
+    kind), not negative, shape (resources, candidates); `budgets` the most of each that may be used;
+    `compatible` which candidates may be chosen together, symmetric, shape (candidates, candidates),
+    None: all."""
 
     used: NDArray[np.float64]
     budgets: NDArray[np.float64]

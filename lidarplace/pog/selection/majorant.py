@@ -32,14 +32,9 @@ _PART = 1024  # terms summed up before they join the sum, whose error stays belo
 
 @dataclass(frozen=True, eq=False)
 class Majorant:
-    """A line or steps for every voxel; arrays are float64, shape (voxels,).
-
-    Attributes:
-        exposure: the candidates.
-        constant: where no candidate adds anything.
-        slopes: slope of the line, or -1 for steps.
-        start: exposure at which steps start, in rungs of the ladder if there is one.
-    """
+    """A line or steps for every voxel; arrays are float64, shape (voxels,): `constant`, where no
+    candidate adds anything; `slopes` of the lines, or -1 for steps; `start`, the exposure at which
+    steps start, in rungs of the ladder if there is one."""
 
     exposure: Exposure
     constant: NDArray[np.float64]
@@ -52,11 +47,12 @@ class Majorant:
         share = np.zeros(exposure.candidates)
         share[list(chosen)] = 1.0
         total = exposure.total(share)
-        constant = gains_of(exposure.gain.tables, total)
+        constant, slopes = gains_of(exposure.gain.tables, total), np.full(len(total), _STEPS)
         if exposure.gain.shape == "information":
-            return cls(exposure, constant, np.full(len(total), _STEPS), _start(exposure, total))
+            return cls(exposure, constant, slopes, _start(exposure, total))
         # The part of g that a candidate can still reach is a line.
-        return cls(exposure, constant, slopes_of(exposure.gain.tables, total), total)
+        _lines(exposure.gain.tables, total, np.zeros(len(total)), np.empty(len(total)), slopes)
+        return cls(exposure, constant, slopes, total)
 
     @classmethod
     def at(cls, exposure: Exposure, share: NDArray[np.float64]) -> Majorant:
@@ -131,15 +127,6 @@ def _unit(exposure: Exposure) -> float:
 def _start(exposure: Exposure, total: NDArray[np.float64]) -> NDArray[np.float64]:
     """An exposure near `total` from which steps may start: a rung of the ladder if there is one."""
     return np.rint(total / _unit(exposure)) if exposure.ladder.size else total
-
-
-@njit(cache=True, nogil=True)
-def slopes_of(tables, total):
-    """A slope of g_v for every voxel at its exposure."""
-    slopes = np.empty(len(total))
-    for v in range(len(total)):
-        slopes[v] = slope_at(tables, v, total[v])
-    return slopes
 
 
 @njit(cache=True, nogil=True)

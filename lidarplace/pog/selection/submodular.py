@@ -39,13 +39,10 @@ Added = Callable[[int], float]
 class Greedy:
     """Candidates in the order in which they were chosen.
 
-    Attributes:
-        chosen: their numbers; after the last, none adds anything or none is allowed.
-        gains, values: what each added, and the value after it, shape (chosen,).
-        evaluations: marginal gains that were computed, those of both rules.
-        rule: what was largest of each candidate among those allowed: its gain, or its gain by the
-            largest share of a budget that it takes.
-    """
+    After the last of those `chosen`, none adds anything or none is allowed; `gains` are what each
+    added, `values` the value after it, `evaluations` the marginal gains that were computed, those
+    of both rules. By `rule` the gain of each candidate among those allowed was largest, or its gain
+    by the largest share of a budget that it takes."""
 
     chosen: tuple[int, ...]
     gains: NDArray[np.float64]
@@ -61,14 +58,9 @@ class Greedy:
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """No feasible set has a larger value.
-
-    Attributes:
-        value: the bound.
-        by_gains: the best bound by marginal gains alone.
-        history: the best bound so far after every round; columns `seconds`, `bound`, `kind`
-            (`gains` or `cuts`).
-    """
+    """No feasible set has a larger value; `by_gains` is the best bound by marginal gains alone,
+    `history` the best so far after every round: columns `seconds`, `bound`, `kind` (`gains` or
+    `cuts`)."""
 
     value: float
     by_gains: float
@@ -163,14 +155,11 @@ class SubmodularChoice(ABC):
     ) -> UpperBound:
         """No set of candidates that `limits` allow is worth more.
 
-        Args:
-            chosen: candidates in the order of `greedy`. Of each of its prefixes, what all others
-                add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular set
-                functions: formulations and analysis of algorithms).
-            seconds: no round starts later.
-            relative_gap: stop when the bound is this close to the best that cuts can reach.
-            blocks: of what is seen, as many cuts a round.
-        """
+        `chosen` are candidates in the order of `greedy`: what all others add to each of its
+        prefixes makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular set
+        functions: formulations and analysis of algorithms). No round starts after `seconds`, nor if
+        the bound is within `relative_gap` of the best that cuts can reach. A round makes a cut for
+        each of `blocks` of what is seen."""
         self._check(limits)
         start = time.perf_counter()
         history: list[tuple[float, float, str]] = []

@@ -32,12 +32,8 @@ OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 class Block:
     """Occupied voxels of a grid by layers, as rays are counted, so that memory is read in order.
 
-    Attributes:
-        places: `k * nx * ny + i * ny + j`, int64, shape (voxels,).
-        counts: frames in which each class of the block occupies them, else 0, int32, shape
-            (classes, voxels).
-        first: number of its first voxel.
-    """
+    Their `places` are `k * nx * ny + i * ny + j`, `counts` the frames in which each class of the
+    block occupies them, else 0, shape (classes, voxels), `first` the number of the first voxel."""
 
     places: NDArray[np.int64]
     counts: NDArray[np.int32]

@@ -29,14 +29,10 @@ SATURATED = 750.0
 class VoxelGain:
     """g_v of voxels; those that are occupied equally often in each class share a profile.
 
-    Attributes:
-        shape: `cover`, `worth * min(1, m)`; `linear`, `worth * m`; `information`, the sum over the
-            classes of `weight * I(p, m)` with `m = -ln(1 - d)`, see `surrogate.expected_ig`.
-        profile: profile of every voxel, int32, shape (voxels,).
-        worth: shape (profiles,), for `cover` and `linear`; nats, or objects a frame.
-        p, rest: probability of each class and what is left of 1, shape (profiles, classes).
-        weights: shape (classes,).
-    """
+    By `shape` it is `cover`, `worth * min(1, m)`; `linear`, `worth * m`; or `information`, the sum
+    over the classes of `weight * I(p, m)` with `m = -ln(1 - d)`, see `surrogate.expected_ig`.
+    `profile` is that of every voxel, shape (voxels,); `worth`, nats, or objects a frame, is by
+    profile, `p` and what is left of 1, `rest`, are by profile and class, `weights` by class."""
 
     shape: Shape
     profile: NDArray[np.int32]
@@ -56,7 +52,7 @@ class VoxelGain:
         """From the `counts` of each class of `grids` in the voxels, shape (classes, voxels)."""
         profile, of_profile = _profiles(counts)
         frames = np.array([grid.frames for grid in grids.values()])
-        weight = np.array([weights[name] for name in grids], np.float64)
+        weight = np.array([weights.get(name, 0) for name in grids], np.float64)
         p, rest = of_profile / frames, (frames - of_profile) / frames
         each = zip(of_profile.T, frames.tolist(), strict=True)
         entropy = [entropy_of_counts(own, number) for own, number in each]

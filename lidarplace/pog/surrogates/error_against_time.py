@@ -7,8 +7,8 @@ are closer than voxels a voxel is covered once for several of them."""
 
 import time
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -28,20 +28,15 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class _Variant:
+class _Variant(NamedTuple):
     """One way to compute surrogates on a given POG: method of coverage or of the rays, azimuth
-    steps (0 for cones), and whether the RAY_SURROGATES are computed or the others."""
+    steps (0 for cones), whether the RAY_SURROGATES are computed or the others, and whether no other
+    variant is more accurate."""
 
     method: Method
     azimuth_steps: int
     rays: bool
-
-    def is_best(self, placement: Placement) -> bool:
-        """Whether no other variant is more accurate."""
-        if not self.rays:
-            return self.method == "cone"
-        return self.method == "dda" and self.azimuth_steps == _azimuth_steps(placement)
+    best: bool = False
 
 
 def accuracy(
@@ -60,32 +55,22 @@ def accuracy(
     """Every surrogate of every placement, computed in several ways.
 
     One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
-    rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps. Only
-    with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
-    `resolutions`, and each of `frame_shares` at the resolution of `roi`. The reference of a
-    surrogate is the same at the finest resolution with all frames. Fewer azimuth steps of the
-    RAY_SURROGATES are those of an `azimuth_stride`, so the sensor stays the same. The LiDAR's own
-    number is always among them, more than that never.
+    rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps (0).
+    Only with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
+    `resolutions`, which must divide the edges of `roi`, and each of `frame_shares`, a share s being
+    every round(1/s)-th of `frames`. The reference of a surrogate is the same at the finest
+    resolution with all frames. Fewer azimuth steps of the RAY_SURROGATES are those of an
+    `azimuth_stride`, so the sensor stays the same; its own are among them, more never.
 
-    Args:
-        boxes: box log; boxes of frames that are not in `frames` are left out.
-        frames: the frames of the POG, rows with `frame` (and `scene`), in the order of time.
-        roi: the voxels; each of `resolutions` must divide its edges.
-        frame_shares: a share s is every round(1/s)-th frame, from the first.
-        detection_probability, occlusion: of `expected_ig`, see `evaluate`.
-        surrogates: which, plug-ins included.
+    `frames` are those of the POG in the order of time, rows with `frame` (and `scene`); boxes of
+    others are left out. Further arguments as of `evaluate`; `surrogates` may be of plug-ins.
 
-    Returns:
-        One row per (placement, class, surrogate, method, resolution, azimuth_steps, frames):
-        value; comparable, the value in units that do not depend on the resolution; reference,
-        whether the row is the reference; seconds of the evaluation (that of `m_sog` counts the
-        covered voxels too, `expected_points` and `expected_ig` are computed together);
-        pog_seconds of counting the POG and what depends on it alone. azimuth_steps is 0 for cones.
-
-    Raises:
-        ValueError: a share outside (0, 1], azimuth steps below 1, a resolution that does not divide
-            the ROI, or a bad box log.
-    """
+    Returns the COLUMNS, one row per (placement, class, surrogate, method, resolution,
+    azimuth_steps, frames): `comparable` is the value in units that do not depend on the resolution,
+    `seconds` are of the evaluation (of `m_sog` with counting the covered voxels, of
+    `expected_points` and `expected_ig` together), `pog_seconds` of counting the POG and what
+    depends on it alone. Raises ValueError: a share outside (0, 1], azimuth steps below 1, a
+    resolution that does not divide the ROI, or a bad box log."""
     for share in frame_shares:
         if not 0 < share <= 1:
             raise ValueError(f"a share of the frames must be within (0, 1], found {share}")
@@ -108,10 +93,8 @@ def accuracy(
             for placement in placements:
                 for variant in _variants(placement, azimuth_steps if base else ()):
                     table = _timed(grid, placement, variant, surrogates, options)
-                    table["reference"] = (
-                        grid_roi.resolution == finest and every == 1 and variant.is_best(placement)
-                    )
-                    tables.append(table.assign(pog_seconds=pog_seconds))
+                    best = grid_roi.resolution == finest and every == 1 and variant.best
+                    tables.append(table.assign(reference=best, pog_seconds=pog_seconds))
     table = pd.concat(tables, ignore_index=True)
     return table[list(COLUMNS)]
 
@@ -124,9 +107,9 @@ def scale(surrogate: str, resolution: float) -> float:
 def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:
     """The most accurate ways, and further methods and steps if there are `azimuth_steps`."""
     own = _azimuth_steps(placement)
-    yield _Variant("cone", 0, rays=False)
+    yield _Variant("cone", 0, rays=False, best=True)
     if not azimuth_steps:
-        yield _Variant("dda", own, rays=True)
+        yield _Variant("dda", own, rays=True, best=True)
         return
     strides = {round(own / steps) for steps in azimuth_steps if steps < own} | {1}
     for method in METHODS:
@@ -135,7 +118,8 @@ def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[
         for steps in dict.fromkeys(azimuth_steps):
             yield _Variant(method, steps, rays=False)
         for stride in sorted(strides, reverse=True):
-            yield _Variant(method, round(own / stride), rays=True)
+            best = method == "dda" and stride == 1
+            yield _Variant(method, round(own / stride), rays=True, best=best)
 
 
 def _azimuth_steps(placement: Placement) -> int:
@@ -169,12 +153,8 @@ def _timed(
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     edge = grid.roi.resolution
-    own: dict[str, Any] = {
-        "placement": placement.name,
-        "class": grid.object_class,
-        "method": variant.method,
-    }
-    own |= {"resolution": edge, "azimuth_steps": variant.azimuth_steps, "frames": grid.frames}
+    who = {"placement": placement.name, "class": grid.object_class, "method": variant.method}
+    own = who | {"azimuth_steps": variant.azimuth_steps, "frames": grid.frames, "resolution": edge}
     return table.assign(comparable=[value * scale(name, edge) for name, value, _ in rows], **own)
 
 

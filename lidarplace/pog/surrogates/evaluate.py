@@ -7,7 +7,7 @@ import reprlib
 import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numba
@@ -58,9 +58,7 @@ def evaluate(
         azimuth_stride: count only every so many rays of a beam, each in the place of as many;
             faster, less accurate, and for the RAY_SURROGATES alone.
 
-    Raises:
-        ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1.
-    """
+    Raises ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1."""
     check_grid(grid)
     asked = (azimuth_steps, surrogates, detection_probability, occlusion, azimuth_stride)
     return evaluate_classes({grid.object_class: grid}, placement, method, *asked)[grid.object_class]
@@ -160,13 +158,13 @@ def evaluate_classes(
     if method != "cone":
         whole = functools.partial(int, np.bitwise_count(covered).sum())
     voxels = CoveredVoxels(whole)
-    rays = _Rays(counts, placement, occupied, ray_method, detection_probability, azimuth_stride)
+    rays = placement, occupied, ray_method, detection_probability, azimuth_stride
     common = time.perf_counter() - start
 
     results = {}
     for object_class, grid in grids.items():
         start = time.perf_counter()
-        seen = rays.seen(grid, grid.levels.covered(covered), occlusion)
+        seen = _seen(grid, grid.levels.covered(covered), counts, rays, occlusion)
         values = {name: compute(seen) for name, compute in computed.items()}
         nonzero, seconds = int(seen.covered.sum()), common + time.perf_counter() - start
         found = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
@@ -174,48 +172,39 @@ def evaluate_classes(
     return results
 
 
-@dataclass(frozen=True, eq=False)
-class _Rays:
-    """What the rays of a placement meet: `counts` of them through every voxel, None if nobody
-    needs these; else as `log_miss_in`."""
+def _seen(
+    grid: OccupancyGrid,
+    covered: NDArray[np.int64],
+    counts: NDArray[np.int32] | None,
+    rays: tuple[Placement, Roi, RayMethod, float, int],
+    occlusion: bool,
+) -> Seen:
+    """What is seen of a class: `covered` voxels by level, and `counts` of rays through every voxel,
+    None if nobody needs these; `rays` as of `log_miss_in`."""
+    placement, _, _, q, stride = rays
 
-    counts: NDArray[np.int32] | None
-    placement: Placement
-    occupied: Roi
-    method: RayMethod
-    q: float
-    stride: int
+    @functools.cache
+    def crossings() -> Crossings:
+        assert counts is not None
+        return Crossings.of_grid(grid, counts)
 
-    @functools.cached_property
-    def weight(self) -> float:
-        """Rays that stand behind each one traced."""
-        return ray_weight(self.placement, self.stride)
+    def information() -> float:
+        if occlusion:
+            return expected_ig_with_occlusion(grid, log_miss_in(grid, *rays))
+        log_miss = ray_weight(placement, stride) * log_miss_of_ray(q)
+        return expected_ig(grid.frames, crossings(), log_miss)
 
-    def seen(self, grid: OccupancyGrid, covered: NDArray[np.int64], occlusion: bool) -> Seen:
-        """What is seen of a class; `covered` voxels by level."""
-
-        @functools.cache
-        def crossings() -> Crossings:
-            assert self.counts is not None
-            return Crossings.of_grid(grid, self.counts)
-
-        def information() -> float:
-            if not occlusion:
-                return expected_ig(grid.frames, crossings(), self.weight * log_miss_of_ray(self.q))
-            own = self.placement, self.occupied, self.method, self.q, self.stride
-            return expected_ig_with_occlusion(grid, log_miss_in(grid, *own))
-
-        return Seen(
-            frames=grid.frames,
-            counts=grid.levels.counts,
-            voxels=grid.levels.total,
-            covered=covered,
-            entropy=grid.entropy_of_level,
-            h_pog=grid.h_pog,
-            crossings=crossings,
-            points=lambda: expected_points(grid.frames, crossings(), self.weight),
-            information=information,
-        )
+    return Seen(
+        frames=grid.frames,
+        counts=grid.levels.counts,
+        voxels=grid.levels.total,
+        covered=covered,
+        entropy=grid.entropy_of_level,
+        h_pog=grid.h_pog,
+        crossings=crossings,
+        points=lambda: expected_points(grid.frames, crossings(), ray_weight(placement, stride)),
+        information=information,
+    )
 
 
 def log_miss_in(

@@ -46,13 +46,10 @@ NORMAL_95 = 1.959963984540054
 class SamplingError:
     """Sampling error of the surrogates of one placement.
 
-    Attributes:
-        estimates: one row per (class, surrogate): value; sd, standard deviation of the resamples;
-            bias, mean of the resamples less the value; low and high, the 95 % interval
-            `value - bias ± 1.96 sd`; blocks; resamples.
-        resamples: class, surrogate, resample (0, 1, ...), value. Placements with the same frames,
-            blocks and seed have the same draws in the same order, so they can be paired.
-    """
+    `estimates` has one row per (class, surrogate): value; sd, standard deviation of the resamples;
+    bias, mean of the resamples less the value; low and high, the 95 % interval `value - bias ± 1.96
+    sd`; blocks; resamples. `resamples` has class, surrogate, resample (0, 1, ...) and value.
+    Placements with the same frames, blocks and seed have the same draws, so they can be paired."""
 
     estimates: pd.DataFrame
     resamples: pd.DataFrame
@@ -72,20 +69,13 @@ def pog_sampling_error(
     seed: int = 0,
     surrogates: Collection[str] = ASKED_OF_POG.own,
 ) -> SamplingError:
-    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames.
+    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames:
+    `resamples` draws by `seed` of as many blocks as there are, see `frame_blocks`.
 
     With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled. It
-    is several times slower then: no two voxels share ln(1 - d).
-
-    Args:
-        boxes: box log of the frames; boxes of other frames are left out.
-        frames, blocks: the frames of the POG, and about how many blocks, see `frame_blocks`.
-        resamples: draws of as many blocks as there are, by `seed`.
-        surrogates: which, plug-ins included.
-
-    Raises:
-        ValueError: fewer than two blocks or resamples, or what `OccupancyGrid.by_class` raises.
-    """
+    is several times slower then: no two voxels share ln(1 - d). Boxes of frames that are not in
+    `frames` are left out; `surrogates` may be of plug-ins. Raises ValueError: fewer than two blocks
+    or resamples, or what `OccupancyGrid.by_class` raises."""
     if resamples < 2:
         raise ValueError(f"resamples must be at least 2, found {resamples}")
     of_frame = frame_blocks(frames, blocks)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.ranges import LIDAR_HEIGHT
-from lidarplace.clouds.clouds import STEP_M, Crop, PointClouds, valid_points
+from lidarplace.clouds.clouds import STEP_M, Crop, PointClouds
 from lidarplace.files.regular import is_there, regular
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.folder import fault, frame_name, part
@@ -54,7 +54,7 @@ def read_kitti_clouds(
 
     def read(path: Path) -> tuple[NDArray[np.float32], list[int]]:
         points = np.fromfile(regular(path), "<f4").reshape(-1, 4).astype(np.float32, copy=False)
-        good = valid_points(points)
+        good = np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
         for index in np.flatnonzero(~good).tolist():
             problem = f"point {index} must be finite, with an intensity in [0, 1]"
             fault(f"{path}: {problem}; found {points[index].tolist()}", skipped)

@@ -84,7 +84,7 @@ class Files:
     """Writes the files that a panel names; before it overwrites one it asks."""
 
     def __init__(self, studio: Studio, panel: Panel, scene: Mapping[str, Any]) -> None:
-        self._studio, self._panel, self._scene = studio, panel, scene
+        self._studio, self._panel, self.scene = studio, panel, scene
         self._overwrite: Callable[[], str] | None = None
 
     def save(self) -> str:
@@ -95,19 +95,13 @@ class Files:
     def sweep(self) -> str:
         """Write a sweep of the rigs, or ask; its command."""
         path = self.beside(self._panel.sweep_path.value)
-        return self._asking(lambda over: self._studio.sweep(path, self._scene, over))
+        return self._asking(lambda over: self._studio.sweep(path, self.scene, over))
 
     @property
     def evaluated(self) -> tuple[Path, Path]:
         """The evaluation of the rigs: its configuration and its run folder."""
         name = f"evaluation-of-{self._studio.file.path.stem}"
         return self.beside(f"{name}.yaml"), RUNS / name
-
-    def evaluation(self) -> tuple[Path, Path]:
-        """Write the evaluation of the rigs as they are; what `evaluated` says."""
-        path, run = self.evaluated
-        self._studio.evaluation(path, self._scene)
-        return path, run
 
     def confirm(self) -> str:
         """Overwrite what was asked for last; the message."""
@@ -158,7 +152,8 @@ class Asking:
         """Let a generalist judge all rigs while the page goes on."""
         with self._starting:
             self._idle()
-            path, run = self._files.evaluation()
+            path, run = self._files.evaluated
+            self._studio.evaluation(path, self._files.scene)
             self._start("run", str(path))
         if self._ended():
             self._panel.found.content = evaluation_tables(found_by_sweep(run))

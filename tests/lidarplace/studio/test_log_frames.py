@@ -26,19 +26,6 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "log"
 
 
-def test_each_frame_has_its_own_boxes(folder):
-    whole = read_box_log(folder)
-    frames = LogFrames(read_box_log(folder, 4), folder)
-    assert frames.numbers == whole.frames["frame"].tolist()
-    for number in frames.numbers:
-        part = frames.log_of(number)
-        (found, expected) = (log.boxes[log.boxes["frame"] == number] for log in (part, whole))
-        pd.testing.assert_frame_equal(found.reset_index(drop=True), expected.reset_index(drop=True))
-        assert number in part.frames["frame"].tolist()
-    with pytest.raises(ValueError, match="no frame 6; the log has 23 frames, 5 to 225"):
-        frames.log_of(6)
-
-
 def test_who_plays_a_log_reads_each_portion_once_and_few_are_kept(folder, monkeypatch):
     asked = []
 
@@ -75,7 +62,7 @@ def test_a_studio_shows_all_frames_and_its_numbers_are_of_some(folder, tmp_path)
     assert studio.numbers() == Studio(file, few, ROI).numbers() != whole.numbers()
     studio.show_frame(115)
     assert studio.plot().data
-    with pytest.raises(ValueError, match="no frame 6"):
+    with pytest.raises(ValueError, match="no frame 6; the log has 23 frames, 5 to 225"):
         studio.show_frame(6)
     assert studio.view.number == 115
 
