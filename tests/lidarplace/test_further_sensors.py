@@ -105,9 +105,10 @@ def test_by_kinds_against_all_sets():
     kinds = ["lidar", "lidar", "camera", "camera", "radar"]
     each = random.integers(0, 9, (200, 5)).astype(np.float64)
     for sensors, of, dead in [(1, 1, ()), (2, 2, ()), (3, 2, (0,)), (3, 3, ()), (2, 3, (4,))]:
-        found = by_several(each, kinds, dead, sensors, of)
+        left = [n for n in range(5) if n not in dead]
+        found = by_several(each, kinds, left, sensors, of)
         for row, value in zip(each, found, strict=True):
-            have = {t: [n for n in range(5) if n not in dead and row[n] >= t] for t in row}
+            have = {t: [n for n in left if row[n] >= t] for t in row}
             enough = [t for t, n in have.items() if len(n) >= sensors]
             enough = [t for t in enough if len({kinds[n] for n in have[t]}) >= of]
             assert value == max(enough, default=0.0)
