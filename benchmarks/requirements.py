@@ -115,10 +115,7 @@ def boxes_and_shapes(number: int = 200) -> None:
         for mount, lidar in zip(rig.mounts, rig.lidars, strict=True):
             found = found.and_(surface_cells(mount, lidar, alone, everywhere, CELL_M))
         seen = found.points.sum(), found.counts().sum()
-        of_boxes = (
-            count_points(sights, boxes).all.sum(),
-            count_cells(sights, boxes, CELL_M).all.sum(),
-        )
+        of_boxes = (count_points(sights, boxes).sum(), count_cells(sights, boxes, CELL_M).sum())
         print(f"{name}: {of_boxes[0] / seen[0]:.2f} points, {of_boxes[1] / seen[1]:.2f} cells")
 
 

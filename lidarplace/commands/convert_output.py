@@ -18,7 +18,7 @@ from lidarplace.command_line.verbs import checked_input, known
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES, POINTS, points_of
 from lidarplace.logs.world import CELL_M, TILE_M
-from lidarplace.rig_files.mounted import check_lidars
+from lidarplace.rig_files.mounted import check_lidars, lidars_in
 from lidarplace.rig_files.own import read_own
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
@@ -62,7 +62,7 @@ def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
         if lidar is not None:
             raise ValueError("--lidar: is the model of a rig; --rig names its file")
         return None
-    mounted = read_own(path)
+    mounted = lidars_in(read_own(path))
     check_lidars(mounted, str(path))
     models = []
     for each in mounted:

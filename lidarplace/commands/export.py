@@ -1,7 +1,7 @@
 """Write a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -35,9 +35,6 @@ from lidarplace.viewing.frame import centres_in
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
-
-CloudsOf = Callable[[BoxLog], PointClouds]
-"""The clouds of all frames of a log."""
 
 app = new_app()
 
@@ -106,25 +103,31 @@ def export(
         if recorded:
             check_rig(log / "clouds" / rig.name, rig)
 
-        def clouds_of(some: BoxLog) -> PointClouds:
+        def portion(some: BoxLog) -> tuple[pd.DataFrame, PointClouds]:
             numbers = some.frames["frame"].to_numpy(np.int64)
             if recorded:
-                return recorded_clouds(log / "clouds" / rig.name, numbers, kept)
-            return collect(some, numbers, rig, kept, seed, how.misaligned_heights)
+                clouds = recorded_clouds(log / "clouds" / rig.name, numbers, kept)
+            else:
+                clouds = collect(some, numbers, rig, kept, seed, how.misaligned_heights)
+            counts["points"] += int(clouds.counts.sum())
+            boxes = some.boxes[centres_in(crop, some.boxes)]
+            counts["boxes"] += len(boxes)
+            return boxes if played else _labels(some, crop, seed, all_around, counts), clouds
 
+        portions = map(portion, _some_at_a_time(chosen))
         if played:
             from lidarplace.viewing.mcap import write_mcap  # foxglove
 
-            write_mcap(out, frames, _played(chosen, clouds_of, crop, counts), rig)
+            write_mcap(out, frames, portions, rig)
         else:
-            portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
             write_kitti(out, frames, portions, images)
     what = "boxes" if played else "labels"
     say(f"{out}: {len(frames):,} frames, {counts[what]:,} {what}, {counts['points']:,} points")
     if not played:
         outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
+        hidden = counts["boxes"] - counts["seen"]
         say(
-            f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see "
+            f"  {hidden:,} objects of the ROI left out: an ideal sensor would not see "
             f"them\n  {counts['outside']:,} objects outside the image {outside}"
         )
 
@@ -140,30 +143,15 @@ def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
         yield replace(log, boxes=boxes, frames=frames)
 
 
-def _played(
-    log: BoxLog, clouds_of: CloudsOf, roi: Crop, counts: Counter[str]
-) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
-    """Boxes of the ROI and clouds of some frames at a time; counts what is in them."""
-    for some in _some_at_a_time(log):
-        boxes, clouds = some.boxes[centres_in(roi, some.boxes)], clouds_of(some)
-        counts["boxes"] += len(boxes)
-        counts["points"] += int(clouds.counts.sum())
-        yield boxes, clouds
-
-
-def _portions(
-    log: BoxLog, clouds_of: CloudsOf, roi: Crop, seed: int, all_around: bool, counts: Counter[str]
-) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
-    """Labels and clouds of some frames at a time; counts what is in them."""
+def _labels(
+    log: BoxLog, roi: Crop, seed: int, all_around: bool, counts: Counter[str]
+) -> pd.DataFrame:
+    """Labels of the objects of a log; counts them and those without."""
     x0, y0, z0, x1, y1, z1 = roi
-    for some in _some_at_a_time(log):
-        objects = ground_truth(some, (x0, x1), (y0, y1), (z0, z1), seed)
-        clouds = clouds_of(some)
-        labels = to_labels(objects)
-        shown = in_image(labels)
-        counts["hidden"] += int(centres_in(roi, some.boxes).sum()) - len(objects)
-        counts["outside"] += int((~shown).sum())
-        counts["points"] += int(clouds.counts.sum())
-        labels = labels if all_around else labels[shown]
-        counts["labels"] += len(labels)
-        yield labels, clouds
+    labels = to_labels(ground_truth(log, (x0, x1), (y0, y1), (z0, z1), seed))
+    shown = in_image(labels)
+    counts["seen"] += len(labels)
+    counts["outside"] += int((~shown).sum())
+    labels = labels if all_around else labels[shown]
+    counts["labels"] += len(labels)
+    return labels

@@ -17,7 +17,7 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
 from lidarplace.rig_files.mounted import MountedLidar, Vector, check_lidars, lidars_in, of_frame
-from lidarplace.rig_files.own import read_further, read_own, write_own
+from lidarplace.rig_files.own import read_own, write_own
 from lidarplace.rigs.catalogue.datasheet import catalogue
 
 app = new_app()
@@ -104,7 +104,7 @@ def rig(
                 frames = known.read(source, patterns) if patterns else []
                 found += [of_frame(frame, model(z=0.0)) for frame in frames]
         else:
-            found = [*read_own(source), *read_further(source)]
+            found = read_own(source)
         lidars = [each.moved(*start) for each in found] if reads else found
         if not reads and only:
             raise ValueError("--only: applies only when reading another tool's file")

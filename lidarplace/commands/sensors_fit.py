@@ -19,7 +19,7 @@ from lidarplace.command_line.verbs import checked_input
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import write_text
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.mounted import MountedLidar, lidars_in
 from lidarplace.rig_files.own import as_written, read_own, write_own
 from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, catalogue, datasheet
 from lidarplace.rigs.placement import Mount
@@ -121,7 +121,7 @@ def _lidars(
         named = zip(known[0].names, known[0].placement.mounts, strict=True)
         found = [MountedLidar(*own) for own in named]
     else:
-        found = read_own(rig)
+        found = lidars_in(read_own(rig))
     return [own.moved(*(-value for value in origin)) for own in found]
 
 

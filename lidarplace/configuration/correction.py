@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, Strict, model_validator
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
@@ -22,7 +22,7 @@ from lidarplace.configuration.settings import (
     Name,
     Probability,
     Settings,
-    fault,
+    validated,
 )
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.files.atomic import write_text
@@ -181,7 +181,7 @@ def write_correction(path: Path, file: CorrectionFile) -> None:
 
 @lru_cache(maxsize=8)
 def _read(path: Path, changed: int, size: int) -> CorrectionFile:
-    return _checked(read_yaml_file(path), str(path))
+    return validated(CorrectionFile, read_yaml_file(path), str(path))
 
 
 @lru_cache(maxsize=8)
@@ -190,11 +190,4 @@ def _packaged(name: str) -> CorrectionFile:
         wrong = f"no correction is called {name!r}{did_you_mean(name, packaged())}"
         raise InputError(wrong, expected=", ".join((*packaged(), "a FILE.yaml")))
     text = files(PACKAGED).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-    return _checked(parse_yaml(text), name)
-
-
-def _checked(content: Any, place: str) -> CorrectionFile:
-    try:
-        return CorrectionFile.model_validate(content)
-    except ValidationError as error:
-        raise fault(error, place) from None
+    return validated(CorrectionFile, parse_yaml(text), name)

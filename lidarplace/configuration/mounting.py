@@ -123,12 +123,6 @@ class KeepOutSettings(Settings):
             raise ValueError("expected [min, max] with min < max along x, y and z")
         return self
 
-    @property
-    def box(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Its lower and its upper corner."""
-        low, high = zip(self.x, self.y, self.z, strict=True)
-        return low, high
-
 
 KeepOuts = Annotated[
     dict[Name, KeepOutSettings],
@@ -138,7 +132,8 @@ KeepOuts = Annotated[
 
 def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float64]:
     """Lower and upper corners, metres, shape (n, 2, 3)."""
-    return np.array([own.box for own in keep_out.values()], np.float64).reshape(-1, 2, 3)
+    sides = [(own.x, own.y, own.z) for own in keep_out.values()]
+    return np.array(sides, np.float64).reshape(-1, 3, 2).transpose(0, 2, 1)
 
 
 class CommonViewSettings(Settings):

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Name, Settings, fault, short_for
+from lidarplace.configuration.settings import Name, Settings, short_for, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.lidar import Lidar
@@ -142,7 +142,4 @@ def read_placement_settings(path: Path) -> PlacementSettings:
             f"{path}: no key mounts; a placement's file lists its LiDARs, such as "
             "mounts: [{x: 0, y: 0, z: 2}]"
         )
-    try:
-        return PlacementSettings.model_validate(raw, context={"folder": path.parent})
-    except ValidationError as error:
-        raise fault(error, str(path)) from None
+    return validated(PlacementSettings, raw, str(path), path.parent)

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated, TypeVar
 
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field
 
-from lidarplace.configuration.settings import fault
+from lidarplace.configuration.settings import validated
 from lidarplace.files.json_file import read_json
 
 T = TypeVar("T")
@@ -25,7 +25,4 @@ Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]  # finite
 def read_record(path: Path, kind: type[T], what: str) -> T:
     """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
     Raises ValueError: as `read_json`, or what the file holds is something else."""
-    try:
-        return TypeAdapter(kind).validate_python(read_json(path))
-    except ValidationError as error:
-        raise fault(error, f"{path}: not a valid {what}") from None
+    return validated(kind, read_json(path), f"{path}: not a valid {what}")

@@ -4,7 +4,7 @@ import re
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -13,6 +13,7 @@ from pydantic import (
     ConfigDict,
     Field,
     Strict,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
 )
@@ -21,6 +22,8 @@ from lidarplace.base.class_names import fault_of_name
 from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import ANGLE, LIDAR_HEIGHT, SEED, SHARE
 from lidarplace.base.suggestions import did_you_mean
+
+T = TypeVar("T")
 
 
 class Settings(BaseModel):
@@ -118,6 +121,15 @@ def fault(error: ValidationError, place: str | None = None) -> InputError:
     """The first mistake of an error with its key; `place` is the file that has it."""
     first = error.errors(include_url=False)[0]
     return InputError(what_is_wrong(first), place=place, key=key_path(first["loc"]) or None)
+
+
+def validated(kind: type[T], value: Any, place: str, folder: Path | None = None) -> T:
+    """`value` as a model or another type of that kind; paths in it are relative to `folder`. Raises
+    InputError: the first mistake, in the file `place`."""
+    try:
+        return TypeAdapter(kind).validate_python(value, context={"folder": folder})
+    except ValidationError as error:
+        raise fault(error, place) from None
 
 
 def key_path(loc: Sequence[int | str]) -> str:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict, TypeAdapter, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, Strict, model_validator
 
 from lidarplace.base.optional import needs
-from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, fault
+from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.trailer import BendingVehicle
@@ -118,9 +118,6 @@ def read_vehicle(path: Path) -> Vehicle | None:
     """The vehicle in a file: YAML of what a field holds, or a mesh in metres. Raises OSError: the
     file cannot be read; ValueError: it holds no vehicle."""
     raw = read_yaml_file(path) if path.suffix in (".yaml", ".yml") else path.name
-    field: TypeAdapter[VehicleSettings | None] = TypeAdapter(OwnVehicle)
-    try:
-        settings = field.validate_python(raw, context={"folder": path.parent})
-    except ValidationError as error:
-        raise fault(error, str(path)) from None
+    field: Any = OwnVehicle
+    settings: VehicleSettings | None = validated(field, raw, str(path), path.parent)
     return None if settings is None else settings.vehicle()

@@ -48,17 +48,55 @@ class Columns(NamedTuple):
     highest: NDArray[np.int32]
 
 
+class _View(NamedTuple):
+    """What of a cone is seen, in numbers alone, as arrays cost more to hand on than to use: axis of
+    the sensor, normals of the two planes that bound the field of view, towards the inside, its
+    width, and the range. Points and corners of boxes are tuples for the same reason."""
+
+    n: tuple[float, float, float]
+    first: tuple[float, float, float]
+    last: tuple[float, float, float]
+    width: float
+    reach: float
+
+
 @inner
-def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):
-    """Widen (low, high) by f = n.d/|d| at the start and the stationary point of d = a + t e."""
-    na = n0 * ax + n1 * ay + n2 * az
-    aa = ax * ax + ay * ay + az * az
+def _view_of(sensor):
+    u, v, n = sensor.frame[0], sensor.frame[1], sensor.frame[2]
+    start, end = sensor.azimuth
+    c, s = math.cos(start), math.sin(start)
+    first = (v[0] * c - u[0] * s, v[1] * c - u[1] * s, v[2] * c - u[2] * s)
+    c, s = math.cos(end), math.sin(end)
+    last = (u[0] * s - v[0] * c, u[1] * s - v[1] * c, u[2] * s - v[2] * c)
+    return _View((n[0], n[1], n[2]), first, last, end - start, sensor.reach)
+
+
+@inner
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inner
+def _corner(start, line, resolution, grow):
+    """Where three grid lines meet, and a hair further."""
+    (i, j, k), r = line, resolution
+    return start[0] + i * r + grow, start[1] + j * r + grow, start[2] + k * r + grow
+
+
+@inner
+def _box(start, first, end, resolution, grow):
+    """Lower and upper corner of a box that reaches from grid lines to others, a hair further."""
+    return _corner(start, first, resolution, -grow), _corner(start, end, resolution, grow)
+
+
+@inner
+def _edge(a, e, n, least, most):
+    """Widen (least, most) by f = n.d/|d| at the start and the stationary point of d = a + t e."""
+    na, aa = _dot(n, a), _dot(a, a)
     if aa > 0:
         f = na / math.sqrt(aa)
-        low, high = min(low, f), max(high, f)
-    ne = n0 * ex + n1 * ey + n2 * ez
-    ae = ax * ex + ay * ey + az * ez
-    ee = ex * ex + ey * ey + ez * ez
+        least, most = min(least, f), max(most, f)
+    ne, ae, ee = _dot(n, e), _dot(a, e), _dot(e, e)
     numerator = na * ae - ne * aa
     denominator = ne * ae - na * ee
     # The stationary point is inside the edge when 0 < numerator / denominator < 1.
@@ -66,52 +104,52 @@ def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):
         numerator, denominator = -numerator, -denominator
     if 0 < numerator < denominator:
         t = numerator / denominator
-        x, y, z = ax + t * ex, ay + t * ey, az + t * ez
-        dd = x * x + y * y + z * z
+        d = (a[0] + t * e[0], a[1] + t * e[1], a[2] + t * e[2])
+        dd = _dot(d, d)
         if dd > 0:
-            f = (n0 * x + n1 * y + n2 * z) / math.sqrt(dd)
-            low, high = min(low, f), max(high, f)
-    return low, high
+            f = _dot(n, d) / math.sqrt(dd)
+            least, most = min(least, f), max(most, f)
+    return least, most
 
 
 @inner
-def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):
+def _segment_meets(low, high, d, length):
     """Whether the segment from the sensor along the unit vector d meets the box."""
     near, far = 0.0, length
-    for a, b, d in ((x0, x1, dx), (y0, y1, dy), (z0, z1, dz)):
-        if d == 0:
+    for a, b, along in ((low[0], high[0], d[0]), (low[1], high[1], d[1]), (low[2], high[2], d[2])):
+        if along == 0:
             if a > 0 or b < 0:
                 return False
         else:
-            t0, t1 = a / d, b / d
+            t0, t1 = a / along, b / along
             near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
     return near <= far
 
 
 @inner
-def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):
+def _sine_range(low, high, n):
     """Range of n.d/|d| over a box, relative to the sensor."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
     if x0 <= 0 <= x1 and y0 <= 0 <= y1 and z0 <= 0 <= z1:
         return -1.0, 1.0
-    low, high = math.inf, -math.inf
-    lx, ly, lz = x1 - x0, y1 - y0, z1 - z0
+    least, most = math.inf, -math.inf
     # Twelve edges; their starts and the two last corners make the eight corners.
     for y in (y0, y1):
         for z in (z0, z1):
-            low, high = _edge(x0, y, z, lx, 0.0, 0.0, n0, n1, n2, low, high)
+            least, most = _edge((x0, y, z), (x1 - x0, 0.0, 0.0), n, least, most)
     for x in (x0, x1):
         for z in (z0, z1):
-            low, high = _edge(x, y0, z, 0.0, ly, 0.0, n0, n1, n2, low, high)
+            least, most = _edge((x, y0, z), (0.0, y1 - y0, 0.0), n, least, most)
     for x in (x0, x1):
         for y in (y0, y1):
-            low, high = _edge(x, y, z0, 0.0, 0.0, lz, n0, n1, n2, low, high)
+            least, most = _edge((x, y, z0), (0.0, 0.0, z1 - z0), n, least, most)
     for z in (z0, z1):
-        low, high = _edge(x1, y1, z, 0.0, 0.0, 0.0, n0, n1, n2, low, high)
-    if _segment_meets(x0, x1, y0, y1, z0, z1, n0, n1, n2, math.inf):
-        high = 1.0
-    if _segment_meets(x0, x1, y0, y1, z0, z1, -n0, -n1, -n2, math.inf):
-        low = -1.0
-    return low - _ULPS, high + _ULPS
+        least, most = _edge((x1, y1, z), (0.0, 0.0, 0.0), n, least, most)
+    if _segment_meets(low, high, n, math.inf):
+        most = 1.0
+    if _segment_meets(low, high, (-n[0], -n[1], -n[2]), math.inf):
+        least = -1.0
+    return least - _ULPS, most + _ULPS
 
 
 @inner
@@ -130,39 +168,30 @@ def _between(sines, low, high):
 
 
 @inner
-def _planes(frame, azimuth):
-    """Normals of the two planes that bound the field of view, towards the inside."""
-    u, v = frame[0], frame[1]
-    c, s = math.cos(azimuth[0]), math.sin(azimuth[0])
-    first = (v[0] * c - u[0] * s, v[1] * c - u[1] * s, v[2] * c - u[2] * s)
-    c, s = math.cos(azimuth[1]), math.sin(azimuth[1])
-    return first, (u[0] * s - v[0] * c, u[1] * s - v[1] * c, u[2] * s - v[2] * c)
-
-
-@inner
-def _seen(x, y, z, planes, width, reach):
-    """Whether a point is within the range and a field of view of that width."""
-    if x * x + y * y + z * z > reach * reach:
+def _seen(d, view):
+    """Whether a point is within range and field of view."""
+    if _dot(d, d) > view.reach * view.reach:
         return False
-    if width >= 2 * math.pi:
+    if view.width >= 2 * math.pi:
         return True
-    first, last = _dot(planes[0], x, y, z) >= 0, _dot(planes[1], x, y, z) >= 0
-    return (first and last) if width <= math.pi else (first or last)
+    first, last = _dot(view.first, d) >= 0, _dot(view.last, d) >= 0
+    return (first and last) if view.width <= math.pi else (first or last)
 
 
 @inner
-def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):
+def _side_of_view(low, high, view):
     """1: all of the box is in range and field of view; -1: nothing of it; 0: not decided."""
-    x, y, z = max(x0, -x1, 0.0), max(y0, -y1, 0.0), max(z0, -z1, 0.0)
-    if x * x + y * y + z * z > reach * reach:
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    nearest = (max(x0, -x1, 0.0), max(y0, -y1, 0.0), max(z0, -z1, 0.0))
+    if _dot(nearest, nearest) > view.reach * view.reach:
         return -1
-    x, y, z = max(-x0, x1), max(-y0, y1), max(-z0, z1)
-    inside = x * x + y * y + z * z <= reach * reach
-    if width >= 2 * math.pi:
+    farthest = (max(-x0, x1), max(-y0, y1), max(-z0, z1))
+    inside = _dot(farthest, farthest) <= view.reach * view.reach
+    if view.width >= 2 * math.pi:
         return 1 if inside else 0
-    some_first, all_first = _side_of_plane(x0, x1, y0, y1, z0, z1, planes[0])
-    some_last, all_last = _side_of_plane(x0, x1, y0, y1, z0, z1, planes[1])
-    if width <= math.pi:
+    some_first, all_first = _side_of_plane(low, high, view.first)
+    some_last, all_last = _side_of_plane(low, high, view.last)
+    if view.width <= math.pi:
         if not (some_first and some_last):
             return -1
         return 1 if inside and all_first and all_last else 0
@@ -172,25 +201,21 @@ def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):
 
 
 @inner
-def _side_of_box(low, high, planes, width, reach):
-    return _side_of_view(low[0], high[0], low[1], high[1], low[2], high[2], planes, width, reach)
-
-
-@inner
-def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):
+def _side_of_plane(low, high, normal):
     """Whether some and whether all of a box is on the inner side of a plane through the sensor."""
-    a, b, c = normal
+    (x0, y0, z0), (x1, y1, z1), (a, b, c) = low, high, normal
     middle = (a * (x0 + x1) + b * (y0 + y1) + c * (z0 + z1)) / 2
     half = (abs(a) * (x1 - x0) + abs(b) * (y1 - y0) + abs(c) * (z1 - z0)) / 2
     return middle + half >= 0, middle - half >= 0
 
 
 @inner
-def _arc_meets(low, high, s, frame, azimuth, reach):
+def _arc_meets(low, high, s, sensor):
     """Whether the arc on which a beam ends at its range meets the box.
 
     A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one is on
     a face; an arc that does neither is wholly inside or outside."""
+    _, frame, _, azimuth, reach = sensor
     middle, extent = -s * reach, _HAIR * reach  # the circle is on the plane n.d = s reach
     for axis in range(3):
         middle += 0.5 * frame[2, axis] * (low[axis] + high[axis])
@@ -227,8 +252,9 @@ def _arc_meets(low, high, s, frame, azimuth, reach):
 
 
 @inner
-def _edge_crosses(low, high, s, n, planes, width, reach):
+def _edge_crosses(low, high, s, view):
     """Whether an edge of the box crosses the part of the cone that is seen."""
+    n = view.n
     for axis in range(3):
         other, third = (axis + 1) % 3, (axis + 2) % 3
         for p in (low[other], high[other]):
@@ -246,111 +272,65 @@ def _edge_crosses(low, high, s, n, planes, width, reach):
                         continue
                     if (along + n[axis] * w) * s < 0:  # the other nappe
                         continue
-                    if axis == 0:
-                        x, y, z = w, p, q
-                    elif axis == 1:
-                        x, y, z = q, w, p
-                    else:
-                        x, y, z = p, q, w
-                    if _seen(x, y, z, planes, width, reach):
+                    d = (w, p, q) if axis == 0 else (q, w, p) if axis == 1 else (p, q, w)
+                    if _seen(d, view):
                         return True
     return False
 
 
 @inner
-def _patch_meets(low, high, s, frame, azimuth, planes, reach):
+def _patch_meets(low, high, s, sensor, view):
     """Whether the seen part of the cone of one beam meets a closed box.
 
     The part is bounded by the rays at the ends of the field of view and by the arc at the range. If
     none of these meets the box, a piece of the cone in it is seen as a whole or not at all. It
     reaches the faces along its rulings; there it ends at an edge of the box, or is a closed curve
     about the axis, which the first ray meets."""
-    if _edge_crosses(low, high, s, frame[2], planes, azimuth[1] - azimuth[0], reach):
+    if _edge_crosses(low, high, s, view):
         return True
-    cosine = math.sqrt(1 - s * s)
-    for angle in azimuth:
+    cosine, (u, v, n) = math.sqrt(1 - s * s), sensor.frame
+    for angle in sensor.azimuth:
         ca, sa = cosine * math.cos(angle), cosine * math.sin(angle)
-        dx = ca * frame[0, 0] + sa * frame[1, 0] + s * frame[2, 0]
-        dy = ca * frame[0, 1] + sa * frame[1, 1] + s * frame[2, 1]
-        dz = ca * frame[0, 2] + sa * frame[1, 2] + s * frame[2, 2]
-        if _segment_meets(low[0], high[0], low[1], high[1], low[2], high[2], dx, dy, dz, reach):
+        dx, dy = ca * u[0] + sa * v[0] + s * n[0], ca * u[1] + sa * v[1] + s * n[1]
+        if _segment_meets(low, high, (dx, dy, ca * u[2] + sa * v[2] + s * n[2]), view.reach):
             return True
-    x, y, z = max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2])
-    if x * x + y * y + z * z <= reach * reach:  # the arc is beyond
+    d = (max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2]))
+    if _dot(d, d) <= view.reach * view.reach:  # the arc is beyond
         return False
-    return _arc_meets(low, high, s, frame, azimuth, reach)
-
-
-class _View(NamedTuple):
-    """What of a cone is seen, in numbers alone, as arrays cost more to hand on than to use: axis of
-    the sensor, `_planes`, width of the field of view, range."""
-
-    n: tuple[float, float, float]
-    first: tuple[float, float, float]
-    last: tuple[float, float, float]
-    width: float
-    reach: float
+    return _arc_meets(low, high, s, sensor)
 
 
 @inner
-def _dot(a, x, y, z):
-    return a[0] * x + a[1] * y + a[2] * z
-
-
-@inner
-def _side_of_cube(x, y, z, half, view):
-    """`_side_of_view` of a cube by its middle; not decided near the range."""
-    radius = math.sqrt(3.0) * half
-    square = x * x + y * y + z * z
-    if square > (view.reach + radius) ** 2:
-        return -1
-    inside = square <= max(view.reach - radius, 0.0) ** 2
-    if view.width >= 2 * math.pi:
-        return 1 if inside else 0
-    first, last = _dot(view.first, x, y, z), _dot(view.last, x, y, z)
-    by_first = half * (abs(view.first[0]) + abs(view.first[1]) + abs(view.first[2]))
-    by_last = half * (abs(view.last[0]) + abs(view.last[1]) + abs(view.last[2]))
-    if view.width <= math.pi:
-        if first < -by_first or last < -by_last:
-            return -1
-        return 1 if inside and first >= by_first and last >= by_last else 0
-    if first < -by_first and last < -by_last:
-        return -1
-    return 1 if inside and (first >= by_first or last >= by_last) else 0
-
-
-@inner
-def _near_beams(x, y, z, half, sines, view):
+def _near_beams(middle, half, sines, n):
     """First and past the last of the sines that a cube may hold."""
-    away = math.sqrt(x * x + y * y + z * z)
+    away = math.sqrt(_dot(middle, middle))
     if away <= 2.0 * half:
         return 0, len(sines)
-    middle = _dot(view.n, x, y, z) / away
     spread = 3.0 * half / away  # no sine within the cube is farther from that of its middle
-    return _between(sines, middle - spread, middle + spread)
+    return _between(sines, _dot(n, middle) / away - spread, _dot(n, middle) / away + spread)
 
 
 @inner
-def _corners_span(x, y, z, half, beams, sines, view):
+def _corners_span(middle, half, beams, sines, view):
     """Whether a cone of `sines[beams[0]:beams[1]]` passes between corners of a cube that are seen.
 
     What of the cube is in range and on the inner side of a plane is convex: a cone that has two
     points of it on either side meets it."""
     # The corner that is farthest inside the nearer plane comes first, then the one above or below.
-    nearer = view.first if _dot(view.first, x, y, z) < _dot(view.last, x, y, z) else view.last
+    (x, y, z), whole = middle, view.width >= 2 * math.pi
+    nearer = view.first if _dot(view.first, middle) < _dot(view.last, middle) else view.last
     dx, dy = math.copysign(half, nearer[0]), math.copysign(half, nearer[1])
     for b in range(beams[0], beams[1]):
         by_square = sines[b] * abs(sines[b])
         first_above = first_below = last_above = last_below = False
         for i in range(8):
-            cx = x - dx if i & 4 else x + dx
-            cy = y - dy if i & 2 else y + dy
-            cz = z + half if i & 1 else z - half
-            along, square = _dot(view.n, cx, cy, cz), cx * cx + cy * cy + cz * cz
+            cx, cy = x - dx if i & 4 else x + dx, y - dy if i & 2 else y + dy
+            d = (cx, cy, z + half if i & 1 else z - half)
+            along, square = _dot(view.n, d), _dot(d, d)
             side = along * abs(along) - by_square * square  # has the sign of n.d - s |d|
             near = square <= view.reach * view.reach
-            in_first = near and (view.width >= 2 * math.pi or _dot(view.first, cx, cy, cz) >= 0)
-            in_last = near and (view.width >= 2 * math.pi or _dot(view.last, cx, cy, cz) >= 0)
+            in_first = near and (whole or _dot(view.first, d) >= 0)
+            in_last = near and (whole or _dot(view.last, d) >= 0)
             if view.width <= math.pi:
                 in_first = in_last = in_first and in_last
             first_above |= in_first and side >= 0
@@ -480,20 +460,18 @@ def _height(x, y, k, n0, n1, by_root, by_tilt):
 def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):
     """Test the beams but `sines[graphs[0]:graphs[1]]`, whose cone is no graph, by voxel."""
     xs, ys, rows, columns, bottom, resolution, _ = tile
-    n0, n1, n2 = axis
     grow = _HAIR * resolution
     for row in range(rows):
-        x0, x1 = xs[row] - grow, xs[row + 1] + grow
         for c in range(columns):
-            y0, y1 = ys[c] - grow, ys[c + 1] + grow
-            z0, z1 = bottom + k0 * resolution - grow, bottom + (k1 + 1) * resolution + grow
-            low, high = _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2)
-            if not _steep_between(sines, graphs, low, high):
-                continue
-            for k in range(k0, k1 + 1):
-                z0, z1 = bottom + k * resolution - grow, bottom + (k + 1) * resolution + grow
-                low, high = _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2)
-                if _steep_between(sines, graphs, low, high):
+            # The whole column first, then each of its voxels.
+            for k in range(k0 - 1, k1 + 1):
+                first, last = (k0, k1 + 1) if k < k0 else (k, k + 1)
+                low = (xs[row] - grow, ys[c] - grow, bottom + first * resolution - grow)
+                high = (xs[row + 1] + grow, ys[c + 1] + grow, bottom + last * resolution + grow)
+                found = _steep_between(sines, graphs, *_sine_range(low, high, axis))
+                if k < k0 and not found:
+                    break
+                if k >= k0 and found:
                     scratch[k >> 6, row * TILE_Y + c] |= np.uint64(1) << np.uint64(k & 63)
 
 
@@ -508,7 +486,7 @@ def _steep_between(sines, graphs, low, high):
 def cover_tiles(sensor, grid, bits):
     """Set in `bits` (words, nx, ny) the voxels of `Columns` that the beams of a `Sensor` with
     `frame[2, 2] >= 0` cover, by columns. Range and field of view only leave out whole tiles."""
-    origin, frame, sines, azimuth, reach = sensor
+    origin, frame, sines, _, _ = sensor
     minimum, resolution, nz, lowest, highest = grid
     words, nx, ny = bits.shape
     n0, n1, n2 = frame[2]
@@ -518,7 +496,7 @@ def cover_tiles(sensor, grid, bits):
     near, far = np.empty(TILE_X * TILE_Y), np.empty(TILE_X * TILE_Y)
     lines = np.empty((2, _LINES_Y))
     scratch = np.empty((words, TILE_X * TILE_Y), np.uint64)
-    planes = _planes(frame, azimuth)
+    view = _view_of(sensor)
     level = n0 == 0 and n1 == 0
     steepest = math.sqrt(max(n2 * n2 - _LEAST_K, 0.0))
     graphs = _between(sines, -steepest, steepest)
@@ -535,13 +513,11 @@ def cover_tiles(sensor, grid, bits):
             columns = min(ny - j0, TILE_Y)
             for line in range(_LINES_Y):
                 ys[line] = minimum[1] + (j0 + line) * resolution - origin[1]
-            x0, x1 = xs[0] - grow, xs[rows] + grow
-            y0, y1 = ys[0] - grow, ys[columns] + grow
-            z0, z1 = bottom + k0 * resolution - grow, bottom + (k1 + 1) * resolution + grow
-            if _side_of_view(x0, x1, y0, y1, z0, z1, planes, azimuth[1] - azimuth[0], reach) < 0:
+            low = (xs[0] - grow, ys[0] - grow, bottom + k0 * resolution - grow)
+            high = (xs[rows] + grow, ys[columns] + grow, bottom + (k1 + 1) * resolution + grow)
+            if _side_of_view(low, high, view) < 0:
                 continue
-            low, high = _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2)
-            first, last = _between(sines, low, high)
+            first, last = _between(sines, *_sine_range(low, high, view.n))
             if first == last:
                 continue
             for word in range(words):
@@ -555,9 +531,9 @@ def cover_tiles(sensor, grid, bits):
                 if level:
                     _add_level_beam(near, far, sines[b], bottom, resolution, nz, needed, scratch)
                 else:
-                    _add_tilted_beam(tile, (n0, n1, n2), sines[b], needed, lines, scratch)
+                    _add_tilted_beam(tile, view.n, sines[b], needed, lines, scratch)
             if first < graphs[0] or last > graphs[1]:
-                _add_steep_beams(tile, (n0, n1, n2), k0, k1, sines, graphs, scratch)
+                _add_steep_beams(tile, view.n, k0, k1, sines, graphs, scratch)
             for word in range(words):
                 for row in range(rows):
                     for c in range(columns):
@@ -580,15 +556,9 @@ def _distances(xs, ys, near, far):
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep_seen(sensor, grid, bits):
     """Clear the bits that range and field of view exclude; arguments of `cover_tiles`."""
-    origin, frame, _, azimuth, reach = sensor
     minimum, resolution, _, lowest, highest = grid
     _, nx, ny = bits.shape
-    width = azimuth[1] - azimuth[0]
-    planes = _planes(frame, azimuth)
-    grow = _HAIR * resolution
-    low, high = np.empty(3), np.empty(3)
-    start = minimum - origin
-    view = _View((frame[2, 0], frame[2, 1], frame[2, 2]), planes[0], planes[1], width, reach)
+    grow, start, view = _HAIR * resolution, minimum - sensor.origin, _view_of(sensor)
     for tile_x in range(lowest.shape[0]):
         for tile_y in range(lowest.shape[1]):
             k0, k1 = np.int64(lowest[tile_x, tile_y]), np.int64(highest[tile_x, tile_y])
@@ -596,41 +566,35 @@ def keep_seen(sensor, grid, bits):
                 continue
             i0, j0 = tile_x * TILE_X, tile_y * TILE_Y
             i1, j1 = min(i0 + TILE_X, nx), min(j0 + TILE_Y, ny)
-            _fill_box(low, high, start, (i0, j0, k0), (i1, j1, k1 + 1), resolution, grow)
-            if _side_of_box(low, high, planes, width, reach) != 0:
+            low, high = _box(start, (i0, j0, k0), (i1, j1, k1 + 1), resolution, grow)
+            if _side_of_view(low, high, view) != 0:
                 continue  # none of it is there to be cleared
             for block_i in range(i0, i1, _BLOCK):
                 for block_j in range(j0, j1, _BLOCK):
                     end_i, end_j = min(block_i + _BLOCK, i1), min(block_j + _BLOCK, j1)
                     first, end = (block_i, block_j, k0), (end_i, end_j, k1 + 1)
-                    _fill_box(low, high, start, first, end, resolution, grow)
-                    side = _side_of_box(low, high, planes, width, reach)
+                    low, high = _box(start, first, end, resolution, grow)
+                    side = _side_of_view(low, high, view)
                     if side < 0:
                         bits[:, block_i:end_i, block_j:end_j] = 0
-                    if side != 0:
-                        continue
-                    block = block_i, end_i, block_j, end_j, k0, k1
-                    _keep_seen_in(block, sensor, view, planes, start, resolution, bits)
+                    if side == 0:
+                        _keep_seen_in(first, end, sensor, view, start, resolution, bits)
 
 
 @inner
-def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):
-    """`keep_seen` voxel by voxel: most are decided by their run, their middle or their corners."""
-    _, frame, sines, azimuth, reach = sensor
-    i0, i1, j0, j1, k0, k1 = block
+def _keep_seen_in(first, end, sensor, view, start, resolution, bits):
+    """`keep_seen` voxel by voxel: most are decided by their run, their box or their corners."""
+    (i0, j0, k0), (i1, j1, k1), sines = first, end, sensor.sines
     grow = _HAIR * resolution
     half = 0.5 * resolution + grow
-    low, high = np.empty(3), np.empty(3)
     for i in range(i0, i1):
         for j in range(j0, j1):
-            x, y = start[0] + (i + 0.5) * resolution, start[1] + (j + 0.5) * resolution
-            for run in range(k0 // _RUN * _RUN, k1 + 1, _RUN):
+            for run in range(k0 // _RUN * _RUN, k1, _RUN):
                 mask = np.uint64((1 << _RUN) - 1) << np.uint64(run & 63)
                 if not bits[run >> 6, i, j] & mask:
                     continue
-                z0, z1 = start[2] + run * resolution - grow, start[2] + (run + _RUN) * resolution
-                x0, x1, y0, y1 = x - half, x + half, y - half, y + half
-                side = _side_of_view(x0, x1, y0, y1, z0, z1 + grow, planes, view.width, reach)
+                low, high = _box(start, (i, j, run), (i + 1, j + 1, run + _RUN), resolution, grow)
+                side = _side_of_view(low, high, view)
                 if side < 0:
                     bits[run >> 6, i, j] &= ~mask
                 if side != 0:
@@ -639,47 +603,34 @@ def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):
                     bit = np.uint64(1) << np.uint64(k & 63)
                     if not bits[run >> 6, i, j] & bit:
                         continue
-                    z = start[2] + (k + 0.5) * resolution
-                    side = _side_of_cube(x, y, z, half, view)
+                    low, high = _box(start, (i, j, k), (i + 1, j + 1, k + 1), resolution, grow)
+                    side = _side_of_view(low, high, view)
                     if side == 0:
-                        beams = _near_beams(x, y, z, half, sines, view)
-                        if _corners_span(x, y, z, half, beams, sines, view):
+                        x, y = start[0] + (i + 0.5) * resolution, start[1] + (j + 0.5) * resolution
+                        middle = (x, y, start[2] + (k + 0.5) * resolution)
+                        beams = _near_beams(middle, half, sines, view.n)
+                        if _corners_span(middle, half, beams, sines, view):
                             continue
-                        end = (i + 1, j + 1, k + 1)
-                        _fill_box(low, high, start, (i, j, k), end, resolution, grow)
                         for b in range(beams[0], beams[1]):
-                            if _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
+                            if _patch_meets(low, high, sines[b], sensor, view):
                                 side = 1
                                 break
                     if side <= 0:
                         bits[run >> 6, i, j] ^= bit
 
 
-@inner
-def _fill_box(low, high, start, first, end, resolution, grow):
-    """Let a box reach from grid lines to others, and a hair further."""
-    for axis in range(3):
-        low[axis] = start[axis] + first[axis] * resolution - grow
-        high[axis] = start[axis] + end[axis] * resolution + grow
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def cover_voxels(sensor, minimum, resolution, covered):
     """Set the voxels that the beams of one sensor cover, one by one, in a mask (nx, ny, nz)."""
-    origin, frame, sines, azimuth, reach = sensor
-    grow, planes = _HAIR * resolution, _planes(frame, azimuth)
-    n0, n1, n2 = frame[2]
-    low, high = np.empty(3), np.empty(3)
+    view, sines, start = _view_of(sensor), sensor.sines, minimum - sensor.origin
     for i, j, k in np.ndindex(covered.shape):
-        for axis, index in enumerate((i, j, k)):
-            low[axis] = minimum[axis] + index * resolution - origin[axis] - grow
-            high[axis] = minimum[axis] + (index + 1) * resolution - origin[axis] + grow
-        side = _side_of_box(low, high, planes, azimuth[1] - azimuth[0], reach)
+        end = (i + 1, j + 1, k + 1)
+        low, high = _box(start, (i, j, k), end, resolution, _HAIR * resolution)
+        side = _side_of_view(low, high, view)
         if covered[i, j, k] or side < 0:
             continue
-        sine_range = _sine_range(low[0], high[0], low[1], high[1], low[2], high[2], n0, n1, n2)
-        first, last = _between(sines, *sine_range)
+        first, last = _between(sines, *_sine_range(low, high, view.n))
         for b in range(first, last):
-            if side > 0 or _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
+            if side > 0 or _patch_meets(low, high, sines[b], sensor, view):
                 covered[i, j, k] = True
                 break

@@ -13,7 +13,7 @@ import numpy as np
 from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.field_of_view import View, has_direction, in_view, view_of_sensor, views_of
 from lidarplace.mounting.housing import housings_in, turned
-from lidarplace.mounting.sight import Obstacles, obstacles_around, obstacles_of, stopped
+from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Placement
@@ -122,7 +122,7 @@ def common_view(
     housings = housings_in(placement)
     views = [*views_of(placement), *(view_of_sensor(own, own.range_of(None)) for own in further)]
     obstacles = [obstacles_of(vehicle, housings)] * len(placement.mounts)
-    obstacles += [obstacles_around(vehicle, housings, own.mount.position) for own in further]
+    obstacles += [obstacles_of(vehicle, housings, own.mount.position) for own in further]
     return shares(views, pairs_asked(asked, len(views)), asked.range, obstacles)
 
 

@@ -36,6 +36,13 @@ def housings_in(rig: Placement) -> NDArray[np.float64]:
     return housings_of([mount for mount, _ in every], [lidar for _, lidar in every])
 
 
+def as_housings(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Boxes by their lower and upper corners (n, 2, 3) as rows of housings, of no LiDAR."""
+    low, high, own = boxes[:, 0], boxes[:, 1], np.ones((len(boxes), 1))
+    parts = -own, (low + high) / 2, own * np.eye(3).ravel(), (high - low) / 2, 0 * own
+    return np.concatenate(parts, axis=1)
+
+
 def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:
     """The housings of all LiDARs but one: what can stand in its way."""
     return np.asarray(housings[housings[:, 0] != number])
@@ -85,23 +92,14 @@ def enter_housing(px, py, pz, vx, vy, vz, housing):
 def behind_housing(origin, dx, dy, dz, reach, housings, own):
     """Whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach); that of
     the LiDAR number `own` does not count."""
-    for housing in housings:
+    for n in range(len(housings)):
+        housing = housings[n]
         if housing[0] == own:
             continue
         ex, ey, ez = origin[0] - housing[1], origin[1] - housing[2], origin[2] - housing[3]
-        px, py, pz = _in_its_frame(housing, ex, ey, ez)
-        vx, vy, vz = _in_its_frame(housing, dx, dy, dz)
+        into = housing[4:13].reshape(3, 3).T
+        px, py, pz = turned(into, ex, ey, ez)
+        vx, vy, vz = turned(into, dx, dy, dz)
         if enter_housing(px, py, pz, vx, vy, vz, housing) < reach:
             return True
     return False
-
-
-@inner
-def _in_its_frame(housing, x, y, z):
-    """The vector (x, y, z) along the axes of a housing."""
-    r = housing[4:13]
-    return (
-        r[0] * x + r[3] * y + r[6] * z,
-        r[1] * x + r[4] * y + r[7] * z,
-        r[2] * x + r[5] * y + r[8] * z,
-    )

@@ -17,43 +17,23 @@ from lidarplace.rigs.placement import Placement
 
 
 def seen_in_columns(
-    placement: Placement, vehicle: Vehicle, roi: Roi, dead: int | None = None
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Voxels of every column of a near field that count: those seen, and all; each shape (nx, ny).
-
-    A voxel counts if its centre is outside of the body. It is seen if some LiDAR covers it, by the
-    exact cones of `lidarplace.coverage.cone`, and neither body nor another LiDAR is in the straight
-    line from that LiDAR to its centre. `dead`: number of a LiDAR that sees nothing; it still hides
-    what is behind it."""
-    seen, outside = seen_without(placement, vehicle, roi, [() if dead is None else (dead,)])
-    return seen[0], outside
-
-
-def sensors_over_columns(
-    placement: Placement, vehicle: Vehicle, roi: Roi
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """How many LiDARs see a voxel of every column, and its voxels that count; each shape (nx,
-    ny)."""
-    every = range(len(placement.mounts))
-    others = [tuple(n for n in every if n != own) for own in every]
-    seen, outside = seen_without(placement, vehicle, roi, others)
-    return (seen > 0).sum(axis=0), outside
-
-
-def seen_without(
     placement: Placement,
     vehicle: Vehicle,
     roi: Roi,
-    dead: Sequence[tuple[int, ...]],
+    sets: Sequence[Sequence[int]] | None = None,
     sensors: int = 1,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """As `seen_in_columns`, without each of several sets of LiDARs, each ray being looked at once.
+    """Voxels of every column of a near field that so many `sensors` see, shape (sets, nx, ny), and
+    all that count, shape (nx, ny).
 
-    Voxels that so many `sensors` see, shape (sets, nx, ny), and all that count, shape (nx, ny).
-    `dead`: numbers of the LiDARs in each set."""
+    A voxel counts if its centre is outside of the body. It is seen if some LiDAR covers it, by the
+    exact cones of `lidarplace.coverage.cone`, and neither body nor another LiDAR is in the straight
+    line from that LiDAR to its centre. `sets`: numbers of the LiDARs that see, by default one set
+    of all; the others still hide what is behind them. Each ray is looked at once."""
     every, tiles = range(len(placement.mounts)), Tiles.whole(roi.shape)
-    working = [n for n in every if not all(n in own for own in dead)]
-    works = np.array([[n not in own for n in working] for own in dead], np.bool_)
+    sets = [every] if sets is None else sets
+    working = [n for n in every if any(n in own for own in sets)]
+    works = np.array([[n in own for n in working] for own in sets], np.bool_)
     bits = np.zeros((len(working), math.ceil(roi.shape[2] / 64), *roi.shape[:2]), np.uint64)
     for row, n in enumerate(working):
         own = Placement("one", [placement.mounts[n]], placement.lidars[n])
@@ -61,7 +41,7 @@ def seen_without(
     origins = np.array([placement.mounts[n].position for n in working]).reshape(-1, 3)
     numbers, (xs, ys, zs) = np.array(working, np.int64), map(roi.centres, range(3))
     inside, obstacles = voxels_in_body(vehicle, roi), obstacles_of(vehicle, housings_in(placement))
-    works = works.reshape(len(dead), len(working))
+    works = works.reshape(len(sets), len(working))
     return _count_seen(bits, numbers, origins, xs, ys, zs, inside, obstacles, works, sensors)
 
 

@@ -20,23 +20,17 @@ class Obstacles(NamedTuple):
     mesh: Tree
 
 
-def obstacles_of(vehicle: Vehicle, housings: NDArray[np.float64]) -> Obstacles:
-    """The body of a vehicle, and LiDARs on it."""
-    mesh = NO_TREE if vehicle.mesh is None else vehicle.mesh.tree
-    return Obstacles(vehicle.interior, housings, mesh)
-
-
-def obstacles_around(
-    vehicle: Vehicle, housings: NDArray[np.float64], place: NDArray[np.float64]
+def obstacles_of(
+    vehicle: Vehicle, housings: NDArray[np.float64], place: NDArray[np.float64] | None = None
 ) -> Obstacles:
-    """The same for a sensor behind a window or a bumper: parts that it is inside of hide nothing
-    from it."""
-    found = obstacles_of(vehicle, housings)
-    inside = ((found.boxes[:, 0] < place) & (place < found.boxes[:, 1])).all(axis=1)
-    found = found._replace(boxes=found.boxes[~inside])
-    if vehicle.mesh is not None and depths(vehicle.mesh, place[None])[0] > 0:
-        found = found._replace(mesh=NO_TREE)
-    return found
+    """The body of a vehicle, and LiDARs on it. Parts of the body that `place` (3,) is inside of
+    hide nothing: a sensor is there, behind a window or a bumper."""
+    boxes, mesh = vehicle.interior, NO_TREE if vehicle.mesh is None else vehicle.mesh.tree
+    if place is not None:
+        boxes = boxes[~((boxes[:, 0] < place) & (place < boxes[:, 1])).all(axis=1)]
+        if vehicle.mesh is not None and depths(vehicle.mesh, place[None])[0] > 0:
+            mesh = NO_TREE
+    return Obstacles(boxes, housings, mesh)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.field_of_view import in_view, view_of_sensor
 from lidarplace.mounting.housing import housings_in
-from lidarplace.mounting.sight import Obstacles, obstacles_around, stopped
+from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.further_sensors import Camera, MountedSensor
 from lidarplace.rigs.placement import Placement
@@ -36,7 +36,7 @@ def seen_by_each(
     for column, sensor in zip(found.T, sensors, strict=True):
         reach = sensor.range_of(object_class)
         view = view_of_sensor(sensor, reach)
-        obstacles = obstacles_around(vehicle, housings_in(rig), sensor.mount.position)
+        obstacles = obstacles_of(vehicle, housings_in(rig), sensor.mount.position)
         seen = _seen(view, obstacles, boxes)
         if isinstance(sensor.model, Camera):
             column[:] = np.minimum(*(seen[:, :2] * sensor.model.focal).T)

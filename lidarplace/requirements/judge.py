@@ -6,26 +6,33 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
-from lidarplace.mounting.near_field import seen_without
+from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle, poses_of
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.cameras_and_radars import seen_by_each
 from lidarplace.requirements.layout import Laid
 from lidarplace.requirements.rays_on_objects import (
-    Counts,
     Sight,
     at_class,
     count_cells,
     count_points,
     sights_of,
 )
-from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, Measure, Requirement, may_fail
+from lidarplace.requirements.requirement import (
+    AS_BUILT,
+    KIND_OF,
+    AlsoWhen,
+    Measure,
+    Requirement,
+    may_fail,
+)
 from lidarplace.rigs.further_sensors import Kind, MountedSensor
 from lidarplace.rigs.placement import Placement
 
@@ -64,6 +71,22 @@ class Outcome:
         return self.worst.value >= self.requirement.least
 
 
+class _Case(NamedTuple):
+    """A requirement around a pose of the vehicle, under a rig in some state.
+
+    `kinds` and `names` are of the sensors that count, those of LiDARs first; `left` has by label
+    the numbers of those that work, first "" with all of them."""
+
+    own: Laid
+    rig: Placement
+    vehicle: Vehicle
+    further: Sequence[MountedSensor]
+    sights: Callable[[], list[Sight]]
+    kinds: list[Kind]
+    names: list[str]
+    left: Mapping[str, Sequence[int]]
+
+
 def judge(
     laid: Sequence[Laid],
     placement: Placement,
@@ -85,17 +108,15 @@ def judge(
         variants = wanted.also_when.variants(placement).items()
         for (pose, body), (case, rig) in itertools.product(poses_of(vehicle).items(), variants):
             around = replace(own, boxes=own.boxes_in(pose))
-            dead: dict[str, tuple[int, ...]] = {"": ()}
-            if case == AS_BUILT:
-                kinds, names = _counting(wanted, rig, further)
-                dead = wanted.also_when.dead(names, kinds.count("lidar"))
+            kinds, names = _counting(wanted, rig, further)
+            also = wanted.also_when if case == AS_BUILT else AlsoWhen()
+            left = also.left(names, kinds.count("lidar"))
+            seeing = partial(sights_once, rig, pose)
+            found = _Case(around, rig, body, further, seeing, kinds, names, left)
             if wanted.common_view is not None:
-                values = _of_pairs(wanted, wanted.common_view, rig, body, further)
-            elif own.roi is not None:
-                values = _of_volume(own, own.roi, rig, body, dead)
+                values = _of_pairs(found, wanted.common_view)
             else:
-                seeing = partial(sights_once, rig, pose)
-                values = _of_objects(around, seeing, rig, body, further, dead)
+                values = _of_objects(found) if own.roi is None else _of_volume(found, own.roi)
             for label, finding, shown in values:
                 named = label or case
                 if pose:
@@ -108,21 +129,6 @@ def judge(
 
 Found = tuple[str, Finding, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, what was found, and what every position has."""
-
-
-def _counts(
-    wanted: Requirement,
-    measure: Measure,
-    sights: list[Sight],
-    rig: Placement,
-    boxes: NDArray[np.float64],
-    dead: Sequence[tuple[int, ...]] = (),
-) -> Counts:
-    assert wanted.placed is not None
-    sights, light = at_class(sights, rig, wanted.placed.object_class), wanted.placed.reflectivity
-    if measure == "points":
-        return count_points(sights, boxes, light, dead)
-    return count_cells(sights, boxes, wanted.cell, light, dead)
 
 
 def _counting(
@@ -141,28 +147,20 @@ def _counting(
     return kinds, names
 
 
-def _of_objects(
-    own: Laid,
-    sights: Callable[[], list[Sight]],
-    rig: Placement,
-    vehicle: Vehicle,
-    further: Sequence[MountedSensor],
-    dead: Mapping[str, tuple[int, ...]],
-) -> Iterator[Found]:
+def _of_objects(case: _Case) -> Iterator[Found]:
     """What all LiDARs have together; or several sensors, cameras and radars, each by itself."""
-    wanted, placed, there = own.requirement, own.requirement.placed, ~np.isnan(own.boxes[:, :, 0])
+    own, wanted, placed = case.own, case.own.requirement, case.own.requirement.placed
+    there = ~np.isnan(own.boxes[:, :, 0])
     assert placed is not None
     if not there.any():
         return
-    boxes = own.boxes[there]
+    boxes, left = own.boxes[there], [*case.left.values()]
     if wanted.sensors is None:
-        left = _counts(wanted, wanted.measure, sights(), rig, boxes, [*dead.values()]).left
-        found = [*(wanted.curve.probability(left) if wanted.curve else left).T]
+        found = [*_of_lidars(case, wanted.measure, boxes, left).T]
     else:
-        each = _of_each(wanted, boxes, sights, rig, vehicle, further)
-        kinds, _ = _counting(wanted, rig, further)
-        found = [by_several(each, kinds, n, wanted.sensors, wanted.kinds) for n in dead.values()]
-    for label, has in zip(dead, found, strict=True):
+        each = _of_each(case, boxes)
+        found = [by_several(each, case.kinds, n, wanted.sensors, wanted.kinds) for n in left]
+    for label, has in zip(case.left, found, strict=True):
         by_heading = np.full(there.shape, np.inf)
         by_heading[there] = has
         values = by_heading.min(axis=0)
@@ -175,39 +173,45 @@ def _of_objects(
         yield label, Finding("", value, enough, x, y, heading, float(values[worst])), values
 
 
-def _of_each(
-    wanted: Requirement,
-    boxes: NDArray[np.float64],
-    sights: Callable[[], list[Sight]],
-    rig: Placement,
-    vehicle: Vehicle,
-    further: Sequence[MountedSensor],
+def _of_lidars(
+    case: _Case, measure: Measure, boxes: NDArray[np.float64], sets: Sequence[Sequence[int]]
 ) -> NDArray[np.float64]:
+    """What LiDARs of each set have together, shape (B, sets)."""
+    wanted, placed = case.own.requirement, case.own.requirement.placed
+    assert placed is not None
+    sights, light = at_class(case.sights(), case.rig, placed.object_class), placed.reflectivity
+    if measure == "points":
+        return count_points(sights, boxes, light, sets)
+    found = count_cells(sights, boxes, wanted.cell, light, sets)
+    return wanted.curve.probability(found) if wanted.curve else found
+
+
+def _of_each(case: _Case, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """What each sensor has of what it needs, shape (B, sensors)."""
+    wanted, columns = case.own.requirement, []
     assert wanted.placed is not None
-    columns = []
     for measure, need in wanted.needs or ((wanted.measure, 1.0),):
         if measure in KIND_OF:
-            some = [sensor for sensor in further if sensor.kind == KIND_OF[measure]]
-            found = seen_by_each(some, boxes, wanted.placed.object_class, rig, vehicle)
+            some = [sensor for sensor in case.further if sensor.kind == KIND_OF[measure]]
+            kind = wanted.placed.object_class
+            found = seen_by_each(some, boxes, kind, case.rig, case.vehicle)
         else:
-            found = _counts(wanted, measure, sights(), rig, boxes).each
-            found = wanted.curve.probability(found) if wanted.curve else found
+            each = [(number,) for number in range(len(case.rig.mounts))]
+            found = _of_lidars(case, measure, boxes, each)
         columns.append(found / need)
     return np.concatenate(columns, axis=1)
 
 
 def by_several(
-    each: NDArray[np.float64], kinds: Sequence[str], dead: Sequence[int], sensors: int, of: int
+    each: NDArray[np.float64], kinds: Sequence[str], left: Sequence[int], sensors: int, of: int
 ) -> NDArray[np.float64]:
     """What so many sensors of at least `of` kinds have, each by itself; 0 where there are fewer.
-    `each` has a column for every sensor, shape (B, sensors); those whose numbers are `dead` do not
+    `each` has a column for every sensor, shape (B, sensors); those whose numbers are `left`
     count."""
-    alive = [number for number in range(len(kinds)) if number not in dead]
-    found = _nth_largest(each[:, alive], sensors)
+    found = _nth_largest(each[:, left], sensors)
     if of > 1:
-        there = sorted({kinds[number] for number in alive})
-        best = [each[:, [n for n in alive if kinds[n] == kind]].max(axis=1) for kind in there]
+        there = sorted({kinds[number] for number in left})
+        best = [each[:, [n for n in left if kinds[n] == kind]].max(axis=1) for kind in there]
         several = np.stack(best, axis=1) if best else np.empty((len(each), 0))
         found = np.minimum(found, _nth_largest(several, of))
     return found
@@ -220,31 +224,25 @@ def _nth_largest(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
     return np.asarray(np.partition(values, -n, axis=1)[:, -n])
 
 
-def _of_pairs(
-    wanted: Requirement,
-    asked: CommonView,
-    rig: Placement,
-    vehicle: Vehicle,
-    further: Sequence[MountedSensor],
-) -> Iterator[Found]:
-    names = [f"LiDAR {number + 1}" for number in range(len(rig.mounts))]
-    names += [sensor.name for sensor in further]
-    found = common_view(rig, vehicle, asked, further)
+def _of_pairs(case: _Case, asked: CommonView) -> Iterator[Found]:
+    names = [f"LiDAR {number + 1}" for number in range(len(case.rig.mounts))]
+    names += [sensor.name for sensor in case.further]
+    found = common_view(case.rig, case.vehicle, asked, case.further)
     share, pair = weakest(found, asked)
-    enough = float(np.mean([own >= wanted.least for own in found.values()])) if found else 1.0
+    least = case.own.requirement.least
+    enough = float(np.mean([own >= least for own in found.values()])) if found else 1.0
     label = " and ".join(names[n] if n < len(names) else "none" for n in pair or ())
     yield label, Finding("", share, enough, math.nan, math.nan, None, share), np.empty(0)
 
 
-def _of_volume(
-    own: Laid, roi: Roi, rig: Placement, vehicle: Vehicle, dead: Mapping[str, tuple[int, ...]]
-) -> Iterator[Found]:
-    sensors = own.requirement.sensors or 1
-    every, outside = seen_without(rig, vehicle, roi, [*dead.values()], sensors)
+def _of_volume(case: _Case, roi: Roi) -> Iterator[Found]:
+    own, sensors = case.own, case.own.requirement.sensors or 1
+    sets = [*case.left.values()]
+    every, outside = seen_in_columns(case.rig, case.vehicle, roi, sets, sensors)
     outside = outside[own.positions.held]
     if not outside.any():
         return  # a trailer that turns is there
-    for label, layer in zip(dead, every, strict=True):
+    for label, layer in zip(case.left, every, strict=True):
         seen = layer[own.positions.held]
         shares = np.divide(seen, outside, out=np.full(len(seen), np.inf), where=outside > 0)
         worst = int(shares.argmin())

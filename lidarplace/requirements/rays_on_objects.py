@@ -5,9 +5,8 @@ Numbers are expected ones: a ray counts as a point with the probability p that i
 cell with `1 - product of (1 - p)` over the rays that hit it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba
@@ -25,8 +24,9 @@ from lidarplace.clouds.raycast import (
     returns_light,
     runs,
 )
-from lidarplace.clouds.shade import ends_in_rig
-from lidarplace.clouds.shapes import between, bricks
+from lidarplace.clouds.shade import ends_of
+from lidarplace.clouds.shapes import bricks
+from lidarplace.mounting.housing import as_housings, housings_in, without
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.surface_cells import slices_of
 from lidarplace.requirements.requirement import DARK
@@ -54,10 +54,9 @@ class Sight(NamedTuple):
 
 def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     """The LiDARs of a rig, for objects of no class; see `at_class`."""
-    body = bricks(between(vehicle.interior), 0)
-    sights = []
-    lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement, vehicle), strict=True)
-    for number, (mount, lidar, ends) in enumerate(lidars):
+    housings, body, sights = housings_in(placement), as_housings(vehicle.interior), []
+    for number, (mount, lidar) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
+        ends = ends_of(mount, lidar, np.concatenate([without(housings, number), body]), vehicle)
         lossy = lidar.correction is not None or lidar.drop_off > 0
         for own_mount, own, numbers in blocks(mount, lidar):
             beams, at = beams_of(own), (own_mount.position, own_mount.rotation)
@@ -65,7 +64,6 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
             if len(ends):
                 np.maximum(least, ends[numbers], out=least)
             sights.append(Sight(number, *at, beams, least, lossy, lidar.drop_off, 1.0))
-            _shade(sights[-1], body.geometry)
     return at_class(sights, placement, None)
 
 
@@ -76,35 +74,24 @@ def at_class(sights: list[Sight], placement: Placement, object_class: str | None
     return [sight._replace(factor=factors[sight.number]) for sight in sights]
 
 
-@dataclass(frozen=True, eq=False)
-class Counts:
-    """What a rig has on each of B objects: points, or distinct cells of the surface."""
-
-    all: NDArray[np.float64]  # of all LiDARs together, shape (B,)
-    alone: NDArray[np.float64]  # what would be lost without each LiDAR, shape (B, LiDARs)
-    each: NDArray[np.float64]  # what each LiDAR has by itself, shape (B, LiDARs)
-    left: NDArray[np.float64]  # of `all` without each of the sets `dead`, shape (B, sets)
-
-
 def count_points(
     sights: list[Sight],
     boxes: NDArray[np.float64],
     reflectivity: float = DARK,
-    dead: Sequence[tuple[int, ...]] = (),
-) -> Counts:
+    sets: Sequence[Collection[int]] | None = None,
+) -> NDArray[np.float64]:
     """Rays that hit each box, a row of `lidarplace.logs.boxes.GEOMETRY`, and return; by its
-    reflectivity for LiDARs whose `range_10` is known. `dead` are sets of numbers of LiDARs, for
-    `Counts.left`."""
+    reflectivity for LiDARs whose `range_10` is known. A column for each of `sets` of numbers of
+    LiDARs that count, by default for all of them together, shape (B, sets)."""
+    of_set = _marked(sets, sights)
 
     def points(part: NDArray[np.float64]) -> NDArray[np.float64]:
-        no_cells, found = np.empty((len(part), 0)), np.zeros((len(part), sights[-1].number + 1))
+        no_cells, found = np.empty((len(part), 0)), np.zeros((len(part), of_set.shape[1]))
         for sight in sights:
             found[:, sight.number] += _hit(sight, part, reflectivity, 1.0, no_cells)
         return found
 
-    alone = _in_threads(points, boxes)
-    left = alone @ (~_marked(dead, alone.shape[1])).T.astype(np.float64)
-    return Counts(alone.sum(axis=1), alone, alone, left)
+    return np.asarray(_in_threads(points, boxes) @ of_set.T.astype(np.float64))
 
 
 def count_cells(
@@ -112,31 +99,28 @@ def count_cells(
     boxes: NDArray[np.float64],
     cell: float,
     reflectivity: float = DARK,
-    dead: Sequence[tuple[int, ...]] = (),
-) -> Counts:
+    sets: Sequence[Collection[int]] | None = None,
+) -> NDArray[np.float64]:
     """Cells of the surface of each box that are hit, as `lidarplace.recall.surface_cells` has them.
-    Boxes are of one size, `cell` is an edge in metres, other arguments are as of `count_points`.
+    Boxes are of one size, `cell` is an edge in metres, the rest is as of `count_points`.
     Raises ValueError: a box has too many cells."""
-    cells, lidars = _cells_of(boxes, cell), sights[-1].number + 1
-    marked = _marked(dead, lidars)
+    cells, of_set = _cells_of(boxes, cell), _marked(sets, sights)
 
-    def shares(part: NDArray[np.float64]) -> NDArray[np.float64]:
-        missed = np.ones((lidars, len(part), cells))
+    def expected(part: NDArray[np.float64]) -> NDArray[np.float64]:
+        missed = np.ones((of_set.shape[1], len(part), cells))
         for sight in sights:
             _hit(sight, part, reflectivity, cell, missed[sight.number])
-        return _expected(missed, marked)
+        return _expected(missed, of_set)
 
-    found = _in_threads(shares, boxes, max(1, min(1024, _MOST_BYTES // (8 * lidars * cells))))
-    alone, each, left = np.split(found[:, 1:], [lidars, 2 * lidars], axis=1)
-    return Counts(found[:, 0].copy(), alone, each, left)
+    most = max(1, min(1024, _MOST_BYTES // (8 * of_set.shape[1] * cells)))
+    return _in_threads(expected, boxes, most)
 
 
-def _marked(sets: Sequence[tuple[int, ...]], lidars: int) -> NDArray[np.bool_]:
+def _marked(sets: Sequence[Collection[int]] | None, sights: list[Sight]) -> NDArray[np.bool_]:
     """Whether each set has each LiDAR, shape (sets, LiDARs)."""
-    marked = np.zeros((len(sets), lidars), np.bool_)
-    for row, own in zip(marked, sets, strict=True):
-        row[list(own)] = True
-    return marked
+    every = range(sights[-1].number + 1)
+    sets = [every] if sets is None else sets
+    return np.array([[n in own for n in every] for own in sets], np.bool_)
 
 
 def missed_cells(
@@ -174,33 +158,6 @@ def _in_threads(
     parts = [bricks(boxes[at : at + portion], 0).geometry for at in range(0, len(boxes), portion)]
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         return np.concatenate(list(threads.map(work, parts)))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _shade(sight, body):
-    """Let rays end where they enter a part of the body."""
-    origin, rotation, beams, least = sight.origin, sight.rotation, sight.beams, sight.least
-    steps = beams.azimuths.shape[2]
-    corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
-    for part in body:
-        fill_corners(part, corners)
-        middle, below, above, lowest, highest, _, _ = window(corners, origin, rotation)
-        facing = fill_planes(part, origin, rotation, planes)
-        if facing == 0:  # it sits inside
-            least[:] = np.inf
-        for beam in range(*beams_in(beams, middle, below, above)):
-            if not lowest <= beams.elevations[beam, 0] <= highest:
-                continue
-            ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
-            cosines, sines = along(beams, beam)
-            for first, last in runs(beams, beam, middle, below, above):
-                if first < last and facing > 0:
-                    enter_along(
-                        cosines[first:last], sines[first:last], planes, facing, ce, se, enter
-                    )
-                    ends = least[beam * steps + first : beam * steps + last]
-                    for n in range(len(ends)):
-                        ends[n] = max(ends[n], enter[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -313,29 +270,17 @@ def _slice(place, number):
 
 
 @njit(cache=True, nogil=True)
-def _expected(missed, dead) -> NDArray[np.float64]:
-    """Cells that any LiDAR hits; that no other hits and that each hits, a column for each LiDAR;
-    that any hits without each of the `dead` sets (sets, LiDARs); `missed`: (LiDARs, parts, cells).
-    """
+def _expected(missed, sets) -> NDArray[np.float64]:
+    """Cells that some LiDAR of each set (sets, LiDARs) hits; `missed`: (LiDARs, parts, cells)."""
     lidars, parts, cells = missed.shape
-    counts, before = np.zeros((parts, 1 + 2 * lidars + len(dead))), np.empty(lidars + 1)
-    before[0] = 1.0
+    counts = np.zeros((parts, len(sets)))
     for p in range(parts):
         for c in range(cells):
-            for number in range(lidars):
-                before[number + 1] = before[number] * missed[number, p, c]
-            if before[lidars] == 1.0:
+            if missed[:, p, c].min() == 1.0:
                 continue
-            counts[p, 0] += 1.0 - before[lidars]
-            after = 1.0
-            for number in range(lidars - 1, -1, -1):
-                hit = 1.0 - missed[number, p, c]
-                counts[p, 1 + number] += before[number] * after * hit
-                counts[p, 1 + lidars + number] += hit
-                after *= missed[number, p, c]
-            for row in range(len(dead)):
+            for row in range(len(sets)):
                 left = 1.0
                 for number in range(lidars):
-                    left *= 1.0 if dead[row, number] else missed[number, p, c]
-                counts[p, 1 + 2 * lidars + row] += 1.0 - left
+                    left *= missed[number, p, c] if sets[row, number] else 1.0
+                counts[p, row] += 1.0 - left
     return counts

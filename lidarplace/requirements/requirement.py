@@ -104,12 +104,14 @@ class AlsoWhen:
     draws: int = 0
     sensors_dead: int = 0  # any so many of the sensors see nothing
 
-    def dead(self, names: Sequence[str], lidars: int) -> dict[str, tuple[int, ...]]:
-        """Numbers of the sensors that are dead, by case; first "", in which none is. `names` has
-        the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`."""
+    def left(self, names: Sequence[str], lidars: int) -> dict[str, list[int]]:
+        """Numbers of the sensors that are not dead, by case; first "", in which none is. `names`
+        has the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`."""
         sets = dead_sets(1, lidars) if self.one_lidar_dead else []
         sets += dead_sets(self.sensors_dead, len(names)) if self.sensors_dead else []
-        return {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}
+        dead = {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}
+        every = range(len(names))
+        return {label: [n for n in every if n not in own] for label, own in dead.items()}
 
     def variants(self, placement: Placement) -> dict[str, Placement]:
         """The rig by case, without those of a dead LiDAR, which are told from it as built."""

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import fault
+from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, lidars_in, mount_at, named_like
+from lidarplace.rig_files.mounted import MountedLidar, Place, lidars_in, mount_at, named_like
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.routes import STEP_S
 
@@ -82,17 +82,6 @@ def check_possible(lidar: Lidar, where: str) -> None:
 _Positive = Annotated[Number, Field(gt=0)]
 
 
-class _Place(BaseModel):
-    """Metres and degrees."""
-
-    x: Number = 0.0
-    y: Number = 0.0
-    z: Number = 0.0
-    roll: Number = 0.0
-    pitch: Number = 0.0
-    yaw: Number = 0.0
-
-
 class _Object(BaseModel):
     """Something to spawn; the values of a LiDAR that is silent are CARLA's own.
 
@@ -103,7 +92,7 @@ class _Object(BaseModel):
 
     type: str
     id: str
-    spawn_point: _Place = _Place()
+    spawn_point: Place = Place()  # metres and degrees
     on_it: list[_Object] = Field([], validation_alias=AliasChoices("objects", "sensors"))
     channels: Annotated[int, NoTruth, Field(ge=1)] = 32
     range: _Positive = 10.0
@@ -158,17 +147,15 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
         for i in range(o.channels)
     ]
     half = first.horizontal_fov / 2
-    try:
-        model = SensorSettings(
-            elevations_deg=tuple(elevations),
-            azimuth_steps=round(steps[0]),
-            range=first.range,
-            range_noise=first.noise_stddev,
-            drop_off=first.dropoff_general_rate,
-            azimuth_deg=(-half, half),
-        )
-    except ValidationError as error:
-        raise fault(error, f"{where}: no LiDAR of ours") from None
+    values = {
+        "elevations_deg": tuple(elevations),
+        "azimuth_steps": round(steps[0]),
+        "range": first.range,
+        "range_noise": first.noise_stddev,
+        "drop_off": first.dropoff_general_rate,
+        "azimuth_deg": (-half, half),
+    }
+    model = validated(SensorSettings, values, f"{where}: no LiDAR of ours")
     angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
     return MountedLidar(first.id, mount_at((place.x, place.y, place.z), angles, where), model)
 

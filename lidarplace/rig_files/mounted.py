@@ -6,8 +6,10 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel
 
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
+from lidarplace.configuration.record import Number
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.rigs.further_sensors import Kind
 from lidarplace.rigs.placement import Mount
@@ -37,6 +39,17 @@ class MountedLidar:
         # Rounded, as 1.9 - 0.3 would be written as 1.5999999999999999.
         x, y, z = (round(value, 12) for value in (mount.x + x, mount.y + y, mount.z + z))
         return replace(self, mount=replace(mount, x=x, y=y, z=z))
+
+
+class Place(BaseModel):
+    """Numbers of a pose in JSON; what is 0 may be left out."""
+
+    x: Number = 0.0
+    y: Number = 0.0
+    z: Number = 0.0
+    roll: Number = 0.0
+    pitch: Number = 0.0
+    yaw: Number = 0.0
 
 
 def mount_of(position: ArrayLike, matrix: NDArray[np.float64]) -> Mount:

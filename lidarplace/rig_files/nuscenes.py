@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
-from lidarplace.configuration.settings import fault
+from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
 from lidarplace.rig_files.mounted import OPTICAL, MountedLidar, mount_of, named_like
 from lidarplace.scenes.datasets.nuscenes_tables import read_table
@@ -76,10 +75,7 @@ def _further(kind: str, intrinsic: Any, where: str) -> CameraSettings | RadarSet
     if kind == "radar":
         return RadarSettings(z=0.0)
     known = {"intrinsic": intrinsic, "pixels": PIXELS, "source": _SOURCE} if intrinsic else {}
-    try:
-        return CameraSettings.model_validate({"z": 0.0} | known)
-    except ValidationError as error:
-        raise fault(error, where) from None
+    return validated(CameraSettings, {"z": 0.0} | known, where)
 
 
 def _intrinsic(sensor: MountedLidar) -> list[list[float]]:

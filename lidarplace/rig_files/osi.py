@@ -11,14 +11,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 from pydantic.alias_generators import to_camel
 
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.record import NoTruth, Number, read_record
-from lidarplace.configuration.settings import fault
+from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
+from lidarplace.rig_files.mounted import MountedLidar, Place, mount_at, named_like
 from lidarplace.rigs.further_sensors import Camera
 
 
@@ -28,23 +28,11 @@ class _Message(BaseModel):
     model_config = ConfigDict(alias_generator=to_camel, populate_by_name=True, extra="ignore")
 
 
-class _Vector3d(_Message):
-    x: Number = 0.0
-    y: Number = 0.0
-    z: Number = 0.0
-
-
-class _Orientation3d(_Message):
-    """Radians; yaw about z, then pitch about the new y, then roll about the new x."""
-
-    roll: Number = 0.0
-    pitch: Number = 0.0
-    yaw: Number = 0.0
-
-
 class _MountingPosition(_Message):
-    position: _Vector3d = _Vector3d()
-    orientation: _Orientation3d = _Orientation3d()
+    """Metres; radians: yaw about z, then pitch about the new y, then roll about the new x."""
+
+    position: Place = Place()
+    orientation: Place = Place()
 
 
 class _Identifier(_Message):
@@ -90,17 +78,15 @@ def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSe
     view = (own.field_of_view_horizontal, own.field_of_view_vertical)
     across, up = (round(math.degrees(angle), 9) for angle in view)
     pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
-    known: dict[str, Any] = {"z": 0.0}
-    try:
-        if kind == "camera":
-            known |= {"fov_deg": (across, up)} if across and up else {}
-            known |= {"pixels": pixels} if all(pixels) else {}
-            return CameraSettings.model_validate(known)
-        known |= {"azimuth_deg": (-across / 2, across / 2)} if across else {}
+    if kind == "camera":
+        known: dict[str, Any] = {"fov_deg": (across, up)} if across and up else {}
+        known |= {"pixels": pixels} if all(pixels) else {}
+    else:
+        known = {"azimuth_deg": (-across / 2, across / 2)} if across else {}
         known |= {"elevation_deg": (-up / 2, up / 2)} if up else {}
-        return RadarSettings.model_validate(known)
-    except ValidationError as error:
-        raise fault(error, where) from None
+    model: type[CameraSettings | RadarSettings]
+    model = CameraSettings if kind == "camera" else RadarSettings
+    return validated(model, {"z": 0.0} | known, where)
 
 
 def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:

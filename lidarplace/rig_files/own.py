@@ -23,25 +23,21 @@ DIGITS = 9
 
 
 def read_own(path: Path) -> list[MountedLidar]:
-    """The LiDARs of a file of `mounts`; those without a name are numbered. Raises ValueError as
-    `read_placement_settings`."""
+    """The sensors of a file of `mounts`, LiDARs first; those without a name are numbered. Raises
+    ValueError as `read_placement_settings`."""
     settings = read_placement_settings(path)
-    mounts = zip(settings.mounts, settings.in_ego(settings.mounts), strict=True)
-    return [
-        MountedLidar(each.name or f"lidar_{number}", mount, each.lidar)
-        for number, (each, mount) in enumerate(mounts)
-    ]
-
-
-def read_further(path: Path) -> list[MountedLidar]:
-    """Its cameras and radars. Raises ValueError as `read_own`."""
-    settings = read_placement_settings(path)
+    lidars = zip(settings.mounts, settings.in_ego(settings.mounts), strict=True)
     several: tuple[CameraSettings | RadarSettings, ...] = (*settings.cameras, *settings.radars)
+    others = zip(several, settings.in_ego(several), strict=True)
     return [
-        MountedLidar(each.name or f"{each.KIND}_{number}", mount, further=each)
-        for number, (each, mount) in enumerate(
-            zip(several, settings.in_ego(several), strict=True), 1
-        )
+        *(
+            MountedLidar(each.name or f"lidar_{number}", mount, each.lidar)
+            for number, (each, mount) in enumerate(lidars)
+        ),
+        *(
+            MountedLidar(each.name or f"{each.KIND}_{number}", mount, further=each)
+            for number, (each, mount) in enumerate(others, 1)
+        ),
     ]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.near_field import sensors_over_columns
+from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.judge import Outcome
 from lidarplace.rigs.placement import Placement
@@ -61,8 +61,9 @@ def _counted(
     roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
     sensors, there = np.zeros(roi.shape[:2], np.int64), np.ones(roi.shape[:2], bool)
     if placement is not None:
-        sensors, outside = sensors_over_columns(placement, vehicle, roi)
-        there = outside > 0
+        each = [(number,) for number in range(len(placement.mounts))]
+        seen, outside = seen_in_columns(placement, vehicle, roi, each)
+        sensors, there = (seen > 0).sum(axis=0), outside > 0
     rows, columns = np.nonzero(there)
     middles = np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
     return middles, sensors[there]

@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -131,10 +132,10 @@ def test_a_correction_of_ones_changes_no_bit(nothing, drop_off):
     np.testing.assert_array_equal(before.cells, after.cells)
     np.testing.assert_array_equal(before.points, after.points)
     box = np.array([[12.0, 1.0, 0.8, 4.4, 1.8, 1.6, 0.3]])
-    for count in (count_points, lambda sights, box: count_cells(sights, box, 0.2)):
+    sets = [(0, 1), (0,), (1,)]
+    for count in (partial(count_points, sets=sets), partial(count_cells, cell=0.2, sets=sets)):
         before, after = (count(sights_of(rig, NOBODY), box) for rig in rigs)
-        np.testing.assert_array_equal(before.all, after.all)
-        np.testing.assert_array_equal(before.alone, after.alone)
+        np.testing.assert_array_equal(before, after)
 
 
 def counted(own, classes=("Car", "Cyclist", "Pedestrian"), seed=0) -> CountedObjects:
@@ -165,8 +166,7 @@ def test_requirements_expect_what_draws_have_in_the_mean():
     points, cells = count_points(sights, placed), count_cells(sights, placed, 0.2)
     for found, expected in ((seen.points, points), (seen.counts(), cells)):
         assert len(found) == draws
-        assert abs(found.mean() - expected.all[0]) < 5 * found.std() / math.sqrt(draws)
-        assert expected.alone[0, 0] == pytest.approx(expected.all[0], rel=1e-12)
+        assert abs(found.mean() - expected[0, 0]) < 5 * found.std() / math.sqrt(draws)
 
 
 @settings(max_examples=10)
@@ -194,17 +194,16 @@ def test_expected_cells_are_those_of_single_rays(x, yaw, distance, factors):
             cell = tuple(np.clip(np.floor(np.array(hit) / 0.2), 0, slices).astype(int))
             missed[number][cell] = missed[number].get(cell, 1.0) * (1 - p)
     sights = at_class(sights_of(rig, NOBODY), rig, "Car")
-    np.testing.assert_allclose(count_points(sights, box).alone[0], points, rtol=1e-9, atol=1e-12)
+    found = count_points(sights, box, sets=[(0,), (1,), (2,)])
+    np.testing.assert_allclose(found[0], points, rtol=1e-9, atol=1e-12)
 
     def expected(numbers) -> float:
         cells = {cell for number in numbers for cell in missed[number]}
         return sum(1 - math.prod(missed[n].get(cell, 1.0) for n in numbers) for cell in cells)
 
-    found = count_cells(sights, box, 0.2)
-    assert found.all[0] == pytest.approx(expected(range(3)), rel=1e-6, abs=1e-9)
-    for number in range(3):
-        without = expected([n for n in range(3) if n != number])
-        assert found.all[0] - found.alone[0, number] == pytest.approx(without, rel=1e-6, abs=1e-9)
+    sets = [(0, 1, 2), (1, 2), (0, 2), (0, 1)]
+    found = count_cells(sights, box, 0.2, sets=sets)[0].tolist()
+    assert found == pytest.approx(list(map(expected, sets)), rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -147,8 +147,11 @@ def test_clouds_lack_what_is_behind_another_lidar():
 
 
 def test_requirements_count_what_is_left():
-    hidden, free = (count_points(sights_of(rig, NOTHING), CAR) for rig in (RIG, BLIND))
-    assert hidden.alone[0, 1] == free.alone[0, 1]
+    each = [(0,), (1,)]
+    hidden, free = (
+        count_points(sights_of(rig, NOTHING), CAR, sets=each)[0] for rig in (RIG, BLIND)
+    )
+    assert hidden[1] == free[1]
     ends, lidar = ends_in_rig(RIG)[0], RIG.lidars[0]
     directions = lidar.directions()
     # By slabs: the ray enters the box before any other of its faces.
@@ -157,8 +160,8 @@ def test_requirements_count_what_is_left():
             CAR[0, :3] + np.array([-0.5, 0.5])[:, None, None] * CAR[0, 3:6] - RIG.mounts[0].position
         ) / directions
     met = np.nanmax(times.min(axis=0), axis=1) < np.nanmin(times.max(axis=0), axis=1)
-    assert free.alone[0, 0] == met.sum()
-    assert hidden.alone[0, 0] == (met & (ends == 0)).sum() < met.sum()
+    assert free[0] == met.sum()
+    assert hidden[0] == (met & (ends == 0)).sum() < met.sum()
 
 
 def test_expected_recall_knows_the_rig_and_casts_equal_mounts_once(monkeypatch):
@@ -176,7 +179,7 @@ def test_expected_recall_knows_the_rig_and_casts_equal_mounts_once(monkeypatch):
     points = [int(seen.points[0]) for seen in model.objects.seen_by(rigs)]
     assert points[0] < points[1]
     assert len(jobs) == 7  # RIG's rear one is hidden; those of `far` and `high` are alike
-    expected = [int(count_points(sights_of(rig, NOTHING), CAR).all[0]) for rig in (RIG, BLIND)]
+    expected = [int(count_points(sights_of(rig, NOTHING), CAR)[0, 0]) for rig in (RIG, BLIND)]
     hidden = [1 - seen[0] / seen[1] for seen in (points, expected)]  # a car does not fill its box
     assert hidden[0] == pytest.approx(hidden[1], rel=0.3)
 
@@ -201,12 +204,12 @@ def test_near_field_and_a_dead_lidar_that_still_hides():
     seeing = replace(sized(np.linspace(-80, 80, 60)), size=None)
     rig = Placement("two", [Mount(z=1.0), Mount(x=1.0, z=1.0)], [seeing, wall])
     behind, before = Roi((1.5, 2.5), (-0.5, 0.5), (0, 1), 0.5), Roi((-2, 0), (-1, 1), (0, 1), 0.5)
-    for roi, dead, share in ((behind, None, 0), (before, None, 1), (behind, 1, 0)):
-        seen, counted = seen_in_columns(rig, NOTHING, roi, dead)
+    for roi, left, share in ((behind, (0, 1), 0), (before, (0, 1), 1), (behind, (0,), 0)):
+        seen, counted = seen_in_columns(rig, NOTHING, roi, [left])
         assert seen.sum() == share * counted.sum()
     open_rig = replace(rig, lidar=[seeing, replace(wall, size=None)])
-    for dead, share in ((None, 1), (0, 0)):
-        seen, counted = seen_in_columns(open_rig, NOTHING, behind, dead)
+    for left, share in ((0, 1), 1), ((1,), 0):
+        seen, counted = seen_in_columns(open_rig, NOTHING, behind, [left])
         assert seen.sum() == share * counted.sum()
     assert counted.sum() > 0
 

@@ -19,7 +19,7 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.coverage import coverage
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.counted_objects import CountedObjects
-from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
+from lidarplace.requirements.rays_on_objects import count_points, sights_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement, blocks
 from tests.lidarplace.recall.small_scenes import log_of
@@ -73,13 +73,9 @@ def test_requirements_and_coverage_take_offsets(mount, offsets, drop_off):
     single = [(m, replace(own, drop_off=drop_off)) for m, own in beam_by_beam(mount, offsets)]
     rig = Placement("rig", [mount], lidar)
     alone = [Placement("one", [m], own) for m, own in single]
-    points = [count_points(sights_of(one, NOBODY), BOXES).all for one in alone]
+    points = [count_points(sights_of(one, NOBODY), BOXES) for one in alone]
     sights = sights_of(rig, NOBODY)
-    found = count_points(sights, BOXES)
-    np.testing.assert_allclose(found.all, sum(points), rtol=1e-12)
-    assert found.alone.shape == (len(BOXES), 1)
-    cells = count_cells(sights, BOXES[:1], 0.2)
-    np.testing.assert_array_equal(cells.all, cells.alone[:, 0])
+    np.testing.assert_allclose(count_points(sights, BOXES), sum(points), rtol=1e-12)
     for method in ("cone", "dda"):
         expected = np.logical_or.reduce([coverage(one, ROI, method) for one in alone])
         np.testing.assert_array_equal(coverage(rig, ROI, method), expected)
@@ -94,7 +90,7 @@ def test_expected_recall_sees_what_requirements_see(mount, offsets):
     wide = Roi((-30, 30), (-30, 30), (0, 4), 0.5)
     objects = CountedObjects.from_log(log_of(row), wide, ["Tram"], 0.3, vehicle=NOBODY)
     (seen,) = objects.seen_by([rig])
-    assert seen.points.tolist() == count_points(sights_of(rig, NOBODY), BOXES[:1]).all.tolist()
+    assert seen.points.tolist() == count_points(sights_of(rig, NOBODY), BOXES[:1])[0].tolist()
 
 
 def test_equal_offsets_of_nothing_change_no_bit():

@@ -16,7 +16,7 @@ from lidarplace.commands.rig import app
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.rig_files.formats import FORMATS
-from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.mounted import MountedLidar, lidars_in
 from lidarplace.rig_files.own import read_own, write_own
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
@@ -204,7 +204,7 @@ def test_calibrations_of_nuscenes(tmp_path):
     write_nuscenes(tmp_path / "v1", [Scene(f"scene-{n}", [Sample(5)], f"l{n}") for n in "ab"], [])
     table = tmp_path / "v1/calibrated_sensor.json"
     found_by_command(tmp_path / "v1", tmp_path / "rig.yaml", "--format", "nuscenes")
-    (lidar,) = read_own(tmp_path / "rig.yaml")
+    (lidar,) = lidars_in(read_own(tmp_path / "rig.yaml"))
     rows, sensors = (json.loads(p.read_text()) for p in (table, tmp_path / "v1/sensor.json"))
     channels = {row["token"]: row["channel"] for row in sensors}
     own = [row for row in rows if channels[row["sensor_token"]] == "LIDAR_TOP"]

@@ -81,9 +81,11 @@ def test_a_table_of_the_same_rays_counts_the_same_on_objects(number):
         rig = Placement("rig", mounts[: number + 1], lidar=lidars[: number + 1])
         sights = sights_of(rig, car)
         hidden = without(housings_of(rig.mounts, rig.lidars), 0)
-        counts = count_points(sights, OBJECTS), count_cells(sights, OBJECTS, 0.2)
+        sets = [(n,) for n in range(number + 1)]
+        points = count_points(sights, OBJECTS, sets=sets)
+        cells = count_cells(sights, OBJECTS, 0.2, sets=sets)
         shares = body_share(MOUNT, lidar, car, 120, hidden)
-        found.append([*(own.alone.tolist() for own in counts), shares])
+        found.append([points.tolist(), cells.tolist(), shares])
     assert found[0] == found[1]
     assert np.array(found[0][0])[:, 0].any()
 

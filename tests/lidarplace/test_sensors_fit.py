@@ -213,13 +213,6 @@ def test_rings_beyond_the_model(tmp_path):
     assert "no clouds" in run("fit", tmp_path / "empty").stderr
 
 
-def test_names_are_still_listed():
-    assert "Puck" in run("vlp16").output
-    assert run().output.count("\n") > 20
-    assert json.loads(run("vlp16", "--json").output)["vlp16"]["model"]
-    assert "fit" in run("--help").output
-
-
 @pytest.mark.parametrize("name", FACTS["lidars"])
 def test_the_catalogue_agrees_with_real_clouds(name):
     own = FACTS["lidars"][name]

@@ -152,7 +152,7 @@ def _of_one(
             boxes, light = own.boxes_in(pose), wanted.placed.reflectivity
             boxes = boxes[~np.isnan(boxes[:, :, 0])]
             if len(boxes) and wanted.measure == "points":
-                yield key, count_points(at, boxes, light).all.astype(np.float32)
+                yield key, count_points(at, boxes, light)[:, 0].astype(np.float32)
             elif len(boxes):
                 missed = missed_cells(at, boxes, wanted.cell, light)
                 yield key, np.floor(missed * _WHOLE).astype(np.uint8)

@@ -128,7 +128,8 @@ def test_a_box_of_triangles_is_a_box():
         assert body_share(mount, lidar, mesh) == body_share(mount, lidar, box)
         rig = Placement("one", [mount], lidar)
         of_mesh_, of_box = (seen_in_columns(rig, own, roi) for own in (mesh, box))
-        np.testing.assert_array_equal(of_mesh_, of_box)
+        np.testing.assert_array_equal(of_mesh_[0], of_box[0])
+        np.testing.assert_array_equal(of_mesh_[1], of_box[1])
     for zone, expected in (
         (Zone.box("in", (-1, 1), (-0.5, 0.5), (0.2, 1.4)), (True, True)),
         (Zone.box("partly", (-1, 1), (-0.5, 0.5), (1.4, 1.6)), (True, False)),

@@ -45,15 +45,13 @@ vehicles = st.sampled_from([CAR, NOTHING])
 def test_counts_are_those_of_single_rays(rig, box, vehicle, reflectivity):
     hits = hits_of(rig, vehicle, box[0], reflectivity)
     sights = sights_of(rig, vehicle)
-    points = count_points(sights, box, reflectivity)
-    assert points.alone[0].tolist() == [len(own) for own in hits]
-    assert points.all[0] == sum(map(len, hits))
-    cells = count_cells(sights, box, CELL, reflectivity)
+    every = range(len(hits))
+    sets = [every, (), *((n,) for n in every), *(set(every) - {n} for n in every)]
+    points = count_points(sights, box, reflectivity, sets)
+    assert points[0].tolist() == [sum(len(hits[n]) for n in own) for own in sets]
+    cells = count_cells(sights, box, CELL, reflectivity, sets)
     of_lidar = [cells_of(own, box[0, 3:6], CELL) for own in hits]
-    assert cells.all[0] == len(set().union(*of_lidar))
-    for number, own in enumerate(of_lidar):
-        others = set().union(*of_lidar[:number], *of_lidar[number + 1 :])
-        assert cells.alone[0, number] == len(own - others)
+    assert cells[0].tolist() == [len(set().union(*(of_lidar[n] for n in own))) for own in sets]
 
 
 def test_what_is_dark_is_seen_up_to_the_range_for_its_light():
@@ -63,18 +61,18 @@ def test_what_is_dark_is_seen_up_to_the_range_for_its_light():
 
     def seen(distance, reflectivity):
         wall = np.array([[distance + 0.5, 0.0, 1.0, 1.0, 0.1, 2.0, 0.0]])
-        return int(count_points(sights, wall, reflectivity).all[0])
+        return int(count_points(sights, wall, reflectivity)[0, 0])
 
     assert [seen(d, 0.1) for d in (9.99, 10.01)] == [1, 0]
     assert [seen(d, 0.4) for d in (19.99, 20.01)] == [1, 0]
     assert [seen(d, 0.025) for d in (4.99, 5.01)] == [1, 0]
     turned = np.array([[7.0, 0.0, 1.0, 0.01, 4.0, 2.0, math.pi / 3]])
-    assert count_points(sights, turned, 0.1).all[0] > 0, "at 60 degrees up to 7.07 m"
+    assert count_points(sights, turned, 0.1)[0, 0] > 0, "at 60 degrees up to 7.07 m"
     turned[0, 0] = 7.3
     ahead = Lidar((0.0,), 360, 100.0, range_10=10.0, azimuth=(-0.001, 0.001))
     sights = sights_of(Placement("one", [Mount(z=1.0)], ahead), NOTHING)
-    assert count_points(sights, turned, 0.1).all.tolist() == [0]
-    assert count_points(sights, turned, 0.12).all.tolist() == [1]
+    assert count_points(sights, turned, 0.1)[0, 0] == 0
+    assert count_points(sights, turned, 0.12)[0, 0] == 1
 
 
 def test_the_body_hides_what_is_behind_it():
@@ -84,10 +82,10 @@ def test_the_body_hides_what_is_behind_it():
     wall = np.array([[4.5, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]])
     screen = Vehicle("screen", np.array([[[1.0, -9.0, 0.0], [1.1, 0.0, 2.0]]]))
     # The ray straight ahead passes along the edge of the screen, which lies at y = 0.
-    assert count_points(sights_of(rig, screen), wall).all.tolist() == [15]
+    assert count_points(sights_of(rig, screen), wall)[0, 0] == 15
     behind = Vehicle("behind", screen.boxes + np.array([9.0, 0.0, 0.0]))
-    assert count_points(sights_of(rig, behind), wall).all.tolist() == [29]
-    assert count_points(sights_of(rig, CAR), wall).all.tolist() == [0], "it is inside of the body"
+    assert count_points(sights_of(rig, behind), wall)[0, 0] == 29
+    assert count_points(sights_of(rig, CAR), wall)[0, 0] == 0, "it is inside of the body"
 
 
 @pytest.mark.parametrize("number", [1, 3000])
@@ -99,4 +97,4 @@ def test_many_boxes_are_counted_one_by_one(number):
     sights = sights_of(Placement("rig", [Mount(z=2), Mount(x=1, z=2)], FULL), CAR)
     whole = count_cells(sights, many, CELL)
     for n in (0, number // 2, number - 1):
-        assert whole.all[n] == count_cells(sights, many[[n]], CELL).all[0]
+        assert whole[n] == count_cells(sights, many[[n]], CELL)[0]
