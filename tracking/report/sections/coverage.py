@@ -74,11 +74,7 @@ def _setting(run: RunFolder) -> list[str]:
 
 
 def _map(run: RunFolder, name: str, cells: NDArray[Any], title: str, unit: str) -> go.Figure:
-    plot = pog_from_above(cells, run.roi, title, _CELLS)
-    plot.update_traces(
-        colorbar_title=unit,
-        hovertemplate=f"x %{{x:.1f}}, y %{{y:.1f}} m<br>%{{z:.3g}} {unit}<extra></extra>",
-    )
+    plot = pog_from_above(cells, run.roi, title, _CELLS, unit)
     if unit == "%":
         plot.data[0].zmax = 100
     add_vehicle(plot, run.sweep.body, run.roi)
