@@ -135,7 +135,7 @@ def frame_in_space(
         add_lines(plot, lines, shade, 4, showlegend=False)
     add_lines(plot, edges(detections[:, :7]), DETECTION, 2, showlegend=False)
     roof = boxes[:, :3] + boxes[:, 5:6] * [0, 0, 0.5]
-    plot.add_scatter3d(
+    return plot.add_scatter3d(
         **xyz(roof),
         mode="markers",
         marker={"size": 4, "color": [[*FOUND.values()][i] for i in fate]},
@@ -145,7 +145,6 @@ def frame_in_space(
         ],
         **TOLD,
     )
-    return plot
 
 
 def _add_points(plot: go.Figure, points: NDArray[np.float32], shade: str, size: float) -> None:

@@ -100,7 +100,7 @@ def pog_from_above(
     cells, x, y = averaged(entropy, (roi.x, roi.y), most)
     plot = figure(title, height=map_height((y[-1] - y[0]) / (x[-1] - x[0]), 190, 480))
     shown = cells.astype(np.float32)
-    plot.add_heatmap(
+    return plot.add_heatmap(
         z=shown.T,  # rows of a heat map run along y
         x=x,
         y=y,
@@ -110,7 +110,6 @@ def pog_from_above(
         colorbar={"title": {"text": unit}, "thickness": 10, "x": 1.03, "len": 1.0},
         hovertemplate=f"x %{{x:.1f}}, y %{{y:.1f}} m<br>%{{z:.3g}} {unit}<extra></extra>",
     )
-    return plot
 
 
 def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
@@ -121,11 +120,11 @@ def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
     axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))
 
 
-def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> None:
+def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> go.Figure:
     """Equal scales over ranges of x, forward to the right, and y, left upwards."""
     alike = {"constrain": "domain", "showgrid": False}
     plot.update_xaxes(title="x, forward (m)", range=x, **alike)
-    plot.update_yaxes(title="y, left (m)", range=y, scaleanchor="x", **alike)
+    return plot.update_yaxes(title="y, left (m)", range=y, scaleanchor="x", **alike)
 
 
 def map_height(shape: float, least: int, most: int) -> int:

@@ -148,8 +148,7 @@ def _views(
         col=1,
     )
     plot.update_xaxes(range=[-0.03, 1], visible=False, row=2, col=1)
-    plot.update_yaxes(range=[lines - 0.5, -0.5], visible=False, row=2, col=1)
-    return plot
+    return plot.update_yaxes(range=[lines - 0.5, -0.5], visible=False, row=2, col=1)
 
 
 def _lidar(i: int, mount: Mount, across: str) -> go.Scatter:

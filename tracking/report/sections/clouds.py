@@ -74,8 +74,7 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
         ({"visible": [one == name for one in placements] + always}, {"title.text": text(name)})
         for name in placements
     ]
-    add_menu(plot, [text(name) for name in placements], changes, y=1.06)
-    return plot
+    return add_menu(plot, [text(name) for name in placements], changes, y=1.06)
 
 
 def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -79,7 +79,7 @@ def _map(run: RunFolder, name: str, cells: NDArray[Any], title: str, unit: str) 
         plot.data[0].zmax = 100
     add_vehicle(plot, run.sweep.body, run.roi)
     mounts = run.placements[name]
-    plot.add_scatter(
+    return plot.add_scatter(
         x=[mount.x for mount in mounts],
         y=[mount.y for mount in mounts],
         mode="markers",
@@ -87,4 +87,3 @@ def _map(run: RunFolder, name: str, cells: NDArray[Any], title: str, unit: str) 
         hovertemplate="LiDAR at %{x:.2f}, %{y:.2f} m<extra></extra>",
         showlegend=False,
     )
-    return plot

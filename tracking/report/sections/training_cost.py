@@ -94,5 +94,4 @@ def training_cost_figure(summary: pd.DataFrame, axes: Sequence[str], title: str)
         )
     plot.update_xaxes(type="log", title="seconds of training; the star is the longest")
     plot.update_yaxes(title="AP below the longest (points)")
-    legend_below(plot)
-    return plot
+    return legend_below(plot)
