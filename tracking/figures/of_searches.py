@@ -235,6 +235,4 @@ def unseen(
         heat.update(zmin=0.0, zmax=top)
     widest = float(np.abs(maps[2].z).max()) or 1.0
     maps[2].update(zmin=-widest, zmax=widest, colorscale=_DIVERGING)
-    for plot in plots:
-        add_vehicle(plot, vehicle, roi)
-    return plots
+    return [add_vehicle(plot, vehicle, roi) for plot in plots]

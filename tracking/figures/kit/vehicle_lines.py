@@ -112,12 +112,12 @@ def pog_from_above(
     )
 
 
-def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
+def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> go.Figure:
     """Outline the vehicle, a sedan for None; it and the whole ROI are in view."""
     plot.add_trace(vehicle_outline(vehicle, "y"))
     low, high = extent_of(vehicle)
     ends = zip((roi.x, roi.y), low - 0.5, high + 0.5, strict=False)
-    axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))
+    return axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))
 
 
 def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> go.Figure:
