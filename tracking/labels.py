@@ -1,6 +1,7 @@
 """Labels of figures and tables: names of surrogates, metrics and groups, and numbers."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,14 +28,8 @@ def number(value: float) -> str:
     return digits(value, f",.{min(decimals, 8)}f")
 
 
-def signed(value: float) -> str:
-    """A coefficient with its sign and two decimals."""
-    return digits(value, "+z.2f")
-
-
-def points(value: float) -> str:
-    """A difference of percentages with its sign and one decimal."""
-    return digits(value, "+z.1f")
+signed = partial(digits, form="+z.2f")  # a coefficient
+points = partial(digits, form="+z.1f")  # a difference of percentages
 
 
 def span(low: float, high: float, form: str) -> str:

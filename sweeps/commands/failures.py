@@ -67,9 +67,7 @@ def failures(
             table.to_parquet(partial, index=False)
         write_csv(table, out / "objects.csv")
         extent = f"{folder.sweep.name}: {folder.sweep.frames.test:,} test frames."
-        page = write_failures(
-            out / FILE, found, shown, section, folder.roi, folder.sweep.body, extent, {}
-        )
+        page = write_failures(out / FILE, folder, found, shown, section, extent, {})
     for sentence in section.notes[:2]:
         output().print(sentence, soft_wrap=True)
     if lacking:

@@ -14,10 +14,8 @@ HEIGHTS = {"Car": 1.5, "Pedestrian": 1.75}
 def made_up_objects(
     rng: np.random.Generator, settings: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Of every setting five cars and five pedestrians in each of twenty frames on four routes.
-
-    The same individuals are in the five frames of a route.
-    """
+    """Of every setting five cars and five pedestrians in each of twenty frames on four routes. The
+    same individuals are in the five frames of a route."""
     rows: list[dict[str, Any]] = []
     for setting, frame, place in product(settings, range(FRAMES), range(10)):
         name, route = CLASSES[place % 2], frame * ROUTES // FRAMES

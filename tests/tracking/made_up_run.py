@@ -127,9 +127,7 @@ def _results(rng, common, setting, quality):
 
 def _left_out(rng, results):
     """Every result without each of four routes and 34 individuals, which differ by some points.
-
-    What a unit does is the same for all placements up to a tenth.
-    """
+    What a unit does is the same for all placements up to a tenth."""
     gone = ("difficulty", "value", "ground_truths")
     units = [("route", f"test {i}", 105) for i in range(4)]
     units += [("individual", f"test {i}", 30 if i < 10 else 5) for i in range(34)]

@@ -28,10 +28,8 @@ GAIN |= {"weights": {"Car": 1.0, "Cyclist": 1.0}}
 PRICE = {"name": "price", "by": "price", "unit": "€", "direction": "minimize", "weights": None}
 CLASSES = ("Car", "Cyclist")
 RUN = "lidarplace run runs/made_up/sweep.yaml"
-BASE = 1000.0
-"""Value of the best of the paper's eight; the others are below."""
-STRIDED = 0.99
-"""Values as searched, by those with all rays."""
+BASE = 1000.0  # value of the best of the paper's eight; the others are below
+STRIDED = 0.99  # values as searched, by those with all rays
 
 
 def write_search(

@@ -154,11 +154,6 @@ def test_one_class_is_shown_once(one_class):
     assert one_class.text.count("Highest mean for") == 1
 
 
-def test_one_seed_has_no_odds(one_class):
-    assert "likely to be the best" not in one_class.text
-    assert not any("likely" in json.dumps(figure["layout"]) for figure in one_class.figures)
-
-
 def test_a_legend_beside_odds_has_a_row_for_each_name():
     means = pd.DataFrame({"mean": [1.0], "low": [0.5], "high": [1.5]}, index=["a"])
     columns = {"AP": means, "recall": means}

@@ -105,10 +105,8 @@ def linear_rgb(colours):
 
 
 def test_the_lidars_of_a_rig_differ_for_every_eye():
-    """Least distance of the first four colours, seen without red or green cones.
-
-    Machado, Oliveira and Fernandes 2009, severity 1; distances in CIELAB, 2.3 is just noticed.
-    """
+    """Least distance of the first four colours, seen without red or green cones. Machado, Oliveira
+    and Fernandes 2009, severity 1; distances in CIELAB, 2.3 is just noticed."""
     deuteranopia = [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413]]
     deuteranopia += [[-0.011820, 0.042940, 0.968881]]
     protanopia = [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216]]

@@ -166,8 +166,7 @@ def _front(
     _add_rigs(plot, {name: known[name] for name in ordered}, "Pareto front", marker)
     plot.update_xaxes(title=f"{text(a.label)}, {a.better}")
     plot.update_yaxes(title=f"{text(b.label)}, {b.better}")
-    plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
-    return plot
+    return plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
 
 
 def _add_rigs(
@@ -236,6 +235,4 @@ def unseen(
         heat.update(zmin=0.0, zmax=top)
     widest = float(np.abs(maps[2].z).max()) or 1.0
     maps[2].update(zmin=-widest, zmax=widest, colorscale=_DIVERGING)
-    for plot in plots:
-        add_vehicle(plot, vehicle, roi)
-    return plots
+    return [add_vehicle(plot, vehicle, roi) for plot in plots]

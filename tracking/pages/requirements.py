@@ -159,5 +159,4 @@ def requirement_map(
     )
     reach = np.concatenate([body, [[x[0], y[0]], [x[-1], y[-1]]]])
     (x0, y0), (x1, y1) = np.nanmin(reach, axis=0) - 0.3, np.nanmax(reach, axis=0) + 0.3
-    axes_from_above(plot, [x0, x1], [y0, y1])
-    return plot
+    return axes_from_above(plot, [x0, x1], [y0, y1])

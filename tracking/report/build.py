@@ -155,7 +155,7 @@ def _write_failures(
     if frames is not None and not frames.are_of(pair.rigs, pair.objects["object"]):
         frames = None
     file = run.path / FAILURES
-    write_failures(file, pair, frames, section, run.roi, run.sweep.body, extent, _PAGES)
+    write_failures(file, run, pair, frames, section, extent, _PAGES)
 
 
 def _extent(run: RunFolder) -> str:

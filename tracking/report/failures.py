@@ -10,10 +10,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.base.roi import Roi
 from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.logs.boxes import GEOMETRY
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.solids import edges, headings
@@ -25,6 +23,7 @@ from tracking.labels import digits
 from tracking.pages.page import figure_json, write_page
 from tracking.pages.section import Section
 from tracking.run_folders.arrays import FailureFrames
+from tracking.run_folders.sweep import RunFolder
 
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
 """Colours of objects, and of the points in them, by what became of them."""
@@ -40,11 +39,10 @@ _CLOSE = {
 
 def write_failures(
     target: Path,
+    run: RunFolder,
     found: Failures,
     frames: FailureFrames | None,
     section: Section,
-    roi: Roi,
-    vehicle: Vehicle | None,
     extent: str,
     links: Mapping[str, str],
 ) -> Path:
@@ -53,19 +51,21 @@ def write_failures(
     `frames` are of the same two rigs, `section` is `counted_failures`, whose tables are written;
     `extent` is how much was compared, in one line.
     """
-    first, second = found.rigs
+    vehicle, corners = run.sweep.body, zip(run.roi.x, run.roi.y, run.roi.z, strict=True)
+    seen = np.concatenate([[*corners], vehicle_surface(vehicle)[0]])
+    whole = equal_axes(seen, longest=1.9) | {"camera": CAMERAS["from above"]}
     return write_page(
         target,
         Path(__file__).with_name("failures.html"),
         [Section("Counted", section.notes[2:], section.figures, section.tables, columns=2)],
-        name=f"{first} and {second}",
+        name=" and ".join(found.rigs),
         rigs=found.rigs,
         extent=extent,
         links=links,
         said=section.notes[:2],
         frames=_shown(found, frames) if frames is not None else [],
         colours={**FOUND, f"detected with seed {found.seeds[0]}": DETECTION},
-        whole=json.dumps(view_of(roi, vehicle)),
+        whole=json.dumps(whole),
         vehicle=figure_json(go.Figure(vehicle_in_space(vehicle), layout={"template": None})),
     )
 
@@ -88,28 +88,22 @@ def _shown(found: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
             )
             for rig in range(2)
         ]
+        each = zip(found.rigs, found.shares[:, row], found.points[:, row], strict=True)
+        seeds = len(found.seeds)
+        fates = [f"{rig}: {round(of * seeds)} of {seeds}{_points(n)}" for rig, of, n in each]
         middle = at[["x", "y", "z"]].to_numpy(np.float64)
         around = equal_axes(np.stack([middle - NEAR_M, middle + NEAR_M]), longest=1.9)
         shown.append(
             {
                 "rig": int(found.shares[1, row] > found.shares[0, row]),
                 "what": f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
-                "fate": _fate(found, row),
+                "fate": "; ".join(fates),
                 "where": f"{at['scene']}, route {at['route']}, frame {at['frame']}",
                 "figures": [figure_json(figure) for figure in figures],
                 "view": json.dumps(around | {"camera": _CLOSE}),
             }
         )
     return shown
-
-
-def _fate(found: Failures, row: int) -> str:
-    """How many seeds found an object under each rig, and the points on it."""
-    seeds = len(found.seeds)
-    each = zip(found.rigs, found.shares[:, row], found.points[:, row], strict=True)
-    return "; ".join(
-        f"{rig}: {round(share * seeds)} of {seeds}{_points(count)}" for rig, share, count in each
-    )
 
 
 def _points(count: float) -> str:
@@ -141,7 +135,7 @@ def frame_in_space(
         add_lines(plot, lines, shade, 4, showlegend=False)
     add_lines(plot, edges(detections[:, :7]), DETECTION, 2, showlegend=False)
     roof = boxes[:, :3] + boxes[:, 5:6] * [0, 0, 0.5]
-    plot.add_scatter3d(
+    return plot.add_scatter3d(
         **xyz(roof),
         mode="markers",
         marker={"size": 4, "color": [[*FOUND.values()][i] for i in fate]},
@@ -151,15 +145,6 @@ def frame_in_space(
         ],
         **TOLD,
     )
-    return plot
-
-
-def view_of(roi: Roi, vehicle: Vehicle | None) -> dict[str, Any]:
-    """Plotly's scene of the whole ROI and the vehicle."""
-    corners = [[axis[i] for axis in (roi.x, roi.y, roi.z)] for i in range(2)]
-    vertices, _ = vehicle_surface(vehicle)
-    axes = equal_axes(np.concatenate([corners, vertices]), longest=1.9)
-    return axes | {"camera": CAMERAS["from above"]}
 
 
 def _add_points(plot: go.Figure, points: NDArray[np.float32], shade: str, size: float) -> None:

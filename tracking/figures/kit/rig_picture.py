@@ -82,8 +82,7 @@ def rig_picture(
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
     )
     changes = [({"visible": [who in ("", name) for who in owner]},) for name in rigs]
-    add_menu(plot, [text(name) for name in rigs], changes, y=1)
-    return plot
+    return add_menu(plot, [text(name) for name in rigs], changes, y=1)
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:

@@ -47,5 +47,4 @@ def side_by_side(
             plot.add_annotation(y=row, text=said, font={"size": 11}, **place)
         plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
         plot.update_layout(margin={"r": 84})
-    style.legend_below(plot)
-    return plot
+    return style.legend_below(plot)

@@ -96,7 +96,7 @@ def figure(
     )
 
 
-def legend_below(plot: go.Figure) -> None:
+def legend_below(plot: go.Figure) -> go.Figure:
     """Put the legend right under the axis' title; the figure grows by its height on a phone, where
     two short names fit a row, or a long one."""
     shown = [t for t in plot.data if t.showlegend is not False and t.visible is not False]
@@ -111,7 +111,7 @@ def legend_below(plot: go.Figure) -> None:
     legend = {"orientation": "h", "font": {"size": 11}, "tracegroupgap": 0, "maxheight": 1}
     legend |= {"x": 0, "xref": "container", "y": (room + 8) / height, "yref": "container"}
     margin = {"b": 56 + room + title}
-    plot.update_layout(height=height, margin=margin, legend={**legend, "yanchor": "top"})
+    return plot.update_layout(height=height, margin=margin, legend={**legend, "yanchor": "top"})
 
 
 def add_menu(
@@ -121,7 +121,7 @@ def add_menu(
     active: int = 0,
     right: bool = False,
     **place: Any,
-) -> None:
+) -> go.Figure:
     """A menu above the figure, or its right end: entries, plotly text, and what each makes of the
     data, and of the layout if there is a second change; `place` has further keys of `updatemenus`.
     """
@@ -131,7 +131,7 @@ def add_menu(
         for label, change in zip(labels, changes, strict=True)
     ]
     whole = {**side, "yanchor": "bottom", "active": active, "buttons": buttons, **place}
-    plot.update_layout(updatemenus=[whole])
+    return plot.update_layout(updatemenus=[whole])
 
 
 def name_rows(plot: go.Figure, names: Sequence[object]) -> None:

@@ -55,12 +55,10 @@ def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
     vertices, faces = vehicle_surface(body)
     if not len(faces):
         return []
-    i, j, k = faces.T.copy()
+    corners = dict(zip("ijk", faces.T.copy(), strict=True))
     surface = go.Mesh3d(
         **xyz(vertices),
-        i=i,
-        j=j,
-        k=k,
+        **corners,
         color="#aab4be",
         opacity=0.7,
         flatshading=True,
@@ -96,38 +94,37 @@ _CELLS = 200
 
 
 def pog_from_above(
-    entropy: NDArray[np.float32], roi: Roi, title: str, most: int = _CELLS
+    entropy: NDArray[np.float32], roi: Roi, title: str, most: int = _CELLS, unit: str = "nats"
 ) -> go.Figure:
-    """Entropy of each column of voxels, nats, shape (nx, ny), averaged to at most `most` cells."""
+    """Entropy of each column of voxels, shape (nx, ny), averaged to at most `most` cells."""
     cells, x, y = averaged(entropy, (roi.x, roi.y), most)
     plot = figure(title, height=map_height((y[-1] - y[0]) / (x[-1] - x[0]), 190, 480))
     shown = cells.astype(np.float32)
-    plot.add_heatmap(
+    return plot.add_heatmap(
         z=shown.T,  # rows of a heat map run along y
         x=x,
         y=y,
         zmin=0.0,
         zmax=float(shown.max()) or 1.0,
         colorscale=SEQUENTIAL,
-        colorbar={"title": {"text": "nats"}, "thickness": 10, "x": 1.03, "len": 1.0},
-        hovertemplate="x %{x:.1f}, y %{y:.1f} m<br>%{z:.3g} nats<extra></extra>",
+        colorbar={"title": {"text": unit}, "thickness": 10, "x": 1.03, "len": 1.0},
+        hovertemplate=f"x %{{x:.1f}}, y %{{y:.1f}} m<br>%{{z:.3g}} {unit}<extra></extra>",
     )
-    return plot
 
 
-def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
+def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> go.Figure:
     """Outline the vehicle, a sedan for None; it and the whole ROI are in view."""
     plot.add_trace(vehicle_outline(vehicle, "y"))
     low, high = extent_of(vehicle)
     ends = zip((roi.x, roi.y), low - 0.5, high + 0.5, strict=False)
-    axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))
+    return axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))
 
 
-def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> None:
+def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> go.Figure:
     """Equal scales over ranges of x, forward to the right, and y, left upwards."""
     alike = {"constrain": "domain", "showgrid": False}
     plot.update_xaxes(title="x, forward (m)", range=x, **alike)
-    plot.update_yaxes(title="y, left (m)", range=y, scaleanchor="x", **alike)
+    return plot.update_yaxes(title="y, left (m)", range=y, scaleanchor="x", **alike)
 
 
 def map_height(shape: float, least: int, most: int) -> int:

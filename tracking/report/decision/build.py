@@ -71,11 +71,8 @@ def write_decision(
 def recall_and_ap_section(
     run: RunFolder, found: Recommendation, means: pd.DataFrame, enough: bool
 ) -> Section:
-    """Every class' AP and the recall of all objects, with intervals, the best rig on top.
-
-    `means` are `seed_means` of the run; with `enough` evidence it is said how likely each is to be
-    the best.
-    """
+    """Every class' AP and the recall of all objects, with intervals, the best rig on top; with
+    `enough` evidence also how likely each is to be the best."""
     own, columns = for_comparison(found.group.of(means)), {}
     for name in found.ranked:
         metric = headline_label(run.results, name)

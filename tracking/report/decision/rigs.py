@@ -133,8 +133,22 @@ def _views(
         plot.update_xaxes(range=reach["x"], **hidden)
         scaled = f"x{column if column > 1 else ''}"
         plot.update_yaxes(range=reach[across], scaleanchor=scaled, **hidden)
-    _add_words(plot, rig, lines)
-    return plot
+    number, both = range(len(rig.mounts)), zip(rig.mounts, rig.words, strict=True)
+    plot.add_scatter(
+        x=[0.0] * len(number),
+        y=list(number),
+        mode="markers+text",
+        marker={"size": 9, "color": [*map(lidar_colour, number)], "symbol": [*map(symbol, number)]},
+        text=[f" {_pose(mount)}" + (f" · {model}" if model else "") for mount, model in both],
+        textposition="middle right",
+        textfont={"size": 11},
+        cliponaxis=False,
+        **QUIET,
+        row=2,
+        col=1,
+    )
+    plot.update_xaxes(range=[-0.03, 1], visible=False, row=2, col=1)
+    return plot.update_yaxes(range=[lines - 0.5, -0.5], visible=False, row=2, col=1)
 
 
 def _lidar(i: int, mount: Mount, across: str) -> go.Scatter:
@@ -151,25 +165,6 @@ def _lidar(i: int, mount: Mount, across: str) -> go.Scatter:
         hovertemplate=f"LiDAR {i + 1}: {_pose(mount)}<extra></extra>",
         showlegend=False,
     )
-
-
-def _add_words(plot: go.Figure, rig: PicturedRig, lines: int) -> None:
-    number, both = range(len(rig.mounts)), zip(rig.mounts, rig.words, strict=True)
-    plot.add_scatter(
-        x=[0.0] * len(number),
-        y=list(number),
-        mode="markers+text",
-        marker={"size": 9, "color": [*map(lidar_colour, number)], "symbol": [*map(symbol, number)]},
-        text=[f" {_pose(mount)}" + (f" · {model}" if model else "") for mount, model in both],
-        textposition="middle right",
-        textfont={"size": 11},
-        cliponaxis=False,
-        **QUIET,
-        row=2,
-        col=1,
-    )
-    plot.update_xaxes(range=[-0.03, 1], visible=False, row=2, col=1)
-    plot.update_yaxes(range=[lines - 0.5, -0.5], visible=False, row=2, col=1)
 
 
 def _pose(mount: Mount) -> str:

@@ -153,5 +153,4 @@ def bin_table(binned: _Binned, limits: tuple[float, float]) -> go.Figure:
         showgrid=False,
         ticks="",
     )
-    plot.update_yaxes(autorange="reversed", showgrid=False, ticks="")
-    return plot
+    return plot.update_yaxes(autorange="reversed", showgrid=False, ticks="")

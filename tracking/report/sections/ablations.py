@@ -105,7 +105,17 @@ def tilts_section(found: Analysis) -> Section | None:
     section = Section("Ablation: roll and pitch", [note])
     if differences["low"].isna().any():
         section.notes.append("A pair with one seed each has no interval.")
-    section.tables.append(_tilt_table(differences))
+    columns = [
+        *(words(name) for name in ("angle", "pair", "class", "detector")),
+        METRIC,
+        numbers("upright (%)", "upright", ".1f"),
+        numbers("tilted (%)", "tilted", ".1f"),
+        in_points("difference (points)", _DIFFERENCE, "+z.1f"),
+    ]
+    units = dict.fromkeys(("upright", "tilted"), "%") | dict.fromkeys(_DIFFERENCE, "points")
+    caption = "Tilted less upright, 95 % intervals in brackets"
+    further = {"wide": True, "name": "roll-and-pitch"}
+    section.tables.append(Table.of(caption, differences, columns, units, **further))
     return section
 
 
@@ -131,19 +141,6 @@ def _differences(
     return pd.DataFrame(rows, columns=[*columns, *_DIFFERENCE])
 
 
-def _tilt_table(differences: pd.DataFrame) -> Table:
-    columns = [
-        *(words(name) for name in ("angle", "pair", "class", "detector")),
-        METRIC,
-        numbers("upright (%)", "upright", ".1f"),
-        numbers("tilted (%)", "tilted", ".1f"),
-        in_points("difference (points)", _DIFFERENCE, "+z.1f"),
-    ]
-    units = dict.fromkeys(("upright", "tilted"), "%") | dict.fromkeys(_DIFFERENCE, "points")
-    caption = "Tilted less upright, 95 % intervals in brackets"
-    return Table.of(caption, differences, columns, units, wide=True, name="roll-and-pitch")
-
-
 class TiltPair(NamedTuple):
     """Two placements, equal but for one angle of some LiDARs; `upright` is tilted less, summed over
     LiDARs."""
@@ -158,7 +155,10 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
     the LiDARs does not matter. Pairs in which both are tilted equally are left out."""
     found = []
     for angle in ANGLES:
-        bases = {name: _without(mounts, angle) for name, mounts in placements.items()}
+        bases = {
+            name: rounded([replace(mount, **{angle: 0.0}) for mount in mounts])
+            for name, mounts in placements.items()
+        }
         tilts = {
             name: round(sum(abs(getattr(mount, angle)) for mount in mounts), DIGITS)
             for name, mounts in placements.items()
@@ -168,7 +168,3 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
                 upright, tilted = sorted((a, b), key=tilts.__getitem__)
                 found.append(TiltPair(angle, upright, tilted))
     return found
-
-
-def _without(mounts: Sequence[Mount], angle: str) -> list[tuple[float, ...]]:
-    return rounded([replace(mount, **{angle: 0.0}) for mount in mounts])

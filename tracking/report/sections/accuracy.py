@@ -102,8 +102,7 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
     powers = {"type": "log", "exponentformat": "power", "dtick": 1}
     plot.update_xaxes(title="seconds a placement and class", **powers)
     plot.update_yaxes(title="relative error", **powers)
-    legend_below(plot)
-    return plot
+    return legend_below(plot)
 
 
 def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:

@@ -59,7 +59,10 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
             **QUIET,
         )
     for object_class in dict.fromkeys(frame.labels.tolist()):
-        x, y = _outlines(frame.boxes[frame.labels == object_class])
+        own = frame.boxes[frame.labels == object_class]
+        lines = np.full((len(own), 6, 2), np.nan)  # rectangles as one line, broken by NaN
+        lines[:, :5] = corners(own)[:, [3, 2, 0, 1, 3], :2]
+        x, y = lines.reshape(-1, 2).T
         line = {"width": 1.5, "dash": _DASHES.get(object_class, "dash")}
         line["color"] = run.sweep.colours.get(object_class, OUTLINE)
         named = {"name": text(object_class), "showlegend": True, "hoverinfo": "skip"}
@@ -71,8 +74,7 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
         ({"visible": [one == name for one in placements] + always}, {"title.text": text(name)})
         for name in placements
     ]
-    add_menu(plot, [text(name) for name in placements], changes, y=1.06)
-    return plot
+    return add_menu(plot, [text(name) for name in placements], changes, y=1.06)
 
 
 def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -83,11 +85,3 @@ def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], ND
     if len(inside) > POINTS:
         inside = np.random.default_rng(0).choice(inside, POINTS, replace=False)
     return np.ascontiguousarray(points[inside, :2], dtype=np.float32), frame.lidar[name][inside]
-
-
-def _outlines(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rectangles of boxes (m, 7) from above as one line, broken by NaN between boxes."""
-    lines = np.full((len(boxes), 6, 2), np.nan)
-    lines[:, :5] = corners(boxes)[:, [3, 2, 0, 1, 3], :2]
-    x, y = lines.reshape(-1, 2).T
-    return x, y

@@ -98,8 +98,7 @@ def scatter(
         places = label_places(table[name].to_numpy(np.float64), mean, names, half)
         data = {"x": [table[name].to_list()], "textposition": [places]}
         changes.append((data, layout | {"xaxis.autorange": True}))
-    add_menu(plot, [labels.surrogate_name(name) for name in menu], changes, first, y=1.02)
-    return plot
+    return add_menu(plot, [labels.surrogate_name(name) for name in menu], changes, first, y=1.02)
 
 
 def _coefficient(row: Mapping[Hashable, Any]) -> str:

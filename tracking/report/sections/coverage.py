@@ -35,31 +35,29 @@ def rigs_section(found: Analysis) -> Section:
     section.figures.append(rig_picture(rigs, run.sweep.body))
     for name, entropy in (run.maps.pog if run.maps else {}).items():
         plot = pog_from_above(entropy, run.roi, f"POG · {text(name)}")
-        add_vehicle(plot, run.sweep.body, run.roi)
-        section.figures.append(plot)
+        section.figures.append(add_vehicle(plot, run.sweep.body, run.roi))
     return section
 
 
 def coverage_section(found: Analysis) -> Section:
     """Two maps of every placement, the best first."""
     run = found.run
-    section = Section("Coverage and residual entropy", columns=2)
+    title = "Coverage and residual entropy"
     if run.maps is None or not run.maps.residual:
-        section.notes.append("The run folder has no maps of residual entropy.")
-        return section
-    section.notes.append(
+        return Section(title, ["The run folder has no maps of residual entropy."])
+    note = (
         "From above. Left: share of each column of voxels that some beam meets. Right: entropy of "
         "all classes where no beam comes, which is what a placement leaves unseen; one scale for "
         f"all placements. LiDARs and {name_of(run.sweep.body)} in orange. Coverage knows no "
         "occlusion: a covered voxel may still be hidden behind an object."
     )
-    section.notes += _setting(run)
+    section = Section(title, [note, *_setting(run)], columns=2)
     shown = [name for name in found.order if name in run.maps.residual][:MOST_MAPS]
     for name in shown:
-        title, residual = text(name), run.maps.residual[name] / np.float32(run.roi.resolution**2)
+        label, residual = text(name), run.maps.residual[name] / np.float32(run.roi.resolution**2)
         share = 100 * run.maps.coverage[name]
-        section.figures.append(_map(run, name, share, f"{title} · covered", "%"))
-        section.figures.append(_map(run, name, residual, f"{title} · residual entropy", "nats/m²"))
+        section.figures.append(_map(run, name, share, f"{label} · covered", "%"))
+        section.figures.append(_map(run, name, residual, f"{label} · residual entropy", "nats/m²"))
     residuals = [plot.data[0] for plot in section.figures[1::2]]
     most = max(heat.zmax for heat in residuals)
     for heat in residuals:
@@ -74,16 +72,12 @@ def _setting(run: RunFolder) -> list[str]:
 
 
 def _map(run: RunFolder, name: str, cells: NDArray[Any], title: str, unit: str) -> go.Figure:
-    plot = pog_from_above(cells, run.roi, title, _CELLS)
-    plot.update_traces(
-        colorbar_title=unit,
-        hovertemplate=f"x %{{x:.1f}}, y %{{y:.1f}} m<br>%{{z:.3g}} {unit}<extra></extra>",
-    )
+    plot = pog_from_above(cells, run.roi, title, _CELLS, unit)
     if unit == "%":
         plot.data[0].zmax = 100
     add_vehicle(plot, run.sweep.body, run.roi)
     mounts = run.placements[name]
-    plot.add_scatter(
+    return plot.add_scatter(
         x=[mount.x for mount in mounts],
         y=[mount.y for mount in mounts],
         mode="markers",
@@ -91,4 +85,3 @@ def _map(run: RunFolder, name: str, cells: NDArray[Any], title: str, unit: str) 
         hovertemplate="LiDAR at %{x:.2f}, %{y:.2f} m<extra></extra>",
         showlegend=False,
     )
-    return plot

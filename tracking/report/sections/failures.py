@@ -158,5 +158,4 @@ def found_alone(
         tickformat=",.0f",
     )
     name_rows(plot, [f"{name}, n {total[name]:,}" for name in bins])
-    legend_below(plot)
-    return plot
+    return legend_below(plot)

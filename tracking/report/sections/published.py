@@ -12,15 +12,7 @@ from lidarplace.rigs.placement import Mount
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import by_setting
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.labels import (
-    digits,
-    in_order,
-    metric_label,
-    number,
-    setting_label,
-    signed,
-    surrogate_label,
-)
+from tracking.labels import in_order, metric_label, number, setting_label, signed, surrogate_label
 from tracking.pages.section import METRIC, Section, Table, numbers, words
 from tracking.published import TABLES, published_detection, published_surrogates
 from tracking.report.analysis import Analysis
@@ -145,19 +137,11 @@ def _published_table(published: pd.DataFrame) -> Table:
     keys = ["class", "metric", "iou", "detector"]
     wide = published.pivot(index=keys, columns="placement", values="value")[placements]
     wide = wide.loc[list(dict.fromkeys(published[keys].itertuples(index=False, name=None)))]
-    rows = tuple(
-        (class_label(n), metric_label(m, iou), network, *(digits(v, ".2f") for v in values))
-        for (n, m, iou, network), values in zip(wide.index, wide.to_numpy(), strict=True)
-    )
     data = published[["table", *keys, "placement", "value"]].rename(columns={"value": "value (%)"})
-    return Table(
-        "Published (%)",
-        ("class", "metric", "detector", *placements),
-        rows,
-        words=frozenset(range(3)),
-        name="published",
-        data=data.assign(table=data["table"].map(TABLES)),
-    )
+    columns = [words("class", show=class_label), METRIC, words("detector")]
+    columns += [numbers(name, name, ".2f") for name in placements]
+    data = data.assign(table=data["table"].map(TABLES))
+    return Table.of("Published (%)", wide.reset_index(), columns, name="published", data=data)
 
 
 _CLASS = "Car"

@@ -1,7 +1,7 @@
 """The section of sensitivity: how much the placement moves AP and recall of each detector."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -77,6 +77,7 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
 
 
 CHANCE = 0.95  # share of sweeps of equal placements whose spread stays below `by_chance`
+_quantile = cache(stats.studentized_range.ppf)  # which takes long
 
 
 def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
@@ -102,11 +103,6 @@ def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-@lru_cache(maxsize=256)
-def _quantile(placements: int, freedom: int) -> float:
-    return float(stats.studentized_range.ppf(CHANCE, placements, freedom))
-
-
 def _by_chance(own: pd.DataFrame) -> float:
     freedom = own["seeds"] - 1
     if freedom.sum() < 1:
@@ -114,4 +110,4 @@ def _by_chance(own: pd.DataFrame) -> float:
     pooled = float(np.sqrt((freedom * own["sd"].fillna(0) ** 2).sum() / freedom.sum()))
     # Unequal numbers of seeds: Kramer's harmonic mean.
     seeds = stats.hmean(own["seeds"])
-    return float(_quantile(len(own), int(freedom.sum())) * pooled / np.sqrt(seeds))
+    return float(_quantile(CHANCE, len(own), int(freedom.sum())) * pooled / np.sqrt(seeds))

@@ -1,7 +1,6 @@
 """The section of shorter trainings: AP against seconds."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import pandas as pd
 import plotly.graph_objects as go
@@ -14,7 +13,7 @@ from tracking.findings.training_cost import (
     training_cost,
     varied_cost_axes,
 )
-from tracking.labels import plus_minus, setting_label, signed
+from tracking.labels import DASH, plus_minus, setting_label, signed
 from tracking.pages.section import Column, Section, Table, numbers, slug
 from tracking.report.analysis import Analysis
 
@@ -50,13 +49,6 @@ def training_cost_section(found: Analysis) -> Section | None:
 
 def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) -> Table:
     """`tracking.findings.training_cost.summarise_cost` of one class and setting as text."""
-
-    def below(row: Mapping[Any, Any]) -> str:
-        return "–" if row["reference"] else plus_minus(row["error"], row["error_sd"])
-
-    def tau(row: Mapping[Any, Any]) -> str:
-        return "–" if row["reference"] else signed(row["kendall"])
-
     columns = [
         Column(
             "detector",
@@ -67,8 +59,11 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
         numbers("trials", "trials", ""),
         numbers("seconds", "seconds", ".3g"),
         numbers("3D AP (%)", "ap", ".1f"),
-        Column("below the longest", below),
-        Column("Kendall τ", tau),
+        Column(
+            "below the longest",
+            lambda row: DASH if row["reference"] else plus_minus(row["error"], row["error_sd"]),
+        ),
+        Column("Kendall τ", lambda row: DASH if row["reference"] else signed(row["kendall"])),
     ]
     caption = f"Means over placements and seeds, rank agreement of the placements · {title}"
     units = {"seconds": "s", "ap": "%", "error": "points"}
@@ -99,5 +94,4 @@ def training_cost_figure(summary: pd.DataFrame, axes: Sequence[str], title: str)
         )
     plot.update_xaxes(type="log", title="seconds of training; the star is the longest")
     plot.update_yaxes(title="AP below the longest (points)")
-    legend_below(plot)
-    return plot
+    return legend_below(plot)

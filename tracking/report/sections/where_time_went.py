@@ -15,7 +15,13 @@ def where_time_went(found: Analysis) -> Section:
         section.notes.append("The run folder has no tasks.parquet.")
         return section
     if run.sweep.seconds is not None:
-        section.notes.append(_last_command(run.sweep.seconds, run.tasks))
+        before = run.tasks["cached"].sum()
+        more = (
+            f" It found {before:,} of the {len(run.tasks):,} results in place, so this is not the "
+            "time of the whole sweep."
+        )
+        said = f"The last command took {run.sweep.seconds:,.0f} s on the clock."
+        section.notes.append(said + (more if before else ""))
     if run.tasks["started"].isna().all():
         section.notes.append("No task ran, so no efficiency.")
         return section
@@ -23,18 +29,18 @@ def where_time_went(found: Analysis) -> Section:
         section.notes.append("The run folder does not say how many cores it had: no efficiency.")
         return section
     section.notes += _sentences(run.tasks, run.sweep.cores)
-    section.tables.append(_times_table(stage_times(run.tasks)))
+    columns = [
+        words("stage"),
+        numbers("tasks", "tasks", ","),
+        numbers("task seconds", "task_seconds", ",.1f"),
+        numbers("wall seconds", "wall", ",.1f"),
+        numbers("overhead a task (ms)", "overhead", lambda s: digits(1000 * s, ",.1f")),
+        numbers("peak memory (MB)", "peak_memory", lambda size: digits(size / 1e6, ",.0f")),
+    ]
+    units = dict.fromkeys(("task_seconds", "wall", "overhead"), "s") | {"peak_memory": "bytes"}
+    times = stage_times(run.tasks)
+    section.tables.append(Table.of("Seconds by stage", times, columns, units, name="stages"))
     return section
-
-
-def _last_command(seconds: float, tasks: pd.DataFrame) -> str:
-    """Seconds on the clock, which are not those of the sweep if it was resumed or run again."""
-    said, before = f"The last command took {seconds:,.0f} s on the clock.", tasks["cached"].sum()
-    more = (
-        f" It found {before:,} of the {len(tasks):,} results in place, so this is not the time of "
-        "the whole sweep."
-    )
-    return said + (more if before else "")
 
 
 def _sentences(tasks: pd.DataFrame, cores: int) -> list[str]:
@@ -61,19 +67,6 @@ def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
         f"configured, for lack of memory: {some(labels)}. Batch size changes what is learned, so "
         "the comparison with the others is not quite fair."
     ]
-
-
-def _times_table(times: pd.DataFrame) -> Table:
-    columns = [
-        words("stage"),
-        numbers("tasks", "tasks", ","),
-        numbers("task seconds", "task_seconds", ",.1f"),
-        numbers("wall seconds", "wall", ",.1f"),
-        numbers("overhead a task (ms)", "overhead", lambda s: digits(1000 * s, ",.1f")),
-        numbers("peak memory (MB)", "peak_memory", lambda size: digits(size / 1e6, ",.0f")),
-    ]
-    units = dict.fromkeys(("task_seconds", "wall", "overhead"), "s") | {"peak_memory": "bytes"}
-    return Table.of("Seconds by stage", times, columns, units, name="stages")
 
 
 def stage_times(tasks: pd.DataFrame) -> pd.DataFrame:
