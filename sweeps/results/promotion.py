@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import pandas as pd
@@ -105,7 +105,9 @@ def _climb(
     for number, rung in enumerate(sweep.common.promote):
         trained = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next
         contests = [_contest(trials, trained, out) for trials in groups]
-        if not run(plan.needed_for(_looked_at(contests, rung))):
+        every = (trial for contest in contests for own in contest.values() for trial in own)
+        ranked_by = (t.results if rung.by in RANKING else (t.pog, *t.scores) for t in every)
+        if not run(plan.needed_for(itertools.chain.from_iterable(ranked_by))):
             return False
         for trials, contest in zip(groups, contests, strict=True):
             verdicts = decide(number, rung, contest)
@@ -134,12 +136,6 @@ def _contest(trials: Iterable[Trial], rung: int, out: Collection[str]) -> dict[s
         if trial.grid_point.rung == rung and trial.key not in out:
             contest.setdefault(trial.grid_point.point.placement, []).append(trial)
     return contest
-
-
-def _looked_at(contests: Iterable[Mapping[str, list[Trial]]], rung: Rung) -> Iterator[Task]:
-    for contest in contests:
-        for trial in itertools.chain.from_iterable(contest.values()):
-            yield from trial.results if rung.by in RANKING else (trial.pog, *trial.scores)
 
 
 def _axes(trial: Trial) -> dict[str, object]:
