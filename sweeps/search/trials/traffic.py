@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,8 +20,14 @@ from sweeps.plan.plan import RECALL_FRAMES
 from sweeps.search.problem.assess import Assessment, Question, Traffic, assess
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.space import Space
-from sweeps.search.trials.study import assessment_of, finished_trials, tell
+from sweeps.search.trials.study import (
+    Timing,
+    ask_for,
+    assessment_of,
+    finished_trials,
+    next_batch,
+    tell,
+)
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.parameters import RecallParams
@@ -42,7 +49,7 @@ def training_traffic(
     """What the objectives ask for. `scene`: key path -> value, what differs from the configuration.
     Raises ConfigError: a value is not allowed at its key path; NoTraffic: something failed, or
     `expected_recall` is asked of a class of which no object counts."""
-    if not problem.question.needs_pog:
+    if not any(objective.of_traffic for objective in problem.question.objectives):
         return Traffic({})
     sweep = problem.sweep(scene)
     tasks, trial = problem.pog_tasks(sweep)
@@ -107,29 +114,60 @@ class Pool:
         return [job.result() for job in jobs]
 
 
-class SurrogateAnswers:
-    """Answers by a pool of workers."""
+Asked = list[tuple[optuna.Trial, Choices]]
+Measured = tuple[dict[int, list[float]], dict[int, str]]
+"""Values of the measured objectives, and reasons why there are none, by number of the trial."""
 
-    def __init__(self, study: optuna.Study, space: Space, question: Question, pool: Pool) -> None:
-        self._study, self._question, self._pool = study, question, pool
+
+class SurrogateAnswers:
+    """Evaluates rigs by a pool of workers: `begin` takes up one of the next batch, and `finish`
+    tells the study of the whole batch, in the order of the trials' numbers."""
+
+    def __init__(self, study: optuna.Study, problem: Problem, pool: Pool) -> None:
+        self.study, self.problem, self._pool = study, problem, pool
         known = finished_trials(study)
-        self._known = {space.rig(trial.params): assessment_of(trial) for trial in known}
-        self._asked: list[tuple[optuna.Trial, Choices]] = []
+        self._known = {problem.space.rig(trial.params): assessment_of(trial) for trial in known}
+        self._asked: Asked = []
         self._jobs: dict[Choices, Job[Assessment]] = {}
+
+    def run(self, told: Callable[[int], None]) -> Timing:
+        """Ask and tell until there are enough trials; `told`: gets the number of finished ones."""
+        timing, settings = Timing(), self.problem.file.search
+        while (batch := next_batch(self.study, settings)) is not None:
+            for number in batch:
+                start = time.perf_counter()
+                trial = ask_for(self.study, number)
+                rig = self.problem.space.suggest(trial)
+                timing.sampler += time.perf_counter() - start
+                self.begin(trial, rig)
+            start = time.perf_counter()
+            self.finish()
+            timing.evaluation += time.perf_counter() - start
+            told(batch[-1] + 1)
+        return timing
 
     def begin(self, trial: optuna.Trial, rig: Choices) -> None:
         self._asked.append((trial, rig))
         if rig not in self._known and rig not in self._jobs:
-            self._jobs[rig] = self._pool.submit(rig, self._question)
+            self._jobs[rig] = self._pool.submit(rig, self.problem.question)
 
     def finish(self) -> None:
         self._known |= {rig: job.result() for rig, job in self._jobs.items()}
-        for trial, rig in self._asked:
-            found = self._known[rig]
-            values, failure = None, None
-            if found.values is not None:
-                values = [found.values[o.name] for o in self._question.objectives]
-                if any(math.isnan(value) for value in values):
-                    failure = "an objective is undefined for this rig: nothing is covered"
-            tell(self._study, trial, found, values, failure)
-        self._asked, self._jobs = [], {}
+        asked, self._asked, self._jobs = self._asked, [], {}
+        measured, failed = self._measure([own for own in asked if self._known[own[1]].feasible])
+        for trial, rig in asked:
+            found, values = self._known[rig], None
+            if found.values is not None and (trial.number in measured or not self.problem.judged):
+                left = iter(measured.get(trial.number, ()))
+                values = [
+                    next(left) if o.measured else found.values[o.name]
+                    for o in self.problem.question.objectives
+                ]
+                if any(map(math.isnan, values)):
+                    reason = "an objective is undefined for this rig: nothing is covered"
+                    failed[trial.number] = reason
+            tell(self.study, trial, found, values, failed.get(trial.number))
+
+    def _measure(self, asked: Asked) -> Measured:
+        """What detectors measure of rigs that keep all constraints."""
+        return {}, {}
