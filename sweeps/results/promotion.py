@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import fmean
 
 import pandas as pd
 
@@ -18,7 +19,7 @@ from lidarplace.base.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
-from sweeps.results.trial_results import Cell, cells, metric_mean, trial_seconds
+from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
 from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 
@@ -191,7 +192,10 @@ def _value_and_seconds(
     if rung.by in RANKING:
         whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
         seconds = math.fsum(trial_seconds(trial, store) for trial in whole)
-        return metric_mean(trials, rung.by, object_class, store), seconds
+        if len(whole) < len(trials):  # a mean over the other seeds would compare unlike things
+            return math.nan, seconds
+        tables = (store.read(trial.evaluate, lambda found: found.metrics) for trial in whole)
+        return fmean(headline_value(own, rung.by, object_class) for own in tables), seconds
     task = trials[0].score_by(rung.by)
     if not store.has(task):
         return math.nan, math.nan

@@ -14,7 +14,7 @@ from lidarplace.files.atomic import write_text
 from lidarplace.pog.selection.tracing import OBJECTIVES
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import candidates_of, check_grid, limits_of, worth_of
+from sweeps.search.greedy.candidates import candidates_of, limits_of, worth_of
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, ordered
@@ -95,12 +95,6 @@ def why_none(problem: Problem) -> str | None:
         f"search.azimuth_stride {stride} does not divide the azimuth steps of all LiDAR models "
         "evenly; 1 does"
     )
-
-
-def check_candidates(problem: Problem) -> None:
-    """Raise ValueError if the grid is finer than the settings allow."""
-    if why_none(problem) is None:
-        check_grid(problem)
 
 
 def certify(problem: Problem, traffic: Traffic) -> Certificate | None:

@@ -2,7 +2,6 @@
 
 import platform
 import shlex
-from collections.abc import Mapping
 from dataclasses import astuple
 from importlib.metadata import version
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace import Mount, OccupancyGrid, Roi
+from lidarplace import Mount, Roi
 from lidarplace.base.metrics import METRICS
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.command_line.invocation import command
@@ -67,8 +66,7 @@ def write_search(
         write_text(folder / "placement.yaml", problem.placement_text(found.judged["found_1"].rig))
         write_text(folder / "sweep.yaml", _sweep(problem, found))
         if found.grids:
-            rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
-            _maps(rigs, problem, found.grids).write(folder)
+            _maps(problem, found).write(folder)
     about.write(folder)
 
 
@@ -83,18 +81,17 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
     Grounds.of(outline(carrier.vehicle), names, grounds).write(folder)
 
 
-def _maps(
-    rigs: Mapping[str, Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
-) -> UnseenMaps:
-    """The maps of the POG by class, and of what each rig leaves unseen of it."""
-    method, pog, unseen = problem.file.surrogate.method, {}, {}
-    placements = {name: placement_of(rig, problem.models, name) for name, rig in rigs.items()}
-    for name, grid in grids.items():
-        pog[name] = uncovered([grid], np.broadcast_to(np.False_, grid.counts.shape))[0]
-        unseen[name] = {
-            rig: uncovered([grid], coverage(placement, grid.roi, method))[0]
-            for rig, placement in placements.items()
-        }
+def _maps(problem: Problem, found: Found) -> UnseenMaps:
+    """The maps of the POG by class, and of what the best rigs leave unseen of it."""
+    roi, method = next(iter(found.grids.values())).roi, problem.file.surrogate.method
+    covered = {
+        name: coverage(placement_of(found.judged[name].rig, problem.models, name), roi, method)
+        for name in ("found_1", found.baseline)
+    }
+    pog, unseen = {}, {}
+    for name, grid in found.grids.items():
+        pog[name] = uncovered([grid], np.broadcast_to(np.False_, roi.shape))[0]
+        unseen[name] = {rig: uncovered([grid], own)[0] for rig, own in covered.items()}
     return UnseenMaps(pog, unseen)
 
 

@@ -13,7 +13,7 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.configuration.sweep import SurrogateSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
-from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
+from sweeps.search.problem.constraints import Carrier, Constraint, measures_of, requirement_name
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,8 @@ def _values(
         if objective.by in TOTALS:
             found[objective.name] = question.carrier.total_of(objective.by, rig)
         elif objective.by == "margin":
-            found[objective.name] = margin_of(measures, question.constraints)
+            required = (c for c in question.constraints if c.name.startswith(requirement_name("")))
+            found[objective.name] = min(measures[c.name] / c.limit for c in required)
         elif objective.of_traffic:
             weights = objective.weights_of(traffic.grids)
             of_objects = objective.by in OBJECT_SURROGATES

@@ -161,12 +161,6 @@ class Carrier:
         return judge(self.requirements, placement, self.vehicle, self.further)
 
 
-def margin_of(measures: Mapping[str, float], constraints: Sequence[Constraint]) -> float:
-    """The least that a requirement has of what it needs: 1 is just enough."""
-    required = (c for c in constraints if c.name.startswith(requirement_name("")))
-    return min(measures[c.name] / c.limit for c in required)
-
-
 def _of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
     """What each requirement has in its worst case, by the constraint's name, and `enough.NAME`."""
     names = [requirement_name(own.requirement.name) for own in carrier.requirements]

@@ -96,24 +96,6 @@ def open_study(
     return study
 
 
-def next_batch(study: optuna.Study, settings: SearchSettings) -> list[int] | None:
-    """Numbers of the trials to finish next; None if there are enough."""
-    trials = study.get_trials(deepcopy=False)
-    unfinished = [trial.number for trial in trials if not trial.state.is_finished()]
-    first = min(unfinished, default=len(trials))
-    start = first - first % settings.batch_size
-    end = min(start + settings.batch_size, max(settings.trials, max(unfinished, default=-1) + 1))
-    return [n for n in range(start, end) if n >= len(trials) or n in unfinished] or None
-
-
-def ask_for(study: optuna.Study, number: int) -> optuna.Trial:
-    """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
-    known = study.get_trials(deepcopy=False)  # by number
-    if number < len(known) and known[number].state == TrialState.RUNNING:
-        return optuna.Trial(study, known[number]._trial_id)
-    return study.ask()
-
-
 def tell(
     study: optuna.Study,
     trial: optuna.Trial,

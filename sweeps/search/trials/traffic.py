@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import optuna
+from optuna.trial import TrialState
 from rich.console import Console
 
 from lidarplace import ExpectedRecall
@@ -20,14 +21,7 @@ from sweeps.plan.plan import RECALL_FRAMES
 from sweeps.search.problem.assess import Assessment, Question, Traffic, assess
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.study import (
-    Timing,
-    ask_for,
-    assessment_of,
-    finished_trials,
-    next_batch,
-    tell,
-)
+from sweeps.search.trials.study import Timing, assessment_of, finished_trials, tell
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.parameters import RecallParams
@@ -132,11 +126,11 @@ class SurrogateAnswers:
 
     def run(self, told: Callable[[int], None]) -> Timing:
         """Ask and tell until there are enough trials; `told`: gets the number of finished ones."""
-        timing, settings = Timing(), self.problem.file.search
-        while (batch := next_batch(self.study, settings)) is not None:
+        timing = Timing()
+        while (batch := self._next_batch()) is not None:
             for number in batch:
                 start = time.perf_counter()
-                trial = ask_for(self.study, number)
+                trial = self._ask(number)
                 rig = self.problem.space.suggest(trial)
                 timing.sampler += time.perf_counter() - start
                 self.begin(trial, rig)
@@ -145,6 +139,22 @@ class SurrogateAnswers:
             timing.evaluation += time.perf_counter() - start
             told(batch[-1] + 1)
         return timing
+
+    def _next_batch(self) -> list[int] | None:
+        """Numbers of the trials to finish next; None if there are enough."""
+        trials, settings = self.study.get_trials(deepcopy=False), self.problem.file.search
+        unfinished = [trial.number for trial in trials if not trial.state.is_finished()]
+        first, size = min(unfinished, default=len(trials)), settings.batch_size
+        start = first - first % size
+        end = min(start + size, max(settings.trials, max(unfinished, default=-1) + 1))
+        return [n for n in range(start, end) if n >= len(trials) or n in unfinished] or None
+
+    def _ask(self, number: int) -> optuna.Trial:
+        """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
+        known = self.study.get_trials(deepcopy=False)  # by number
+        if number < len(known) and known[number].state == TrialState.RUNNING:
+            return optuna.Trial(self.study, known[number]._trial_id)
+        return self.study.ask()
 
     def begin(self, trial: optuna.Trial, rig: Choices) -> None:
         self._asked.append((trial, rig))
