@@ -36,9 +36,9 @@ def cheapest(
     from sweeps.search.cheapest.choose import cheapest as choose
     from sweeps.search.cheapest.choose import check
     from sweeps.search.cheapest.polish import polish
-    from sweeps.search.cheapest.recall import recall_of
     from sweeps.search.cheapest.result import as_json as told
     from sweeps.search.cheapest.result import print_chosen, write_chosen
+    from sweeps.search.judgement.chosen import recall_of
     from sweeps.search.problem.problem import read_problem
     from sweeps.store.open import store_of
 

@@ -41,13 +41,15 @@ def search(
         print_json(SearchFile.model_json_schema())
         return
     config = given(config, "search", "examples/search.yaml", as_json and not dry_run)
-    from sweeps.search.greedy.certificate import check_candidates
+    from sweeps.search.greedy.candidates import check_grid
+    from sweeps.search.greedy.certificate import why_none
     from sweeps.search.output.terminal import planned, print_problem
     from sweeps.search.problem.problem import read_problem
 
     with checked_input():
         problem = read_problem(config, set_ or [])
-        check_candidates(problem)
+        if why_none(problem) is None:
+            check_grid(problem)
         problem.check_memory()
     if as_json:
         print_json(planned(problem))

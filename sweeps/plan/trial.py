@@ -86,6 +86,11 @@ class DetectorTrial(Trial):
     evaluate: Task[kinds.Evaluated]
 
     @property
+    def test_truths(self) -> list[Task[kinds.GroundTruth]]:
+        """Of the test frames; those of a training log may have the same numbers."""
+        return [task for task in self.evaluate.inputs if task.stage == "ground_truth"]
+
+    @property
     def learns(self) -> Task:
         """The training, or the command."""
         return self.finetune or self.evaluate.inputs[0]

@@ -11,7 +11,6 @@ from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import axis_values, with_columns
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 from tracking.run_folders.sweep_tables import OBJECTS
 from training.kitti_ap import found_objects
 
@@ -29,7 +28,7 @@ def object_tables(
     for trial in trials:
         setting = axis_values(trial, own)
         classes = trial.grid_point.point.classes
-        place = (*(task.key for task in _truths(trial)), classes, *setting.values())
+        place = (*(task.key for task in trial.test_truths), classes, *setting.values())
         if place not in of_setting:
             objects = _test_objects(trial, store)
             objects.insert(0, "object", first + np.arange(len(objects)))
@@ -41,13 +40,8 @@ def object_tables(
     return (pd.concat(of_setting.values(), ignore_index=True), pd.concat(found, ignore_index=True))
 
 
-def _truths(trial: DetectorTrial) -> list[Task]:
-    """Of the test frames; those of a training log may have the same numbers."""
-    return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]
-
-
 def _test_objects(trial: DetectorTrial, store: Store) -> pd.DataFrame:
-    truths = [store.load(task) for task in _truths(trial)]
+    truths = [store.load(task) for task in trial.test_truths]
     objects = pd.concat([truth.objects for truth in truths])
     frames = pd.concat([truth.frames for truth in truths])
     test = frames.loc[frames["split"] == "test", ["frame", "route"]]

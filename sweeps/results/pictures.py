@@ -23,8 +23,7 @@ MOST_UNTESTED = 12
 
 
 def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFrame) -> list[Trial]:
-    """A trial of every placement to draw: those that were tested, else the best by a surrogate of
-    the table of all `known`."""
+    """Trials to draw, one a placement: those that were tested, else the best by a surrogate."""
     by_name: dict[str, Trial] = {}
     for trial in tested or known:
         by_name.setdefault(trial.grid_point.point.placement, trial)

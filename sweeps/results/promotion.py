@@ -9,8 +9,9 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import fmean
 
 import pandas as pd
 
@@ -18,7 +19,7 @@ from lidarplace.base.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
-from sweeps.results.trial_results import Cell, cells, metric_mean, trial_seconds
+from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
 from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 
@@ -105,7 +106,9 @@ def _climb(
     for number, rung in enumerate(sweep.common.promote):
         trained = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next
         contests = [_contest(trials, trained, out) for trials in groups]
-        if not run(plan.needed_for(_looked_at(contests, rung))):
+        every = (trial for contest in contests for own in contest.values() for trial in own)
+        ranked_by = (t.results if rung.by in RANKING else (t.pog, *t.scores) for t in every)
+        if not run(plan.needed_for(itertools.chain.from_iterable(ranked_by))):
             return False
         for trials, contest in zip(groups, contests, strict=True):
             verdicts = decide(number, rung, contest)
@@ -134,12 +137,6 @@ def _contest(trials: Iterable[Trial], rung: int, out: Collection[str]) -> dict[s
         if trial.grid_point.rung == rung and trial.key not in out:
             contest.setdefault(trial.grid_point.point.placement, []).append(trial)
     return contest
-
-
-def _looked_at(contests: Iterable[Mapping[str, list[Trial]]], rung: Rung) -> Iterator[Task]:
-    for contest in contests:
-        for trial in itertools.chain.from_iterable(contest.values()):
-            yield from trial.results if rung.by in RANKING else (trial.pog, *trial.scores)
 
 
 def _axes(trial: Trial) -> dict[str, object]:
@@ -195,7 +192,10 @@ def _value_and_seconds(
     if rung.by in RANKING:
         whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
         seconds = math.fsum(trial_seconds(trial, store) for trial in whole)
-        return metric_mean(trials, rung.by, object_class, store), seconds
+        if len(whole) < len(trials):  # a mean over the other seeds would compare unlike things
+            return math.nan, seconds
+        tables = (store.read(trial.evaluate, lambda found: found.metrics) for trial in whole)
+        return fmean(headline_value(own, rung.by, object_class) for own in tables), seconds
     task = trials[0].score_by(rung.by)
     if not store.has(task):
         return math.nan, math.nan

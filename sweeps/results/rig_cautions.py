@@ -26,16 +26,14 @@ MOST_PAIRS = 3
 """Of LiDARs of a rig that look into each other."""
 
 LEAST_COVERED = 0.01
-"""Share of the ROI's voxels; a level LiDAR of 16 beams on the roof covers 30 % of those of 0.2 m in
-front of the car."""
+"""Share of the ROI's voxels; a level LiDAR of 16 beams on the roof covers 30 % in front."""
 
 MOST_STOPPED = 0.25
 """Share of a LiDAR's rays; of the paper's at most 3 % meet the vehicle, as clouds have it."""
 
 
 def rig_cautions(plan: Plan) -> list[str]:
-    """Rings that coincide; LiDARs that look into each other or see little; rigs that the generalist
-    cannot know."""
+    """Rings that coincide, LiDARs that see each other or little, rigs new to the generalist."""
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import partial
@@ -134,14 +135,12 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     ):
         table.write(frame, folder)
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
-    frames = {"train": 0, "test": 0}
+    frames = Counter[str]()
     pictured: Mapping[str, Cell] = {}
     body = plan.trials[0].grid_point.vehicle
     if known:
         for scene in (task for task in known[0].scenes if task.key in there):
-            splits = store.read(scene, lambda log: log.frames)["split"]
-            for split, count in splits.value_counts().items():
-                frames[str(split)] += int(count)
+            frames.update(store.read(scene, lambda log: log.frames)["split"])
         shown = drawn(known, tested, surrogates)
         maps(shown, store).write(folder)
         if plan.laid:
@@ -150,7 +149,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
             one_frame(with_detector(shown), store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
         body = shown[0].grid_point.vehicle
-    _about(sweep, Frames(**frames), run, pictured, body, plan).write(folder)
+    counts = Frames(train=frames["train"], test=frames["test"])
+    _about(sweep, counts, run, pictured, body, plan).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = Analysis.of(RunFolder.read(folder)).pair
     if compared is not None:

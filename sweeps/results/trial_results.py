@@ -12,7 +12,7 @@ from sweeps.store.local import Store
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.findings.groups import ONE_FOR_ALL
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 
 Cell = int | float | str
 """What a cell of a table holds."""
@@ -33,25 +33,9 @@ def trial_results(
     return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
 
 
-def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: Store) -> float:
-    """Mean of a metric at KITTI's IoU over trials that differ in seed, percent.
-
-    NaN if one has no result: a mean over the other seeds would compare unlike things.
-    """
-    values: list[float] = []
-    for trial in trials:
-        if not isinstance(trial, DetectorTrial) or not store.has(trial.evaluate):
-            return math.nan
-        metrics = store.read(trial.evaluate, lambda found: found.metrics)
-        values.append(headline_value(metrics, metric, object_class))
-    return math.fsum(values) / len(values) if values else math.nan
-
-
 def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
     """A metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
-    match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
-    match &= metrics["iou"] == headline_iou(metrics, object_class, metric)
-    return next(iter(metrics.loc[match, "value"].tolist()), math.nan)
+    return next(iter(judged(metrics, metrics, object_class, metric)["value"].tolist()), math.nan)
 
 
 def trial_seconds(trial: Trial, store: Store) -> float:

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from sweeps.configuration.search import GENERALIST, ObjectiveSettings
+from sweeps.configuration.search import GENERALIST
 from sweeps.search.judgement.chosen import MOST_CHOSEN
 from sweeps.search.problem.problem import Problem, read_problem
 from tracking.run_folders.search import SearchFolder
@@ -37,22 +37,21 @@ def second_round(problem: Problem, first: Problem, path: Path, overrides: Sequen
         for name, rig in islice((own for own in rigs if own[1].role == "found"), MOST_CHOSEN)
     }
     assert problem.file.search.adapt is not None
+    adapted = {"judge": GENERALIST}
     changes: dict[str, Any] = {
         "search.adapt": None,
         "search.trials": problem.file.search.trials - problem.file.search.adapt,
         "search.families": 0,
         "search.near_start": True,
         "search.start": [*problem.file.search.start, *best],
-        "search.objective": [_adapted(own) for own in problem.file.search.objective],
+        "search.objective": [
+            own.model_dump(mode="json", exclude_none=True) | (adapted if own.measured else {})
+            for own in problem.file.search.objective
+        ],
         "training.checkpoint": str(problem.file.training.checkpoint or "pretrained"),
     }
     changes |= {f"placements.{name}": {"mounts": mounts} for name, mounts in best.items()}
     return _changed(path, overrides, changes)
-
-
-def _adapted(objective: ObjectiveSettings) -> dict[str, Any]:
-    own = objective.model_dump(mode="json", exclude_none=True)
-    return own | ({"judge": GENERALIST} if objective.measured else {})
 
 
 def _changed(path: Path, overrides: Sequence[str], changes: dict[str, Any]) -> Problem:

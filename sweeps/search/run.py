@@ -22,32 +22,14 @@ from sweeps.mlflow.page import note
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.judgement.chosen import choose
 from sweeps.search.judgement.robustness import in_scene, robustness, with_share
-from sweeps.search.judgement.winners import (
-    Found,
-    Judged,
-    baseline_of,
-    best_linear_share,
-    best_trials,
-    exact,
-    judge,
-    judge_others,
-)
+from sweeps.search.judgement.winners import Found, Judged, baseline_of, best_trials, exact, judged
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.tables import ABOUT, columns, ended_trials
 from sweeps.search.output.terminal import print_failures, print_found
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_generalist import GeneralistAnswers
-from sweeps.search.trials.study import (
-    Answers,
-    Timing,
-    is_emptied,
-    journal_path,
-    open_study,
-    quiet,
-    run_study,
-    storage_in,
-)
+from sweeps.search.trials.study import Timing, emptied_journal, open_study, quiet, storage_in
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
 from sweeps.store.local import Store
 from sweeps.store.open import reference
@@ -64,8 +46,7 @@ _ARTIFACTS = (".parquet", ".yaml", ".html", ".json")
 def run_search(
     console: Console, problem: Problem, store: Store, command: str, verify: bool
 ) -> bool:
-    """Search, write the results, verify. Returns whether a placement was found and all went well.
-    Raises as `sweeps.execution.runner.drive`."""
+    """Search, write, verify. Returns whether all went well. Raises as `drive`."""
     work = SearchWork(console, problem, store, hide_secrets(command, *problem.file.urls))
     found, good = drive(console, problem.file, store, work)
     good &= not print_failures(console, found) and bool(found.trials)
@@ -129,8 +110,8 @@ class SearchWork:
     def open(self, folder: Path, say: Say) -> ParentRun:
         file, search = self.problem.file, self.problem.file.search
         self._storage = storage_in(folder)
-        if is_emptied(folder):
-            say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
+        if (journal := emptied_journal(folder)) is not None:
+            say(f"{journal} holds no trial, though this search had some: anew")
         params: dict[str, Any] = {"objective": ", ".join(own.name for own in search.objective)}
         params |= {key: getattr(search, key) for key in ("sampler", "seed", "batch_size")}
         return ParentRun(
@@ -167,7 +148,7 @@ class SearchWork:
 
     def _search(self, backend: Backend, log: SweepLog) -> Found:
         problem = self.problem
-        question, settings = problem.question, problem.file.search
+        settings = problem.file.search
         traffic = training_traffic(self.console, problem, self.store, backend)
         # a cluster that cannot be joined is reported before the bound
         pool = Pool.of(backend, traffic)
@@ -176,13 +157,11 @@ class SearchWork:
         study = open_study(self._storage, name, settings, first_params(problem, certificate))
         timing = self._trials(study, pool, backend, log)
         trials = best_trials(study, problem.space)
-        judged = _judged(problem, trials, certificate, pool)
-        chosen = None
+        rigs, chosen = judged(problem, trials, certificate, pool), None
         if problem.judged and trials:
-            judged, chosen = choose(self.console, problem, judged, self.store, backend)
-        robust = self._robustness(judged, pool, backend, traffic) if trials else None
-        share, grids = best_linear_share(judged, traffic.grids, question), traffic.grids
-        return Found(study, trials, certificate, none, judged, robust, grids, timing, share, chosen)
+            rigs, chosen = choose(self.console, problem, rigs, self.store, backend)
+        robust = self._robustness(rigs, pool, backend, traffic) if trials else None
+        return Found(study, trials, certificate, none, rigs, robust, traffic.grids, timing, chosen)
 
     def _certificate(self, traffic: Traffic) -> tuple[Certificate | None, str | None]:
         """Greedy choice and its bound; or None and why there is none."""
@@ -210,21 +189,18 @@ class SearchWork:
     def _trials(self, study: optuna.Study, pool: Pool, backend: Backend, log: SweepLog) -> Timing:
         """Ask and tell; every trial is logged."""
         problem, settings = self.problem, self.problem.file.search
-        answers: Answers
         progress = TrialProgress(self.console, settings.trials, self.store)
+        answers = SurrogateAnswers(study, problem, pool)
         if problem.judged:
             answers = GeneralistAnswers(study, problem, pool, self.store, backend, progress)
-        else:
-            answers = SurrogateAnswers(study, problem.space, problem.question, pool)
         log.follow(partial(ended_trials, study, problem))
         with progress:
-            return run_study(study, problem.space, settings, answers, progress.told)
+            return answers.run(progress.told)
 
     def _robustness(
         self, judged: Mapping[str, Judged], pool: Pool, backend: Backend, traffic: Traffic
     ) -> pd.DataFrame | None:
-        """The best rigs with other mounts and in other scenes; None if it is not asked for, or no
-        objective is a surrogate."""
+        """The best rigs with other mounts and in other scenes; None if it is not asked for."""
         problem, settings = self.problem, self.problem.file.robustness
         question = exact(problem.question)
         if settings is None or not traffic.grids:
@@ -245,21 +221,3 @@ class SearchWork:
                 continue
             tables.append(in_scene(rigs, question, Pool.of(backend, other), name))
         return with_share(pd.concat(tables, ignore_index=True))
-
-
-def _judged(
-    problem: Problem,
-    trials: list[optuna.trial.FrozenTrial],
-    certificate: Certificate | None,
-    pool: Pool,
-) -> dict[str, Judged]:
-    """The best of the search, greedy's rigs and the paper's."""
-    question, others = problem.question, {}
-    if certificate is not None and certificate.chosen:  # nothing, where no LiDAR sees anything
-        others["greedy"] = certificate.rig
-    if certificate is not None and certificate.refined is not None:
-        others["refined"] = certificate.refined
-    found = judge(trials, problem.space, question, pool)
-    judged = {f"found_{i}": own for i, own in enumerate(found, start=1)}
-    judged |= judge_others(others, "greedy", question, pool)
-    return judged | judge_others(problem.paper_rigs(), "paper", question, pool)

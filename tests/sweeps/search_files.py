@@ -6,6 +6,7 @@ from pathlib import Path
 import yaml
 from typer.testing import CliRunner
 
+from lidarplace.logs.box_log import BoxLog, read_box_log
 from sweeps.commands.search import app
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
@@ -44,6 +45,13 @@ def run_search(path: Path, *options: str, codes: tuple[int, ...] = (0,)) -> str:
     done = CliRunner().invoke(app, [str(path), *options], catch_exceptions=False)
     assert done.exit_code in codes, done.output
     return done.output
+
+
+def train_log(folder: Path) -> BoxLog:
+    """The frames to train on of the log in a folder."""
+    log = read_box_log(folder)
+    frames = log.frames[log.frames["split"] == "train"]
+    return BoxLog(log.boxes[log.boxes["frame"].isin(frames["frame"])], frames, log.buildings)
 
 
 def searched(folder: Path, code: int = 0, **changes) -> tuple[SearchFolder, str]:

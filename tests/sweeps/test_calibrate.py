@@ -30,6 +30,12 @@ SWEEP = {
 }
 
 
+def drawn(objects, seen, random):
+    """Objects that are found by the curve."""
+    p = MOST * (1 - np.exp(-RATE * seen.counts()))
+    return objects.table[random.random(len(p)) < p]
+
+
 def write_log(folder):
     """Four cars in each of 100 test frames, and one frame to train."""
     rng = np.random.default_rng(0)
@@ -69,8 +75,7 @@ def detect(config):
         name = trial.grid_point.point.placement
         lidar = replace(Lidar.paper(), azimuth_steps=1800)
         seen = objects.seen_by([PAPER_PLACEMENTS[name].with_lidar(lidar)])[0]
-        p = MOST * (1 - np.exp(-RATE * seen.counts()))
-        detections.append((trial, objects.table[rng.random(len(p)) < p]))
+        detections.append((trial, drawn(objects, seen, rng)))
     return plan, store, detections
 
 
@@ -133,8 +138,7 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
         lidar = Lidar.paper()
         (seen,) = objects.seen_by([read_placement(tmp_path / f"{name}.yaml", lidar)])
         rng = np.random.default_rng(seed)
-        p = MOST * (1 - np.exp(-RATE * seen.counts()))
-        boxes = objects.table[rng.random(len(p)) < p]
+        boxes = drawn(objects, seen, rng)
         found = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
         found.to_parquet(tmp_path / f"{name}.parquet")
         options += ["--rig", f"{name}={tmp_path / name}.parquet"]

@@ -4,10 +4,9 @@ import itertools
 
 import pytest
 import yaml
-from search_files import write_search
+from search_files import train_log, write_search
 
 from lidarplace import ExpectedRecall, OccupancyGrid
-from lidarplace.logs.box_log import BoxLog, read_box_log
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import grid_points
 from sweeps.search.greedy.certificate import (
@@ -44,15 +43,11 @@ def problem_of(folder, **changes):
 
 
 def traffic_of(problem):
-    log = read_box_log(problem.file.scene.folder)
-    train = log.frames[log.frames["split"] == "train"]
-    boxes = log.boxes[log.boxes["frame"].isin(train["frame"])]
-    point = problem.sweep().points[0].point
-    grids = OccupancyGrid.by_class(boxes, point.voxel_roi(), point.classes, frames=len(train))
-    if not problem.question.needs_objects:
-        return Traffic(grids)
-    train_log = BoxLog(boxes, train, log.buildings)
-    return Traffic(grids, ExpectedRecall.from_log(train_log, point.voxel_roi(), point.classes))
+    log, point = train_log(problem.file.scene.folder), problem.sweep().points[0].point
+    of = (point.voxel_roi(), point.classes)
+    grids = OccupancyGrid.by_class(log.boxes, *of, frames=len(log.frames))
+    asked = problem.question.needs_objects
+    return Traffic(grids, ExpectedRecall.from_log(log, *of) if asked else None)
 
 
 def all_candidates(problem):
@@ -84,7 +79,7 @@ CASES = yaml.safe_load(
 two: {lidars: 2}
 range: {lidars: [1, 3], roll_deg: 0, objective: covered_entropy}
 distance: {lidars: 2, constraints: {distance: 0.7}}
-recall: {lidars: 2, objective: expected_recall}
+recall: {lidars: 2, roll_deg: 0, objective: expected_recall}
 recall of pairs:
   {lidars: [1, 3], symmetric: true, roll_deg: 0, objective: expected_recall.Car}
 fixed: {lidars: 2, fixed: [{x: 2.4, z: 0.6}], roll_deg: 0}

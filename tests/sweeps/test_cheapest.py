@@ -19,9 +19,9 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.requirements.judge import judge
 from sweeps.commands.cheapest import app
 from sweeps.search.cheapest import choose
-from sweeps.search.cheapest import recall as recall_module
 from sweeps.search.cheapest.choose import cheapest, cost_of
 from sweeps.search.greedy.candidates import candidates_of
+from sweeps.search.judgement import chosen as recall_module
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.judged_sweep import judged_rigs

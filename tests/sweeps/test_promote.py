@@ -204,15 +204,6 @@ def test_the_plan_counts_what_promotion_leaves(tmp_path):
     assert sum(task.stage == "finetune" for task in plan.tasks) == 2 * 4 * 2
 
 
-def test_without_a_detector_nothing_is_trained(tmp_path):
-    sweep, plan = read(tmp_path, detector=None, grid={"placement": PLACEMENTS}, promote=[])
-    assert {task.stage for task in plan.tasks} == {"scene", "pog", "surrogates"}
-    promotion, store, outcome = run(sweep, plan, tmp_path)
-    assert not outcome.failures
-    assert all(store.has(trial.surrogates) for trial in plan.trials)
-    assert promotion.pruned == {}
-
-
 finite = st.floats(-1e300, 1e300)
 
 

@@ -3,12 +3,11 @@
 from functools import reduce
 
 import pytest
-from search_files import run_search, searched, write_search
+from search_files import run_search, searched, train_log, write_search
 
 from lidarplace import ExpectedRecall, Mount, Placement, Roi
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.configuration.placement import read_placement
-from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.search.greedy.certificate import why_none
@@ -23,12 +22,8 @@ LIDAR = {"beams": 8, "azimuth_steps": 400, "cloud_share": 0.5}
 
 def objects_of(folder):
     """Those of the training split, by the library alone."""
-    log = read_box_log(folder / "log")
-    frames = log.frames[log.frames["split"] == "train"]
-    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     roi = Roi((0, 40), (-20, 20), (0, 4), 0.8)
-    train = BoxLog(boxes, frames, log.buildings)
-    return ExpectedRecall.from_log(train, roi, ["Car"], azimuth_share=0.5)
+    return ExpectedRecall.from_log(train_log(folder / "log"), roi, ["Car"], azimuth_share=0.5)
 
 
 def test_a_search_by_expected_recall(tmp_path):

@@ -124,9 +124,11 @@ def test_what_the_sampler_is_told_is_positive_where_a_constraint_is_broken(
 
 
 def test_rigs_that_are_found_meet_all_requirements(tmp_path):
-    search = {"requirements": [EASY, LEFT], "roll_deg": [-30, 30], "trials": 16}
+    view = {"name": "calibration", "common_view": {"pairs": "chain", "share": 0.3}}
+    twice = EASY | {"at_least": {"points": 1, "sensors": 2}}
+    search = {"requirements": [twice, LEFT, view], "roll_deg": [-30, 30], "trials": 16}
     folder, printed = searched(tmp_path, search=search)
-    assert "requirement.somebody around at least 2 points" in printed
+    assert "requirement.somebody around at least 1 points by 2 sensors" in printed
     problem = read_problem(tmp_path / "small.yaml")
     feasible = folder.trials[folder.trials["feasible"]]
     assert 0 < len(feasible) < len(folder.trials)
@@ -139,21 +141,11 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
     assert cases["met"].all()
     ground = folder.grounds.under(folder.search.best[0], LEFT["name"])
     assert np.nanmin(ground.least) == outcomes[1].least_of.min()
-    failed = folder.requirements[~folder.requirements["met"]]
+    failed = folder.requirements[~folder.requirements["met"] & folder.requirements["x"].notna()]
     page = (folder.path / "search.html").read_text(encoding="utf-8")
     assert '<details class="folded"><summary><h2 id="requirements">' in page
     for rig, name in failed[["rig", "requirement"]].drop_duplicates().head(3).to_numpy():
         assert f"{rig} · {name}: FAILED" in page
-
-
-def test_a_front_of_margin_and_price(tmp_path):
-    models = {"cheap": {"beams": 2, "price": 1}, "dear": {"beams": 16, "price": 5}}
-    search = {"requirements": [EASY], "objective": ["margin", "price"], "models": models}
-    found = searched(tmp_path, search=search | {"sampler": "nsga2"})[0].search
-    assert [objective.direction for objective in found.objectives] == ["maximize", "minimize"]
-    assert found.front >= 1
-    values = [found.rigs[name].values["margin"] for name in found.best]
-    assert min(values) >= 1, "each of the front meets the requirement"
 
 
 def test_the_power_of_a_rig_is_that_of_its_models(tmp_path):
@@ -198,22 +190,6 @@ def test_pairs_of_lidars_as_constraints(tmp_path):
     assert assess(apart, problem.question, Traffic({}, None)).violations["facing"] == 0
     assert any("look into each other" in said for said in rig_warnings({"level": level}, problem))
     assert not any("each other" in said for said in rig_warnings({"apart": apart}, problem))
-
-
-def test_rigs_that_are_found_are_redundant_and_can_be_calibrated(tmp_path):
-    twice = EASY | {"at_least": {"points": 1, "sensors": 2}}
-    view = {"name": "calibration", "common_view": {"pairs": "chain", "share": 0.5}}
-    search = {"requirements": [twice, view], "objective": "margin", "constraints": {"facing": 0}}
-    search |= {"roll_deg": [-20, 20], "trials": 24, "greedy": None}
-    folder, printed = searched(tmp_path, search=search)
-    assert "requirement.somebody around at least 1 points by 2 sensors" in printed
-    assert "facing at most 0 pairs" in printed
-    best = folder.search.rigs[folder.search.best[0]]
-    problem = read_problem(tmp_path / "small.yaml")
-    rig = tuple(Choice("lidar", "roof", mount) for mount in best.placed)
-    found = assess(rig, problem.question, Traffic({}, None))
-    assert found.feasible
-    assert best.values["margin"] == found.values["margin"] >= 1
 
 
 def test_cameras_and_radars_that_every_rig_has(tmp_path):

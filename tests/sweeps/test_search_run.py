@@ -11,12 +11,11 @@ import optuna
 import pandas as pd
 import pytest
 import yaml
-from search_files import run_search, searched, write_search
+from search_files import run_search, searched, train_log, write_search
 from written_tables import check_columns
 
 from lidarplace import OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.configuration.placement import read_placement
-from lidarplace.logs.box_log import read_box_log
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.search.problem.problem import read_problem
@@ -69,11 +68,8 @@ def test_the_best_trial_is_what_the_files_say(run):
 def test_the_value_is_that_of_the_library(folder, run):
     """The placement file and the log alone give the value again."""
     problem = read_problem(folder / "small.yaml")
-    log = read_box_log(folder / "log")
-    train = log.frames[log.frames["split"] == "train"]
-    boxes = log.boxes[log.boxes["frame"].isin(train["frame"])]
-    roi = Roi((0, 40), (-20, 20), (0, 4), 0.8)
-    grid = OccupancyGrid.from_boxes(boxes, roi, "Car", frames=len(train))
+    log, roi = train_log(folder / "log"), Roi((0, 40), (-20, 20), (0, 4), 0.8)
+    grid = OccupancyGrid.from_boxes(log.boxes, roi, "Car", frames=len(log.frames))
     placement = run.path / "placement.yaml"
     assert not {"&", "*"} & set(placement.read_text()), "no anchors"
     rig = read_placement(placement, problem.file.lidar.lidar())

@@ -34,14 +34,6 @@ def random_rig(space: Space, seed: int):
     return rig, trial.params
 
 
-def test_models_by_name():
-    models = {"roof": {"name": "ot128", "price": 7}, "corner": "bpearl"}
-    found = SearchSettings.model_validate({"zones": {"roof": ROOF}, "models": models}).models
-    assert found["roof"].price == 7
-    lidars = [found[name].lidar() for name in models]
-    assert lidars == [Lidar.named("ot128"), Lidar.named("bpearl")]
-
-
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**31), number=st.integers(1, 9), symmetric=st.booleans())
 def test_families_are_rigs_of_the_space(seed, number, symmetric):

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from search_files import write_search
-from typer.testing import CliRunner
 
 from sweeps.commands import clean, doctor, status
 from sweeps.commands.search import app as search_app
@@ -14,21 +13,22 @@ from sweeps.search.output import state
 from sweeps.search.output.state import search_state
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.trials.study import journal_path, open_study, quiet, run_study, storage_in, tell
+from sweeps.search.trials.study import journal_path, open_study, quiet, storage_in, tell
+from sweeps.search.trials.traffic import SurrogateAnswers
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
 from sweeps.store.open import reference
 from sweeps.sweep_or_search import is_search, read_either
+from tests.sweeps.toy import call
 
 
-class Answers:
+class Answers(SurrogateAnswers):
     """Trial 2 keeps no constraint, trial 3 fails, the others are worth their number."""
 
-    def __init__(self, study):
-        self.study, self.asked = study, []
+    asked = ()
 
     def begin(self, trial, candidate):
-        self.asked.append(trial)
+        self.asked = [*self.asked, trial]
 
     def finish(self):
         for trial in self.asked:
@@ -36,7 +36,7 @@ class Answers:
             found = Assessment(None if n == 2 else {"expected_ig": float(n)}, {}, {}, {}, 0.1)
             values = None if n in (2, 3) else [float(n)]
             tell(self.study, trial, found, values, "out of memory" if n == 3 else None)
-        self.asked = []
+        self.asked = ()
 
 
 @pytest.fixture
@@ -51,16 +51,13 @@ def begun(path):
     problem.folder.mkdir(parents=True)
     with quiet():
         name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
-        settings = problem.file.search
-        study = open_study(storage_in(problem.folder), name, settings, [])
-        run_study(study, problem.space, settings, Answers(study), lambda number: None)
+        study = open_study(storage_in(problem.folder), name, problem.file.search, [])
+        Answers(study, problem, pool=None).run(lambda number: None)
     return problem
 
 
 def told(path, *options):
-    done = CliRunner().invoke(status.app, [str(path), *options])
-    assert done.exit_code == 0, done.output
-    return done.stdout
+    return call(status.app, path, *options).stdout
 
 
 def test_nothing_has_begun(path, tmp_path):
@@ -93,7 +90,7 @@ def test_halfway(path, begun):
 def test_values_of_fewer_rays_are_told_of(path, monkeypatch, objective, stride):
     rays = " (as searched, rays of 1 in 3 azimuth steps)" if stride == 3 else ""
     found = [SimpleNamespace(number=0, values=[4.0], params={})]
-    monkeypatch.setattr(state, "_study", lambda problem: SimpleNamespace(trials=[]))
+    monkeypatch.setattr(state, "stored_study", lambda *own: SimpleNamespace(trials=[]))
     monkeypatch.setattr(state, "best_trials", lambda study, space: found)
     monkeypatch.setattr(state, "finished_trials", lambda study: [])
     options = ("--set", "search.azimuth_stride=3", "--set", f"search.objective={objective}")
@@ -121,8 +118,8 @@ def test_a_damaged_journal_is_one_line(path, begun, line):
     lines = journal_path(begun.folder).read_bytes().splitlines(keepends=True)
     journal_path(begun.folder).write_bytes(line + b"".join(lines))
     for app in (status.app, search_app):
-        done = CliRunner().invoke(app, [str(path)])
-        assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
+        done = call(app, path, code=2)
+        assert done.stderr.count("\n") == 1
         assert "optuna.journal: cannot be read" in done.stderr
 
 
@@ -137,7 +134,7 @@ def test_a_file_of_a_sweep_is_none_of_a_search(path, tmp_path):
 
 def test_the_store_of_a_search_is_cleaned(path, tmp_path):
     Store(tmp_path / "runs/store").refer("small.search", [])
-    done = CliRunner().invoke(clean.app, [str(path), "--dry-run", "--json"])
+    done = call(clean.app, path, "--dry-run", "--json")
     none = {"count": 0, "bytes": 0}
     found = {"dry_run": True, "stages": {}, "leftovers": none, "removed": none, "left_bytes": 0}
     found["sweeps"] = {"small.search": {"refers_to": 0} | none}
@@ -150,8 +147,7 @@ def test_the_doctor_reads_a_search(path):
 
 
 def test_the_plan_as_json(path):
-    done = CliRunner().invoke(search_app, [str(path), "--dry-run", "--json"])
-    plan = json.loads(done.stdout)
+    plan = json.loads(call(search_app, path, "--dry-run", "--json").stdout)
     assert (plan["name"], plan["trials"], plan["lidars"]) == ("small", 8, [2, 2])
     assert plan["objectives"] == [{"name": "expected_ig", "best": "maximize"}]
     assert [own["name"] for own in plan["constraints"]] == ["blind_lidars", "distance"]

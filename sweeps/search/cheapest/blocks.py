@@ -122,8 +122,7 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
 
 
 def _adds_up(laid: Laid) -> bool:
-    """Whether a requirement is of LiDARs one by one; else the judge alone knows it, as of cameras,
-    radars, and views in common."""
+    """Whether a requirement is of LiDARs one by one; others the judge alone knows."""
     wanted = laid.requirement
     return wanted.common_view is None and not wanted.needs and wanted.measure not in KIND_OF
 

@@ -38,13 +38,7 @@ from lidarplace.requirements.judge import Outcome
 from sweeps.configuration.search import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
 from sweeps.search.cheapest.programme import Position, Programme, Row
-from sweeps.search.greedy.candidates import (
-    candidates_of,
-    check_grid,
-    least_of,
-    limits_of,
-    number_of_candidates,
-)
+from sweeps.search.greedy.candidates import candidates_of, check_grid, limits_of
 from sweeps.search.problem.choice import Choices, is_possible, ordered
 from sweeps.search.problem.constraints import Constraint, measures_of, requirement_name
 from sweeps.search.problem.problem import Problem
@@ -140,11 +134,11 @@ def check(problem: Problem) -> str:
                 f"{file}: search.cheapest.by: {by} of models is unknown; expected search.models "
                 f"with a {by} of each, found {dict(zip(problem.space.models, costs, strict=True))}"
             )
-    check_grid(problem)
+    mounts = check_grid(problem)
     low, high = problem.space.numbers
     return (
         f"least {by} of {low} to {high} LiDARs; models: {len(problem.space.models)}, mounts of the "
-        f"grid: {number_of_candidates(problem):,}, requirements: {len(carrier.requirements)}"
+        f"grid: {mounts:,}, requirements: {len(carrier.requirements)}"
     )
 
 
@@ -195,16 +189,16 @@ class _Work:
         spots = np.array([lidar.mount.position for lidar in lidars])
         self.place = np.unique(spots, axis=0, return_inverse=True)[1].ravel()
         self.blocks = blocks_of(lidars, problem.question)
-        limits = limits_of(self.candidates, problem)
+        limits, least = limits_of(self.candidates, problem)
         assert limits.compatible is not None
         self.compatible = limits.compatible
-        fixed = ordered(problem.space.fixed)
+        fixed = problem.space.fixed
         base = problem.question.carrier.beside[by] if by in TOTALS else 0.0
         self.programme = Programme(
             np.array([cost_of(rig, problem) - base for rig in self.candidates]),
             sizes.astype(float),
             limits.used,
-            least_of(problem),
+            least,
             limits.budgets,
             np.array([rig == fixed for rig in self.candidates]),
             of_highest=by == "height",
@@ -296,8 +290,7 @@ class _Work:
     # Rows that a choice breaks.
 
     def add_rows(self, chosen: Sequence[int], failing: Collection[Position] = frozenset()) -> bool:
-        """Whether the choice breaks something that is known of its LiDARs one by one; `failing`:
-        positions that it gives up."""
+        """Whether LiDARs one by one break something; `failing`: positions that are given up."""
         broken = self.add_cliques(chosen)
         lidars = self.lidars(chosen)
         for block in self.blocks:
@@ -369,8 +362,7 @@ class _Work:
         self.programme.rows.append(Row(gains, 0.0, position))
 
     def worst(self, block: Block, rows: NDArray[np.intp], shares: NDArray[np.float64]) -> list[int]:
-        """Some objects with the least, of equal ones those that candidates see least of; one a
-        position."""
+        """Objects with the least, of equal ones those that are seen least; one a position."""
         ease = np.minimum(block.alone[:, rows], 1.0).sum(axis=0)
         order = np.lexsort((ease, shares))
         first = np.unique(block.position[rows][order], return_index=True)[1]

@@ -170,8 +170,7 @@ def _lines(
     most: Sequence[float] | float = math.inf,
     more: Sequence[tuple[int, int, float]] = (),
 ) -> LinearConstraint:
-    """Limits of rows that go on with 0 to that width, but for the numbers in `more`, each after its
-    row and column."""
+    """Limits of rows, filled with 0 to that width; `more`: row, column and number."""
     i, j, values = zip(*more, strict=True) if more else ((), (), ())
     rest = csr_array((values, (i, j)), shape=(rows.shape[0], width))
     rest += hstack([csr_array(rows), csr_array((rows.shape[0], width - rows.shape[1]))])

@@ -52,8 +52,7 @@ def _told(problem: Problem, cost: float) -> str:
 def print_chosen(
     console: Console, problem: Problem, chosen: Chosen, rig: Choices | None, folder: Path
 ) -> None:
-    """The rig that is left after refinement, why it needs each LiDAR, and what binds; or, where
-    there is none, the one that lacks least."""
+    """The rig, why it needs each LiDAR, and what binds; or the one that lacks least."""
     console.print(proof(problem, chosen), style="bold", soft_wrap=True)
     shown = rig or chosen.closest
     if shown is None:

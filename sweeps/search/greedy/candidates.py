@@ -9,44 +9,31 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from lidarplace import Mount
-from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.configuration.mounting import Pair
-from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.facing import least_distance
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
-from lidarplace.pog.selection.tracing import OBJECTIVES, Objective
+from lidarplace.pog.selection.tracing import Objective
 from lidarplace.recall.choice import RecallChoice
 from sweeps.configuration.search import TOTALS, GreedySettings, SearchSettings
 from sweeps.search.problem.assess import Traffic
-from sweeps.search.problem.choice import (
-    Choice,
-    Choices,
-    is_possible,
-    ordered,
-    placement_of,
-    rounded,
-)
-from sweeps.search.problem.constraints import ROUNDING
+from sweeps.search.problem.choice import Choice, Choices, is_possible, placement_of, rounded
+from sweeps.search.problem.constraints import ROUNDING, measures_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Placed, Slot, Space
-
-SUBMODULAR = (*OBJECTIVES, "expected_recall")
-"""Objectives that have greedy choice and a bound."""
 
 
 def candidates_of(problem: Problem) -> list[Choices]:
     """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate. Those that
     can be part of no rig are left out: inside of the body, too much of it in view, nothing of the
     ROI in view, or the two of a pair, or one of the fixed LiDARs, too near."""
-    fixed = ordered(problem.space.fixed)
+    fixed = problem.space.fixed
     points = grid_points(problem)
     rigs = (Placed(slot, Choice(model, zone.name, m)).rig for slot, model, zone, m in points)
     found = dict.fromkeys(rig for rig in rigs if _may_be(rig, fixed, problem))
     return [*([fixed] if fixed else []), *found]
 
 
-def number_of_candidates(problem: Problem) -> int:
+def _number_of_candidates(problem: Problem) -> int:
     """How many mounts the grid has, before those that can be part of no rig are left out. By
     extents first: a grid of a million points need not be made to be refused."""
     settings = problem.file.search.greedy
@@ -61,15 +48,16 @@ def number_of_candidates(problem: Problem) -> int:
     return about if about > 10 * settings.most else sum(1 for _ in grid_points(problem))
 
 
-def check_grid(problem: Problem) -> None:
-    """Raise ValueError if the grid is finer than the settings allow."""
-    settings, number = problem.file.search.greedy, number_of_candidates(problem)
+def check_grid(problem: Problem) -> int:
+    """Raise ValueError if the grid is finer than the settings allow. Returns its mounts."""
+    settings, number = problem.file.search.greedy, _number_of_candidates(problem)
     assert settings is not None
     if number > settings.most:
         raise ValueError(
             f"search.greedy: {number:,} candidates; expected at most {settings.most:,}; enlarge "
             "position_step or angle_step_deg, or set `greedy: null`"
         )
+    return number
 
 
 def _about(zone: Zone, settings: GreedySettings) -> int:
@@ -113,53 +101,42 @@ def _levels(span: Pair, settings: GreedySettings) -> list[float]:
 
 
 def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
-    models, limits = problem.models, problem.file.search.constraints
-    both, carrier, most = rig + fixed, problem.question.carrier, limits.body_share
-    if not is_possible(both):
-        return False
-    if least_distance(placement_of(both, models)) < limits.distance - ROUNDING:
-        return False
-    if max(carrier.depths_of(rig).values()) > 0:
-        return False
-    placement = placement_of(rig, models)
-    if not problem.file.allow_blind_lidars and blind_lidars(
-        placement, carrier.roi, carrier.vehicle
-    ):
-        return False
-    shares = (body_share(c.mount, models[c.model], carrier.vehicle) for c in rig)
-    return most is None or all(share <= most for share in shares)
+    limits = {limit.name: limit for limit in problem.question.constraints}
+
+    def kept(part: Choices, *names: str) -> bool:
+        own = [limits[name] for name in names if name in limits]
+        measures = measures_of(part, own, problem.question.carrier)
+        return all(limit.violation(measures[limit.name]) <= 0 for limit in own)
+
+    return (
+        is_possible(rig + fixed)
+        and kept(rig + fixed, "distance")
+        and kept(rig, "body", "keep_out", "blind_lidars")
+        and all(kept((lidar,), "body_share") for lidar in rig)  # others can only add to it
+    )
 
 
-def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
-    """Number of LiDARs, in all, in each zone and of single ones next to pairs, totals,
-    distances."""
+def limits_of(candidates: Sequence[Choices], problem: Problem) -> tuple[Limits, np.ndarray]:
+    """Number of LiDARs, in all, in each zone and of single ones next to pairs, totals, distances;
+    and the least of each budget that has to be used."""
     space, search, carrier = problem.space, problem.file.search, problem.question.carrier
-    fixed = ordered(space.fixed)
-    sizes = np.array([0 if rig == fixed else len(rig) for rig in candidates], float)
-    used, budgets = [sizes], [float(space.numbers[-1])]
+    sizes = np.array([0 if rig == space.fixed else len(rig) for rig in candidates], float)
+    rows: list[tuple[np.ndarray, float, float]] = [(sizes, *space.numbers)]
     if search.symmetric:
         odd = any(number % 2 for number in space.numbers)
-        used.append((sizes == 1).astype(float))
-        budgets.append(float(odd))
+        rows.append(((sizes == 1).astype(float), 0.0, odd))
     for name, zone in search.zones.items():
         if zone.lidars is not None:
-            used.append(np.array([float(any(c.zone == name for c in rig)) for rig in candidates]))
-            budgets.append(float(zone.lidars[1]))
+            own = np.array([float(any(c.zone == name for c in rig)) for rig in candidates])
+            rows.append((own, *zone.lidars))
     for total in TOTALS:
         most = getattr(search.constraints, total)
         if most is not None:  # what every rig has is paid for first
             own = np.array([carrier.total_of(total, rig) for rig in candidates])
-            used.append(np.where(sizes > 0, own - carrier.beside[total], 0.0))
-            budgets.append(max(0.0, most - carrier.total_of(total, fixed)))
-    return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
-
-
-def least_of(problem: Problem) -> np.ndarray:
-    """The least of each budget of `limits_of` that has to be used."""
-    space, search = problem.space, problem.file.search
-    zones = [float(zone.lidars[0]) for zone in search.zones.values() if zone.lidars is not None]
-    totals = [0.0 for total in TOTALS if getattr(search.constraints, total) is not None]
-    return np.array([float(space.numbers[0]), *[0.0] * search.symmetric, *zones, *totals])
+            own = np.where(sizes > 0, own - carrier.beside[total], 0.0)
+            rows.append((own, 0.0, max(0.0, most - carrier.total_of(total, space.fixed))))
+    used, least, budgets = (np.array(own, float) for own in zip(*rows, strict=True))
+    return Limits(used, budgets, _compatible(candidates, search)), least
 
 
 def _compatible(candidates: Sequence[Choices], search: SearchSettings) -> np.ndarray:
@@ -184,6 +161,6 @@ def worth_of(
         model = traffic.objects
         assert model is not None
         return RecallChoice(model, model.objects.seen_by(placements), weights)
-    by, q = cast(Objective, objective.by), question.detection_probability
-    how = (by, question.method, q, question.occlusion, question.azimuth_stride)
+    by, own = cast(Objective, objective.by), question.surrogate
+    how = (by, own.method, own.detection_probability, own.occlusion, question.azimuth_stride)
     return VoxelChoice(Exposure.of_candidates(traffic.grids, weights, placements, *how))

@@ -11,21 +11,19 @@ from lidarplace import Mount, Placement
 from lidarplace.configuration.record import read_record
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import write_text
+from lidarplace.pog.selection.tracing import OBJECTIVES
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import (
-    SUBMODULAR,
-    candidates_of,
-    check_grid,
-    limits_of,
-    worth_of,
-)
+from sweeps.search.greedy.candidates import candidates_of, limits_of, worth_of
 from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, ordered
 from sweeps.search.problem.families import family_params
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Placed, placed_in, rig_of
+
+SUBMODULAR = (*OBJECTIVES, "expected_recall")
+"""Objectives that have greedy choice and a bound."""
 
 
 @dataclass(frozen=True)
@@ -83,33 +81,24 @@ def why_none(problem: Problem) -> str | None:
         return "search.objective covered_entropy asks for the same, and has a bound"
     if objective.by not in SUBMODULAR or objective.best != "maximize":
         return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
-    if objective.by in OBJECT_SURROGATES and problem.question.mount_draws:
+    if objective.by in OBJECT_SURROGATES and problem.question.surrogate.mount_draws:
         return "surrogate.mount_draws: candidates have exact mounts"
-    if objective.by in RAY_SURROGATES and len(_weights(problem)) > 1:
-        return (
-            f"search.azimuth_stride {problem.question.azimuth_stride} does not divide the azimuth "
-            "steps of all LiDAR models evenly; 1 does"
-        )
-    return None
-
-
-def _weights(problem: Problem) -> set[float]:
-    """Rays that one stands for, of every model that a rig may have."""
-    stride = problem.question.azimuth_stride
+    if objective.by not in RAY_SURROGATES:
+        return None
+    stride, models = problem.question.azimuth_stride, problem.models
     names = {*problem.space.models, *(lidar.model for lidar in problem.space.fixed)}
-    one = [Mount()]
-    return {ray_weight(Placement(name, one, problem.models[name]), stride) for name in names}
-
-
-def check_candidates(problem: Problem) -> None:
-    """Raise ValueError if the grid is finer than the settings allow."""
-    if why_none(problem) is None:
-        check_grid(problem)
+    # Rays that one stands for, of every model that a rig may have.
+    weights = {ray_weight(Placement(name, [Mount()], models[name]), stride) for name in names}
+    if len(weights) == 1:
+        return None
+    return (
+        f"search.azimuth_stride {stride} does not divide the azimuth steps of all LiDAR models "
+        "evenly; 1 does"
+    )
 
 
 def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
-    """Greedy choice and upper bound for the objective as the search computes it. None if no
-    candidate keeps the constraints."""
+    """Greedy choice and its upper bound. None if no candidate keeps the constraints."""
     start = time.perf_counter()
     settings = problem.file.search.greedy
     assert settings is not None
@@ -117,7 +106,7 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     if not candidates:
         return None
     worth = worth_of(candidates, problem, traffic)
-    limits = limits_of(candidates, problem)
+    limits, _ = limits_of(candidates, problem)
     choice = worth.greedy(limits)
     chosen_after = time.perf_counter()
     bound = worth.upper_bound(limits, choice.chosen, settings.bound_seconds)
@@ -126,7 +115,7 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     del worth  # a grid of candidates takes much memory
     starts = dict(problem.start) if settings.refine else {}
     # Greedy leaves out what adds nothing, but every rig has the fixed LiDARs.
-    fixed = ordered(problem.space.fixed)
+    fixed = problem.space.fixed
     chosen += (fixed,) if chosen and fixed and fixed not in chosen else ()
     by_greedy = slots_of(rig_of_parts(chosen), problem)
     if by_greedy is not None and settings.refine:
@@ -158,8 +147,7 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
 
 
 def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certificate | None:
-    """The certificate in `path`, if it is of this problem; else a new one, kept there. Raises
-    ConfigError: `path` holds something else."""
+    """That in `path`, or a new one, kept there. Raises ConfigError: it holds something else."""
     if path.exists():
         try:
             if read_record(path, _Keyed, "certificate of a search").key == problem.key:

@@ -12,7 +12,7 @@ from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.space import Placed, rig_of
+from sweeps.search.problem.space import Placed, fits, rig_of
 
 _MOST_ROUNDS = 4
 """Rounds over all LiDARs at one step; few improve anything."""
@@ -64,11 +64,11 @@ def keeps(problem: Problem, rig: Choices) -> bool:
 
 def neighbours(place: Placed, length: float, angle: float, most: int = 6) -> Iterator[Placed]:
     """Those a step away in any combination of at most so many coordinates, without itself."""
-    centre = astuple(place.lidar.mount)
+    centre, zone = astuple(place.lidar.mount), place.slot.zone(place.lidar.zone)
     spans = place.slot.spans.values()
     steps = [length] * 3 + [angle if low < high else 0.0 for low, high in spans]
     ways = [(-step, 0.0, step) if step else (0.0,) for step in steps]
     for offset in itertools.product(*ways):
         mount = rounded(*(c + o for c, o in zip(centre, offset, strict=True)))
-        if 0 < np.count_nonzero(offset) <= most and place.allows(mount):
+        if 0 < np.count_nonzero(offset) <= most and fits(place.slot, zone, mount):
             yield Placed(place.slot, replace(place.lidar, mount=mount))

@@ -1,7 +1,7 @@
-"""The best rigs of a search by a generalist, judged again on traffic that it did not see."""
+"""Rigs judged by a generalist on traffic that the search did not see: its best, the cheapest."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
 
@@ -11,18 +11,15 @@ from rich.console import Console
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
+from sweeps.execution.runner import run_tasks
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import identity, with_columns
 from sweeps.search.judgement.verify import verified_table
 from sweeps.search.judgement.winners import Judged, baseline_of, ranked
+from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.aggregate import (
-    Over,
-    left_out_over_tests,
-    metrics_over_tests,
-    weighted_value,
-)
+from sweeps.search.trials.aggregate import left_out_over_tests, metrics_over_tests, weighted_value
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.task import with_inputs
@@ -51,9 +48,8 @@ def choose(
         failures = execute(tasks, store, backend, progress).failures
     for failure in failures.values():
         raise BackendLost(f"the best rigs could not be judged: {failure.reason}")
-    over, classes = problem.file.search.over, problem.file.classes
-    every = zip(names, rigs.values(), strict=True)
-    tables = [_results(name, tests, store, over) for name, own in every for tests in own]
+    classes, every = problem.file.classes, zip(names, rigs.values(), strict=True)
+    tables = [_results(name, tests, store, problem) for name, own in every for tests in own]
     metrics, left_out = (pd.concat(own, ignore_index=True) for own in zip(*tables, strict=True))
     worth = {}
     for name, of_rig in metrics.groupby("placement", sort=False):
@@ -74,16 +70,47 @@ def choose(
 
 
 def _results(
-    name: str, tests: Sequence[DetectorTrial], store: Store, over: Over
+    name: str, tests: Sequence[DetectorTrial], store: Store, problem: Problem
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Metrics of a rig by one generalist, over all tests; the same without each unit."""
-    evaluations = [trial.evaluate for trial in tests]
+    evaluations, over = [trial.evaluate for trial in tests], problem.file.search.over
     metrics = [store.read(task, lambda found: found.metrics) for task in evaluations]
     left_out = [store.read(task, lambda found: found.left_out) for task in evaluations]
-    truths = [tuple(t.key for t in e.inputs if t.stage == "ground_truth") for e in evaluations]
+    truths = [[task.key for task in trial.test_truths] for trial in tests]
     traffic = [truths.index(own) + 1 for own in truths]
     columns = identity(tests[0], ()) | {"placement": name}
     return (
         with_columns(metrics_over_tests(metrics, over), columns),
         with_columns(left_out_over_tests(left_out, traffic, over), columns),
     )
+
+
+def recall_of(
+    console: Console, problem: Problem, store: Store
+) -> Callable[[Choices], float] | None:
+    """Ask the first objective of a rig, percent; None where `search.cheapest.recall` is null.
+    Results are kept in the store. The returned function raises BackendLost if a rig cannot be
+    judged. Raises ValueError: the objective is not of the generalist of the package."""
+    search = problem.file.search
+    if search.cheapest.recall is None:
+        return None
+    objective, classes = search.objective[0], problem.file.classes
+    if not problem.pretrained:
+        raise ValueError(
+            f"{problem.path}: search.cheapest.recall: no generalist judges rigs; expected "
+            f"objective: pretrained.recall or another of pretrained, found {objective.name}"
+        )
+
+    def recall(rig: Choices) -> float:
+        if (outside := problem.outside(rig)) is not None:
+            console.print(f"not judged: {outside}", soft_wrap=True)
+            return -math.inf
+        judged = judged_rigs(problem, {}, {"cheapest_rig": rig}, problem.tests.choice)
+        (tests,) = judged["cheapest_rig"]
+        tasks = with_inputs(trial.evaluate for trial in tests)
+        for failure in run_tasks(console, problem.file, store, tasks).values():
+            raise BackendLost(f"a rig could not be judged: {failure.reason}")
+        found = [store.read(trial.evaluate, lambda own: own.metrics) for trial in tests]
+        return weighted_value(objective, classes, metrics_over_tests(found, search.over))
+
+    return recall

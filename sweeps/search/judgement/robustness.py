@@ -27,23 +27,14 @@ def robustness(
     """Objectives of each rig as designed, with all mounts off, and with each of its LiDARs dead,
     whatever its constraints: rig, case, objective, draws, value (mean over the draws), worst."""
     cases = [(n, *case) for n, rig in rigs.items() for case in _cases(rig, settings, seed)]
-    found = iter(pool.in_order([rig for *_, altered in cases for rig in altered], question))
-    rows = []
-    for name, case, altered in cases:
-        values = [next(found).values or {} for _ in altered]
-        rows += _rows(name, case, values, question)
-    return pd.DataFrame(rows)
+    return _table(cases, question, pool)
 
 
 def in_scene(
     rigs: Mapping[str, Choices], question: Question, pool: Pool, scene: str
 ) -> pd.DataFrame:
     """Objectives of each rig on the POG of another scene; columns as of `robustness`."""
-    found = pool.in_order(list(rigs.values()), question)
-    rows = []
-    for name, assessment in zip(rigs, found, strict=True):
-        rows += _rows(name, f"scene: {scene}", [assessment.values or {}], question)
-    return pd.DataFrame(rows)
+    return _table([(name, f"scene: {scene}", [rig]) for name, rig in rigs.items()], question, pool)
 
 
 def with_share(table: pd.DataFrame) -> pd.DataFrame:
@@ -55,17 +46,21 @@ def with_share(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(share=share)
 
 
-def _rows(
-    name: str, case: str, values: Sequence[Mapping[str, float]], question: Question
-) -> list[dict[str, object]]:
-    rows: list[dict[str, object]] = []
-    for objective in question.objectives:
-        own = [found[objective.name] for found in values if objective.name in found]
-        worst = (min if objective.best == "maximize" else max)(own, default=math.nan)
-        mean = fmean(own) if own else math.nan
-        row = {"rig": name, "case": case, "objective": objective.name, "draws": len(own)}
-        rows.append(row | {"value": mean, "worst": worst})
-    return rows
+def _table(
+    cases: Sequence[tuple[str, str, Sequence[Choices]]], question: Question, pool: Pool
+) -> pd.DataFrame:
+    """Rows of a rig, a case and the rig's draws in it."""
+    found = iter(pool.in_order([rig for *_, altered in cases for rig in altered], question))
+    rows = []
+    for name, case, altered in cases:
+        values = [next(found).values or {} for _ in altered]
+        for objective in question.objectives:
+            own = [each[objective.name] for each in values if objective.name in each]
+            worst = (min if objective.best == "maximize" else max)(own, default=math.nan)
+            mean = fmean(own) if own else math.nan
+            row = {"rig": name, "case": case, "objective": objective.name, "draws": len(own)}
+            rows.append(row | {"value": mean, "worst": worst})
+    return pd.DataFrame(rows)
 
 
 def _cases(

@@ -10,11 +10,11 @@ import pandas as pd
 from optuna.trial import FrozenTrial
 
 from lidarplace import OccupancyGrid
-from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.problem.assess import Assessment, Question
-from sweeps.search.problem.choice import Choices, placement_of
+from sweeps.search.problem.choice import Choices
+from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Space
 from sweeps.search.trials.study import Timing, assessment_of, finished_trials
 from sweeps.search.trials.traffic import Pool
@@ -46,7 +46,7 @@ class Judged:
 
 
 def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
-    """Feasible trials of different rigs, the best first; the Pareto front of several objectives."""
+    """Feasible trials of different rigs, the best first; or the Pareto front."""
     known = (trial for trial in finished_trials(study) if trial.values is not None)
     feasible = [trial for trial in known if assessment_of(trial).feasible]
     if len(study.directions) > 1:
@@ -59,23 +59,38 @@ def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
     return list(by_rig.values())
 
 
-def judge(
-    trials: Sequence[FrozenTrial], space: Space, question: Question, pool: Pool
-) -> list[Judged]:
+def judged(
+    problem: Problem, trials: Sequence[FrozenTrial], certificate: Certificate | None, pool: Pool
+) -> dict[str, Judged]:
+    """The best of the search, greedy's rigs and the paper's."""
+    others = {}
+    if certificate is not None and certificate.chosen:  # nothing, where no LiDAR sees anything
+        others["greedy"] = certificate.rig
+    if certificate is not None and certificate.refined is not None:
+        others["refined"] = certificate.refined
+    found = _of_trials(trials, problem, pool)
+    rigs = {f"found_{i}": own for i, own in enumerate(found, start=1)}
+    for role, own in (("greedy", others), ("paper", problem.paper_rigs())):
+        rigs |= _of_others(own, role, problem.question, pool)
+    return rigs
+
+
+def _of_trials(trials: Sequence[FrozenTrial], problem: Problem, pool: Pool) -> list[Judged]:
     """Rigs of the best trials, assessed with all rays. The first MOST_EXACT of them, the best first
     by what is exact; of a Pareto front as many, spread over it, without those that others dominate
     then."""
-    several, chosen = len(question.objectives) > 1, trials[:MOST_EXACT]
+    question, chosen = problem.question, trials[:MOST_EXACT]
+    several = len(question.objectives) > 1
     if several:  # at even distances, both ends among them
         places = np.linspace(0, len(trials) - 1, len(chosen))
         chosen = [trials[round(place)] for place in places.tolist()]
-    rigs = [space.rig(trial.params) for trial in chosen]
-    names, judged = [objective.name for objective in question.objectives], []
+    rigs = [problem.space.rig(trial.params) for trial in chosen]
+    names, found = [objective.name for objective in question.objectives], []
     for trial, rig, own in zip(chosen, rigs, pool.in_order(rigs, exact(question)), strict=True):
-        judged.append(Judged(rig, own, "found", dict(zip(names, trial.values, strict=True))))
+        found.append(Judged(rig, own, "found", dict(zip(names, trial.values, strict=True))))
     if several:
-        judged = [own for own in judged if not _is_dominated(own, judged, question)]
-    return sorted(judged, key=_rank(question.objectives[0]))
+        found = [own for own in found if not _is_dominated(own, found, question)]
+    return sorted(found, key=_rank(question.objectives[0]))
 
 
 def _is_dominated(own: Judged, others: Sequence[Judged], question: Question) -> bool:
@@ -92,16 +107,16 @@ def _is_dominated(own: Judged, others: Sequence[Judged], question: Question) -> 
     )
 
 
-def judge_others(
+def _of_others(
     rigs: Mapping[str, Choices], role: str, question: Question, pool: Pool
 ) -> dict[str, Judged]:
     """Rigs that no trial found, with all rays and as the search computes them; the best first."""
     both = [pool.in_order(list(rigs.values()), asked) for asked in (exact(question), question)]
-    judged = {
+    found = {
         name: Judged(rig, all_rays, role, fast.values or {})
         for (name, rig), all_rays, fast in zip(rigs.items(), *both, strict=True)
     }
-    return ranked(judged, question.objectives[0])
+    return ranked(found, question.objectives[0])
 
 
 def ranked(judged: Mapping[str, Judged], objective: ObjectiveSettings) -> dict[str, Judged]:
@@ -153,30 +168,20 @@ class Found:
     robustness: pd.DataFrame | None
     grids: Mapping[str, OccupancyGrid]
     timing: Timing
-    linear_share: float | None
     chosen: pd.DataFrame | None = None
+
+    def of_role(self, role: str) -> dict[str, Choices]:
+        """Rigs by name, the best first."""
+        return {name: own.rig for name, own in self.judged.items() if own.role == role}
 
     @property
     def best(self) -> list[str]:
         """Names of the rigs that were found, in order."""
-        return [name for name, own in self.judged.items() if own.role == "found"]
+        return list(self.of_role("found"))
 
     @property
     def baseline(self) -> str:
         return baseline_of(self.judged)
-
-
-def best_linear_share(
-    judged: Mapping[str, Judged], grids: Mapping[str, OccupancyGrid], question: Question
-) -> float | None:
-    """`linear_share` of `expected_ig` of the best rig that was found, the largest of the classes.
-    None if nothing was found, or `expected_ig` is no objective."""
-    best = next((own.rig for own in judged.values() if own.role == "found"), None)
-    if best is None or not any(o.by == "expected_ig" for o in question.objectives):
-        return None
-    q = question.detection_probability
-    rig = placement_of(best, question.carrier.models)
-    return float(linear_share(expected_ig_by_q(grids, rig, [q, FAINT_Q]), q).max())
 
 
 def baseline_of(judged: Mapping[str, Judged]) -> str:

@@ -2,7 +2,6 @@
 
 import platform
 import shlex
-from collections.abc import Mapping
 from dataclasses import astuple
 from importlib.metadata import version
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace import Mount, OccupancyGrid, Roi
+from lidarplace import Mount, Roi
 from lidarplace.base.metrics import METRICS
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.command_line.invocation import command
@@ -18,6 +17,7 @@ from lidarplace.coverage import coverage
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
+from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
 from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
 from lidarplace.requirements.tables import Ground, by_rig, case_table
 from sweeps.configuration.file import public_yaml
@@ -33,20 +33,10 @@ from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
 from tracking.mlflow.uri import absolute_uri
+from tracking.run_folders import search_json as kinds
 from tracking.run_folders import search_tables as contract
 from tracking.run_folders.arrays import Grounds, UnseenMaps
 from tracking.run_folders.json_file import Triangles
-from tracking.run_folders.search_json import (
-    Bound,
-    Command,
-    Constraint,
-    Model,
-    Objective,
-    SearchResult,
-    Stride,
-    Zone,
-)
-from tracking.run_folders.search_json import Rig as JudgedRig
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 _OPTIONAL = [table.file for table in contract.TABLES if not table.needed]
@@ -76,8 +66,7 @@ def write_search(
         write_text(folder / "placement.yaml", problem.placement_text(found.judged["found_1"].rig))
         write_text(folder / "sweep.yaml", _sweep(problem, found))
         if found.grids:
-            rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
-            _maps(rigs, problem, found.grids).write(folder)
+            _maps(problem, found).write(folder)
     about.write(folder)
 
 
@@ -92,25 +81,24 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
     Grounds.of(outline(carrier.vehicle), names, grounds).write(folder)
 
 
-def _maps(
-    rigs: Mapping[str, Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
-) -> UnseenMaps:
-    """The maps of the POG by class, and of what each rig leaves unseen of it."""
-    method, pog, unseen = problem.file.surrogate.method, {}, {}
-    placements = {name: placement_of(rig, problem.models, name) for name, rig in rigs.items()}
-    for name, grid in grids.items():
-        pog[name] = uncovered([grid], np.broadcast_to(np.False_, grid.counts.shape))[0]
-        unseen[name] = {
-            rig: uncovered([grid], coverage(placement, grid.roi, method))[0]
-            for rig, placement in placements.items()
-        }
+def _maps(problem: Problem, found: Found) -> UnseenMaps:
+    """The maps of the POG by class, and of what the best rigs leave unseen of it."""
+    roi, method = next(iter(found.grids.values())).roi, problem.file.surrogate.method
+    covered = {
+        name: coverage(placement_of(found.judged[name].rig, problem.models, name), roi, method)
+        for name in ("found_1", found.baseline)
+    }
+    pog, unseen = {}, {}
+    for name, grid in found.grids.items():
+        pog[name] = uncovered([grid], np.broadcast_to(np.False_, roi.shape))[0]
+        unseen[name] = {rig: uncovered([grid], own)[0] for rig, own in covered.items()}
     return UnseenMaps(pog, unseen)
 
 
 def _sweep(problem: Problem, found: Found) -> str:
     """A sweep of the winners and the paper's rigs, without those that a sweep refuses."""
     most = problem.file.verify.top if problem.file.verify is not None else 3
-    paper, ruled_out = _paper_rigs(found), _ruled_out(problem, found)
+    paper, ruled_out = found.of_role("paper"), _ruled_out(problem, found)
     places = [_places(rig) for rig in paper.values()]
     # A search that began with one of the eight need not train it twice.
     new = [name for name in found.best if _places(found.judged[name].rig) not in places]
@@ -123,16 +111,10 @@ def _places(rig: Choices) -> set[tuple[str, Mount]]:
     return {(lidar.model, lidar.mount) for lidar in rig}
 
 
-def _paper_rigs(found: Found) -> dict[str, Choices]:
-    """The paper's eight, the best first."""
-    return {name: own.rig for name, own in found.judged.items() if own.role == "paper"}
-
-
 def _ruled_out(problem: Problem, found: Found) -> list[str]:
-    """The paper's rigs with a LiDAR inside of the vehicle, one that sees nothing of the ROI, or one
-    that requirements cannot ask."""
+    """The paper's rigs that do not fit the vehicle, the ROI or the requirements."""
     carrier, ruled_out = problem.question.carrier, []
-    for name, rig in _paper_rigs(found).items():
+    for name, rig in found.of_role("paper").items():
         placement = placement_of(rig, problem.models, name)
         try:
             check_asked(placement, carrier.vehicle, problem.file.search.requirements)
@@ -143,7 +125,7 @@ def _ruled_out(problem: Problem, found: Found) -> list[str]:
     return ruled_out
 
 
-def _about(problem: Problem, found: Found, command: str, seconds: float) -> SearchResult:
+def _about(problem: Problem, found: Found, command: str, seconds: float) -> kinds.SearchResult:
     file, question = problem.file, problem.question
     search, vehicle = file.search, question.carrier.vehicle
     several = len(search.objective) > 1
@@ -153,11 +135,11 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
     warned |= {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
     stride = None
     if any(objective.by in RAY_SURROGATES for objective in question.objectives):
-        stride = Stride(
+        stride = kinds.Stride(
             azimuth_stride=question.azimuth_stride,
             relative_error=stride_error(found.judged.values()),
         )
-    return SearchResult(
+    return kinds.SearchResult(
         name=file.name,
         command=command,
         commands=_commands(problem, found),
@@ -173,14 +155,14 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         sampler_seconds=found.timing.sampler,
         evaluation_seconds=found.timing.evaluation,
         constraints=[
-            Constraint(name=c.name, unit=c.unit, limit=c.limit, sense=c.sense)
+            kinds.Constraint(name=c.name, unit=c.unit, limit=c.limit, sense=c.sense)
             for c in question.constraints
         ],
         classes=file.classes,
         roi=Roi(file.roi.x, file.roi.y, file.roi.z, file.surrogate.resolution),
         frames=next((grid.frames for grid in found.grids.values()), 0),
         zones=[
-            Zone(
+            kinds.Zone(
                 name=zone.name,
                 polygon=zone.polygon,
                 z=zone.z,
@@ -191,7 +173,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         vehicle=vehicle.boxes.tolist(),
         vehicle_mesh=Triangles.of(vehicle.mesh),
         models={
-            name: Model(
+            name: kinds.Model(
                 price=question.carrier.totals["price"][name],
                 beams=lidar.beams,
                 azimuth_steps=lidar.azimuth_steps,
@@ -207,19 +189,28 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         importance=importances(found.study) or None,
         stride=stride,
         cautions=[*greedy_warnings(problem), *rig_warnings(warned, problem)],
-        linear_share=found.linear_share,
+        linear_share=_linear_share(problem, found),
         tracking_uri=public_url(absolute_uri(file.tracking_uri)),
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     )
 
 
-def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
+def _linear_share(problem: Problem, found: Found) -> float | None:
+    """Of `expected_ig` of the best rig, the largest of the classes; None if it is no objective."""
+    if not found.best or not any(o.by == "expected_ig" for o in problem.question.objectives):
+        return None
+    q = problem.question.surrogate.detection_probability
+    rig = placement_of(found.judged["found_1"].rig, problem.models)
+    return float(linear_share(expected_ig_by_q(found.grids, rig, [q, FAINT_Q]), q).max())
+
+
+def _objective(objective: ObjectiveSettings, problem: Problem) -> kinds.Objective:
     own, weights = SURROGATES.get(objective.by) or METRICS.get(objective.by), None
     if objective.measured:
         weights = class_weights(objective, problem.file.classes)
     elif objective.of_traffic:
         weights = objective.weights_of(problem.file.classes)
-    return Objective(
+    return kinds.Objective(
         name=objective.name,
         by=objective.by,
         unit="" if own is None else own.unit,
@@ -228,8 +219,8 @@ def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
     )
 
 
-def _rig(own: Judged) -> JudgedRig:
-    return JudgedRig(
+def _rig(own: Judged) -> kinds.Rig:
+    return kinds.Rig(
         role=own.role,
         feasible=own.assessment.feasible,
         mounts=[astuple(lidar.mount) for lidar in own.rig],
@@ -241,14 +232,14 @@ def _rig(own: Judged) -> JudgedRig:
     )
 
 
-def _bound(found: Found, problem: Problem) -> Bound:
+def _bound(found: Found, problem: Problem) -> kinds.Bound:
     """How good the first objective can be; as the search computes it, with its azimuth stride."""
     certificate = found.certificate
     if certificate is None:
-        return Bound(value=None, reason=found.no_certificate)
+        return kinds.Bound(value=None, reason=found.no_certificate)
     name = problem.question.objectives[0].name
     best = found.judged["found_1"].searched[name] if found.trials else certificate.value
-    return Bound(
+    return kinds.Bound(
         value=certificate.bound,
         by_gains=certificate.by_gains,
         greedy=certificate.value,
@@ -261,7 +252,7 @@ def _bound(found: Found, problem: Problem) -> Bound:
 
 def _verification(problem: Problem, found: Found) -> str:
     """What the sweep of the winners does, and which of the paper's rigs it does without."""
-    left, ruled_out = len(_paper_rigs(found)), _ruled_out(problem, found)
+    left, ruled_out = len(found.of_role("paper")), _ruled_out(problem, found)
     left -= len(ruled_out)
     why = "do not fit the vehicle or its requirements"
     if not left:
@@ -270,7 +261,7 @@ def _verification(problem: Problem, found: Found) -> str:
     return f"train detectors for it and for {f'{left} of ' if rest else ''}the paper's eight{rest}"
 
 
-def _commands(problem: Problem, found: Found) -> list[Command]:
+def _commands(problem: Problem, found: Found) -> list[kinds.Command]:
     folder, lines = problem.folder, {}
     if found.trials:
         rig = str(folder / "placement.yaml")
@@ -279,4 +270,4 @@ def _commands(problem: Problem, found: Found) -> list[Command]:
         lines["see what it sees in a frame of a box log"] = view
     journal = shlex.quote(str(journal_path(folder)))
     lines["look at all trials in a browser"] = f"optuna-dashboard {journal}"
-    return [Command(what=what, line=line) for what, line in lines.items()]
+    return [kinds.Command(what=what, line=line) for what, line in lines.items()]

@@ -3,20 +3,12 @@
 from dataclasses import dataclass
 from typing import Any
 
-import optuna
-
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.results.state import SweepState, sweep_state
 from sweeps.search.judgement.verify import read_verification
 from sweeps.search.judgement.winners import best_trials
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.study import (
-    assessment_of,
-    finished_trials,
-    journal_path,
-    journal_storage,
-    quiet,
-)
+from sweeps.search.trials.study import assessment_of, finished_trials, stored_study
 from sweeps.store.lock import is_locked
 from sweeps.store.open import reference, store_of
 
@@ -48,7 +40,8 @@ def search_state(problem: Problem) -> SearchState:
     """Look at everything that a search has left so far. Raises ValueError: its journal cannot be
     read, or the sweep that it left is damaged; OSError: its folder cannot be read."""
     settings = problem.file.search
-    study = _study(problem)
+    name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
+    study = stored_study(problem.folder, name)
     trials = list(finished_trials(study)) if study else []
     failed = (trial for trial in trials if "failure" in trial.user_attrs)
     failures = [{"trial": own.number, "reason": own.user_attrs["failure"]} for own in failed]
@@ -68,24 +61,6 @@ def search_state(problem: Problem) -> SearchState:
     rays = any(objective.by in RAY_SURROGATES for objective in settings.objective)
     stride = settings.azimuth_stride if rays else 1
     return SearchState(own.name, alive, counts, best, stride, failures, _verify(problem))
-
-
-def _study(problem: Problem) -> optuna.Study | None:
-    """The study as far as it has come; None before its first trial."""
-    name, path = (
-        f"{reference(problem.sweep(), 'search')}-{problem.key}",
-        journal_path(problem.folder),
-    )
-    if not path.exists():
-        return None
-    # A driver may be writing the last line; the journal is left as it is.
-    storage = journal_storage(path)
-    try:
-        with quiet():
-            name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
-            return optuna.load_study(study_name=name, storage=storage)
-    except KeyError:  # another configuration, or none yet
-        return None
 
 
 def _verify(problem: Problem) -> SweepState | None:

@@ -16,7 +16,6 @@ from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.choice import Choices, placement_of
-from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.study import finished_trials
@@ -66,8 +65,7 @@ def greedy_warnings(problem: Problem) -> list[str]:
 
 
 def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
-    """Of which of these rigs rings coincide or LiDARs look into each other, and which ones a
-    generalist cannot know."""
+    """Rings that coincide, LiDARs that see each other, rigs new to the generalist."""
     placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
     found = {name: interleaving(placement) for name, placement in placements.items()}
     said = [coinciding(name, better) for name, better in found.items() if better is not None]
@@ -100,8 +98,8 @@ def print_problem(console: Console, problem: Problem) -> None:
                 f"zone {zone.name}: z up to {zone.z[1]:g} m, as LiDARs are to be within its "
                 f"standoff, {settings.zones[zone.name].standoff:g} m, above the body"
             )
-    limits = ", ".join(describe(c) for c in problem.question.constraints) or "none"
-    console.print(f"constraints: {limits}")
+    bounds = (f"{c.name} {c.sense} {c.limit:g} {c.unit}" for c in problem.question.constraints)
+    console.print(f"constraints: {', '.join(map(str.rstrip, bounds)) or 'none'}")
     console.print(
         f"{settings.trials} trials by {settings.sampler}, {settings.batch_size} at a time, "
         f"seed {settings.seed}"
@@ -128,12 +126,6 @@ def planned(problem: Problem) -> dict[str, Any]:
         **settings.model_dump(include={"trials", "sampler", "batch_size", "seed"}),
         "warnings": warnings_of(problem),
     }
-
-
-def describe(constraint: Constraint) -> str:
-    """Such as "distance at least 0.2 m"."""
-    name, sense, unit = constraint.name, constraint.sense, constraint.unit
-    return f"{name} {sense} {constraint.limit:g} {unit}".rstrip()
 
 
 def print_failures(console: Console, found: Found) -> int:

@@ -27,8 +27,7 @@ _OWN = ("search", "robustness", "verify", "placement")
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """The configuration of a search in `path` after `--set`, as plain data with whole paths and
-    checked; and the sweeps of its rigs."""
+    """The file `path` of a search after `--set`, as plain data and checked; and its sweeps."""
 
     path: Path
     source: Mapping[str, Any]

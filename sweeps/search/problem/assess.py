@@ -3,23 +3,22 @@
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import pandas as pd
 
 from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_by_q
-from lidarplace.coverage import Method
 from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
+from sweeps.configuration.sweep import SurrogateSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
-from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
+from sweeps.search.problem.constraints import Carrier, Constraint, measures_of, requirement_name
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """POG by class, empty if no surrogate is asked for; objects one by one, for
-    `expected_recall`."""
+    """POG by class, empty if none is asked for; objects, for `expected_recall`."""
 
     grids: Mapping[str, OccupancyGrid]
     objects: ExpectedRecall | None = None
@@ -28,23 +27,15 @@ class Traffic:
 @dataclass(frozen=True)
 class Question:
     """What is asked of every rig: surrogates as of `evaluate_classes`, and `expected_recall` as the
-    mean over `mount_draws` vehicles; measured objectives are not answered here."""
+    mean over `surrogate.mount_draws` vehicles; measured objectives are not answered here."""
 
     objectives: tuple[ObjectiveSettings, ...]
     constraints: tuple[Constraint, ...]
     carrier: Carrier
-    method: Method
-    detection_probability: float
-    occlusion: bool
+    surrogate: SurrogateSettings
     azimuth_stride: int
-    errors: MountingErrors = field(default_factory=MountingErrors)
-    mount_draws: int = 0
-    seed: int = 0
-
-    @property
-    def needs_pog(self) -> bool:
-        """Whether a surrogate is asked for."""
-        return any(o.of_traffic for o in self.objectives)
+    errors: MountingErrors
+    seed: int
 
     @property
     def needs_objects(self) -> bool:
@@ -86,12 +77,13 @@ def _values(
 ) -> dict[str, float]:
     found = {}
     recall = _recall(rig, question, traffic.objects) if traffic.objects else {}
-    by_class = _of_pog(rig, question, traffic) if question.needs_pog else {}
+    by_class = _of_pog(rig, question, traffic)
     for objective in question.objectives:
         if objective.by in TOTALS:
             found[objective.name] = question.carrier.total_of(objective.by, rig)
         elif objective.by == "margin":
-            found[objective.name] = margin_of(measures, question.constraints)
+            required = (c for c in question.constraints if c.name.startswith(requirement_name("")))
+            found[objective.name] = min(measures[c.name] / c.limit for c in required)
         elif objective.of_traffic:
             weights = objective.weights_of(traffic.grids)
             of_objects = objective.by in OBJECT_SURROGATES
@@ -103,29 +95,29 @@ def _values(
 def _recall(rig: Choices, question: Question, model: ExpectedRecall) -> dict[str, float]:
     """`expected_recall` by class, the mean over vehicles."""
     rig_as_meant = placement_of(rig, question.carrier.models)
-    rigs = fleet(rig_as_meant, question.errors, question.mount_draws, question.seed)
+    rigs = fleet(rig_as_meant, question.errors, question.surrogate.mount_draws, question.seed)
     every = [model.recall(seen)["expected_recall"] for seen in model.objects.seen_by(rigs)]
     return {str(k): float(v) for k, v in pd.concat(every, axis=1).mean(axis=1).items()}
 
 
 def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
     """The surrogates of the POG that are asked for, by class."""
-    placement, q = placement_of(rig, question.carrier.models), question.detection_probability
-    of_traffic = {o.by for o in question.objectives if o.of_traffic}
-    of_pog = {name for name in of_traffic if name not in OBJECT_SURROGATES}
+    placement, how = placement_of(rig, question.carrier.models), question.surrogate
+    of_pog = {o.by for o in question.objectives if o.of_traffic}.difference(OBJECT_SURROGATES)
     if not of_pog:
-        return {name: {} for name in traffic.grids}
-    if of_pog == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
+        return {}
+    q = how.detection_probability
+    if of_pog == {"expected_ig"} and not how.occlusion and how.method != "bresenham":
         # The default, for which no cone has to be covered.
         gains = expected_ig_by_q(traffic.grids, placement, [q], question.azimuth_stride)[q]
         return {str(name): {"expected_ig": float(gain)} for name, gain in gains.items()}
     results = evaluate_classes(
         traffic.grids,
         placement,
-        question.method,
+        how.method,
         surrogates=to_ask_for(sorted(of_pog)),
         detection_probability=q,
-        occlusion=question.occlusion,
+        occlusion=how.occlusion,
         azimuth_stride=question.azimuth_stride,
     )
     return {name: {by: own.asked(by) for by in of_pog} for name, own in results.items()}

@@ -155,24 +155,10 @@ class Carrier:
         own = (self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
         return math.fsum([*own, self.beside[total]])
 
-    def depths_of(self, rig: Choices) -> dict[str, float]:
-        """How far the deepest LiDAR is inside of the body and of what is kept out, metres."""
-        places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 3)
-        return {
-            "body": float(depth_in_body(self.body, places).max(initial=0.0)),
-            "keep_out": float(depth_in(self.keep_out, places).max(initial=0.0)),
-        }
-
     def judged(self, rig: Choices, name: str = "rig") -> list[Outcome]:
         """What becomes of each requirement."""
         placement = placement_of(rig, self.models, name)
         return judge(self.requirements, placement, self.vehicle, self.further)
-
-
-def margin_of(measures: Mapping[str, float], constraints: Sequence[Constraint]) -> float:
-    """The least that a requirement has of what it needs: 1 is just enough."""
-    required = (c for c in constraints if c.name.startswith(requirement_name("")))
-    return min(measures[c.name] / c.limit for c in required)
 
 
 def _of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
@@ -204,7 +190,10 @@ def _measure(name: str, rig: Choices, placement: Placement | None, carrier: Carr
     if name in TOTALS:
         return carrier.total_of(name, rig)
     if name in ("body", "keep_out"):
-        return carrier.depths_of(rig)[name]
+        places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 3)
+        if name == "body":
+            return float(depth_in_body(carrier.body, places).max(initial=0.0))
+        return float(depth_in(carrier.keep_out, places).max(initial=0.0))
     if name == "body_share":
         mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
         housings = housings_of(mounts, lidars)

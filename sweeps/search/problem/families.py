@@ -6,7 +6,7 @@ rings between each other, a roll outwards, a pitch of all.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any, TypeVar
 
@@ -53,7 +53,6 @@ def _one_above(number: int, spread: float, height: float) -> Shares:
     return [(0.5, 0.5, height), *_around(number - 1, spread, height / 2)][:number]
 
 
-_LAYOUTS: list[Callable[[int, float, float], Shares]]
 _LAYOUTS = [_around, _around, _across, _stack, _one_above, _along]
 """Each with its share of the trials."""
 

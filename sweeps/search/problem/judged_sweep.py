@@ -17,8 +17,7 @@ JudgedRig = Sequence[Sequence[DetectorTrial]]
 
 
 def generalists(problem: Problem) -> dict[int, Task]:
-    """The trainings of the generalists by seed, on the scene as the configuration has it; none
-    where the generalist is that of a file."""
+    """The trainings of the generalists by seed; none where it is that of a file."""
     if problem.pretrained:
         return {}
     rigs = dict(problem.training_rigs)

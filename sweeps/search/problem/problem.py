@@ -177,8 +177,7 @@ class Problem(SearchConfig):
         return Sweep(self.file, (own,), (), self.source, self.rigs)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
-        """The tasks that lead to its POG and its log, and the trial that has them. Raises
-        ConfigError."""
+        """The tasks that lead to its POG, and the trial that has them. Raises ConfigError."""
         with named(self.path):
             plan = make_plan(sweep)
         (trial,) = plan.trials
@@ -196,8 +195,7 @@ class Problem(SearchConfig):
 
 
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
-    """Read the configuration of a search. Raises ConfigError: anything wrong with the file, a key
-    or a value."""
+    """Read the configuration of a search. Raises ConfigError: anything wrong with it."""
     source = read_named(path, overrides, SearchFile)
     file = check(SearchFile, source, path)
     _check_keys(file, source, path)
@@ -213,7 +211,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         space = Space(settings, tuple(chosen), fixed)
         start = {name: _start(file, rigs, name, space) for name in settings.start}
     models = chosen | {OWN_MODEL: own}
-    _check_body(file, space, models, path)
+    _check_body(file, space, fixed, models, path)
     for key in file.verify.set if settings.models and file.verify is not None else ():
         if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
             raise ConfigError(
@@ -224,12 +222,9 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         objectives=settings.objective,
         constraints=constraints_of(file),
         carrier=Carrier.of(file, models, _laid(file, chosen, path)),
-        method=file.surrogate.method,
-        detection_probability=file.surrogate.detection_probability,
-        occlusion=file.surrogate.occlusion,
+        surrogate=file.surrogate,
         azimuth_stride=settings.azimuth_stride,
         errors=file.mounting_errors.errors(),
-        mount_draws=file.surrogate.mount_draws,
         seed=file.scene.seed,
     )
     whole = portable(source, path.parent)
@@ -269,8 +264,6 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             f"{path}: judge: key of a sweep; in a search the objective selects it, such as "
             "generalist.recall"
         )
-    for name, scene in (file.robustness.scenes if file.robustness else {}).items():
-        refuse_overlaps(scene, f"{path}: robustness.scenes.{name}")
     if file.verify is not None:
         where = f"{path}: verify.set"
         refuse_overlaps(file.verify.set, where)
@@ -291,20 +284,21 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             raise ConfigError(f"{where} uses the declared mounts; remove lidar.tilt_in_degrees")
 
 
-def _check_body(file: SearchFile, space: Space, models: Mapping[str, Lidar], path: Path) -> None:
-    """Refuse fixed LiDARs inside of the body, and zones that are, and fixed LiDARs that see nothing
-    of the ROI. Raises ConfigError."""
+def _check_body(
+    file: SearchFile, space: Space, fixed: list[Choice], models: Mapping[str, Lidar], path: Path
+) -> None:
+    """Refuse zones and fixed LiDARs inside of the body, and fixed ones that are blind."""
     vehicle = vehicle_of(file.search.vehicle)
     for zone in space.zones:
         if zone_in_body(zone, vehicle)[1]:
             raise ConfigError(f"{path}: search.zones.{zone.name}: is inside the vehicle's body")
-    if not space.fixed:
+    if not fixed:
         return
     with named(f"{path}: search: fixed"):
-        fixed = placement_of(space.fixed, models, "fixed")
-        check_mounts(fixed, vehicle)
+        rig = placement_of(tuple(fixed), models, "fixed")
+        check_mounts(rig, vehicle)
         if not file.allow_blind_lidars:
-            check_not_blind(fixed, file.voxel_roi(), with_keep_outs(file.search))
+            check_not_blind(rig, file.voxel_roi(), with_keep_outs(file.search))
 
 
 def _check_what_comes_later(problem: Problem) -> None:
@@ -312,12 +306,7 @@ def _check_what_comes_later(problem: Problem) -> None:
     problem.key  # noqa: B018 - the scene
     path, file = problem.path, problem.file
     for name, changes in (file.robustness.scenes if file.robustness else {}).items():
-        for key in changes:
-            if not key.startswith("scene."):
-                raise ConfigError(
-                    f"{path}: robustness.scenes.{name}: {key}: allowed are keys of scene, such as "
-                    "scene.density"
-                )
+        _check_scene(changes, f"{path}: robustness.scenes.{name}", "scene.density")
         problem.pog_tasks(problem.sweep(changes))
     if problem.judged:
         _check_traffic(problem)
@@ -332,23 +321,26 @@ def _check_what_comes_later(problem: Problem) -> None:
         raise ConfigError(f"{path}: verify: needs a detector")
 
 
+def _check_scene(changes: Mapping[str, Any], where: str, example: str) -> None:
+    """Refuse what is no key of the scene, or inside of another one. Raises ConfigError."""
+    refuse_overlaps(changes, where)
+    for key in changes:
+        if not key.startswith("scene."):
+            raise ConfigError(f"{where}: {key}: allowed are keys of scene, such as {example}")
+
+
 def _check_traffic(problem: Problem) -> None:
     """What a search by a generalist sees has to be said, and different. Raises ConfigError."""
     path, traffic = problem.path, problem.traffic
     for name, every in (("search", traffic.search), ("choice", traffic.choice)):
         where = f"{path}: search.traffic.{name}"
         for changes in every:
-            refuse_overlaps(changes, where)
             if not changes:
                 raise ConfigError(
                     f"{where}: name another log, such as {{scene.test_folder: other_log}}: "
                     "trials, the choice of the best and their verification need different traffic"
                 )
-            for key in changes:
-                if not key.startswith("scene."):
-                    raise ConfigError(
-                        f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
-                    )
+            _check_scene(changes, where, "scene.test_seed")
             said = {key: f"search.traffic.{name}: {key}" for key in changes}
             problem.point(changes, said)
         if any(changes in every[:number] for number, changes in enumerate(every)):

@@ -77,10 +77,6 @@ class Placed:
         other = replace(self.lidar, mount=mirrored(self.lidar.mount))
         return ordered([self.lidar, other] if self.slot.pair else [self.lidar])
 
-    def allows(self, mount: Mount) -> bool:
-        """Whether the LiDAR might sit there, in its zone, as far as its own slot goes."""
-        return _fits(self.slot, self.slot.zone(self.lidar.zone), mount)
-
 
 class Space:
     """All rigs that a configuration allows, of LiDAR `models` by name and those that are `fixed`.
@@ -90,7 +86,7 @@ class Space:
     def __init__(
         self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[Choice]
     ) -> None:
-        self.settings, self.models, self.fixed = settings, models, tuple(fixed)
+        self.settings, self.models, self.fixed = settings, models, ordered(fixed)
         self.zones = mountable(settings.zones, vehicle_of(settings.vehicle))
         if settings.symmetric:
             _check_symmetry(self.zones)
@@ -128,8 +124,12 @@ class Space:
     def slots(self, makeup: Makeup) -> list[Slot]:
         """What has to be placed to have so many LiDARs."""
         if self.settings.counted:
-            counted = zip(self.zones, makeup, strict=True)
-            return [slot for zone, count in counted for slot in self._in_zone(zone, count)]
+            found: list[Slot] = []
+            for zone, count in zip(self.zones, makeup, strict=True):
+                own = self.settings.zones[zone.name]
+                kind = ((zone,), own.models or self.models, self.spans(zone.name), own.mirrored)
+                found += [Slot(f"{zone.name}_{i + 1}", *kind) for i in range(count)]
+            return found
         (number,) = makeup
         spans = {name: getattr(self.settings, f"{name}_deg") for name in _ANGLES}
         zones, models = self.zones, self.models
@@ -144,12 +144,6 @@ class Space:
             raise ValueError("search.symmetric: an odd number needs a zone that meets y = 0")
         upright = spans | {"roll": (0.0, 0.0), "yaw": (0.0, 0.0)}
         return [*pairs, Slot("centre", middles, models, upright, False)]
-
-    def _in_zone(self, zone: Zone, count: int) -> list[Slot]:
-        """The slots of a zone that says how many LiDARs it has."""
-        own, name, spans = self.settings.zones[zone.name], zone.name, self.spans(zone.name)
-        kind = ((zone,), own.models or self.models, spans, own.mirrored)
-        return [Slot(f"{name}_{i + 1}", *kind) for i in range(count)]
 
     def spans(self, zone: str) -> dict[str, Pair]:
         """Lowest and highest roll, pitch and yaw of a mount in that zone, degrees, ego frame."""
@@ -243,9 +237,8 @@ class Space:
         return found
 
 
-def within(value: float, span: BaseDistribution) -> float:
+def within(value: float, span: FloatDistribution) -> float:
     """The value, or the end of the span that is nearest to it."""
-    assert isinstance(span, FloatDistribution)
     return min(max(value, span.low), span.high)
 
 
@@ -316,12 +309,13 @@ def _in_slot(slot: Slot, lidar: Choice, left: Sequence[Choice]) -> Placed | None
         if mount.y <= 0 or not any(_same(own.mount, other) for own in left):
             return None
     for zone in slot.zones:
-        if lidar.zone in ("", zone.name) and _fits(slot, zone, mount):
+        if lidar.zone in ("", zone.name) and fits(slot, zone, mount):
             return Placed(slot, Choice(model, zone.name, mount))
     return None
 
 
-def _fits(slot: Slot, zone: Zone, mount: Mount) -> bool:
+def fits(slot: Slot, zone: Zone, mount: Mount) -> bool:
+    """Whether a LiDAR of the slot might sit there, in that zone."""
     turn = (mount.roll, mount.pitch, mount.yaw)
     return distance(zone, mount.x, mount.y, mount.z) <= TOLERANCE and all(
         abs(math.remainder(angle - math.radians(low + high) / 2, math.tau))

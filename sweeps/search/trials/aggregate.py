@@ -64,8 +64,7 @@ def _over(values: NDArray[np.float64], metric: pd.Series, over: Over) -> NDArray
 def weighted_value(
     objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame
 ) -> float:
-    """The weighted mean over classes of a metric, percent, and of those of `also`. `metrics`: as of
-    `evaluate_boxes`."""
+    """The weighted mean over classes, percent, of a metric and those of `also`."""
     found = []
     for part in objective.parts:
         weights = class_weights(part, classes)

@@ -20,12 +20,11 @@ from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend, Job
 from sweeps.execution.execute import Listener, execute
 from sweeps.plan.trial import DetectorTrial
-from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
-from sweeps.search.trials.study import finished_trials, tell
-from sweeps.search.trials.traffic import Pool
+from sweeps.search.trials.study import finished_trials
+from sweeps.search.trials.traffic import Asked, Measured, Pool, SurrogateAnswers
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.parameters import CollectParams, JudgeParams
@@ -38,15 +37,12 @@ KEPT = 3
 """One of so many rigs goes on to all frames."""
 _FIRST, _WHOLE = "value on the first frames", "value on all frames"
 """User attributes of a trial."""
-Asked = list[tuple[optuna.Trial, Choices]]
-Measured = tuple[dict[int, list[float]], dict[int, str]]
-"""Values of the measured objectives, and reasons why there are none, by number of the trial."""
 
 
-class GeneralistAnswers:
+class GeneralistAnswers(SurrogateAnswers):
     """Answers by a detector that is trained once, on rigs of the space, or by that of a file. Rigs
-    that violate a constraint, which `pool` evaluates, are not measured. With several objectives all
-    rigs see all frames. Results stay in the store, so a stop loses nothing."""
+    that violate a constraint are not measured. With several objectives all rigs see all frames.
+    Results stay in the store, so a stop loses nothing."""
 
     def __init__(
         self,
@@ -57,38 +53,18 @@ class GeneralistAnswers:
         backend: Backend,
         listener: Listener,
     ) -> None:
-        self.study, self.problem, self._pool = study, problem, pool
+        super().__init__(study, problem, pool)
         self.store, self.backend, self._listener = store, backend, listener
         self._generalists = generalists(problem)
-        self._asked: Asked = []
         self._reference = reference(problem.sweep(), "judged")
         self._referred = set(store.references().get(self._reference, ()))
 
-    def begin(self, trial: optuna.Trial, rig: Choices) -> None:
-        self._asked.append((trial, rig))
-
-    def finish(self) -> None:
-        asked, self._asked = self._asked, []
-        found = self._pool.in_order([rig for _, rig in asked], self.problem.question)
-        answers = list(zip(asked, found, strict=True))
-        feasible = [own for own, assessment in answers if assessment.feasible]
-        values, failed = self._measure(feasible) if feasible else ({}, {})
-        for (trial, _), assessment in answers:
-            whole = None
-            if trial.number in values:
-                assert assessment.values is not None
-                left = iter(values[trial.number])
-                whole = [
-                    next(left) if o.measured else assessment.values[o.name]
-                    for o in self.problem.file.search.objective
-                ]
-            tell(self.study, trial, assessment, whole, failed.get(trial.number))
-
     def _measure(self, asked: Asked) -> Measured:
         """Detections in the first frames, then in all frames for the best."""
+        if not asked:
+            return {}, {}
         problem, trials = self.problem, {trial.number: trial for trial, _ in asked}
-        reasons = {trial.number: problem.outside(rig) for trial, rig in asked}
-        outside = {number: reason for number, reason in reasons.items() if reason is not None}
+        outside = {t.number: why for t, rig in asked if (why := problem.outside(rig)) is not None}
         rigs = {f"trial_{t.number}": rig for t, rig in asked if t.number not in outside}
         judged = judged_rigs(problem, self._generalists, rigs, problem.tests.search)
         by_number = {int(name.removeprefix("trial_")): own for name, own in judged.items()}
@@ -132,7 +108,7 @@ class GeneralistAnswers:
                 task
                 for tests in own
                 for trial in tests
-                for task in (*_judging(trial, portions), *_truths(trial))
+                for task in (*_judging(trial, portions), *trial.test_truths)
             )
             for number, own in by_number.items()
         }
@@ -143,9 +119,9 @@ class GeneralistAnswers:
         file, failed = self.problem.file, dict[int, str]()
 
         def submit(trial: DetectorTrial) -> Job[pd.DataFrame]:
-            judging, truths = _judging(trial, portions), _truths(trial)
+            tasks = _judging(trial, portions), trial.test_truths
             own = (file.classes, file.own_ious(), file.metrics)
-            return self.backend.submit(judged_metrics, self.store, judging, truths, *own)
+            return self.backend.submit(judged_metrics, self.store, *tasks, *own)
 
         jobs = {}
         for number, own in by_number.items():
@@ -228,7 +204,3 @@ def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged
 
 def _judging(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:
     return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
-
-
-def _truths(trial: DetectorTrial) -> list[Task[GroundTruth]]:
-    return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]

@@ -6,23 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from optuna import samplers
 from optuna.distributions import BaseDistribution
 from optuna.exceptions import ExperimentalWarning
-from optuna.samplers import (
-    BaseSampler,
-    CmaEsSampler,
-    GPSampler,
-    NSGAIIISampler,
-    NSGAIISampler,
-    QMCSampler,
-    RandomSampler,
-    TPESampler,
-)
 from optuna.study import Study, StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
 
-class Repeatable(BaseSampler):
+class Repeatable(samplers.BaseSampler):
     """Suggests the same for a trial however often it is asked, and after any stop.
 
     All randomness follows from the seed, the number of the trial and the name of the parameter.
@@ -33,11 +24,11 @@ class Repeatable(BaseSampler):
 
     def __init__(self, name: str, seed: int, given: int = 0) -> None:
         self._name, self._seed, self._given = name, seed, given
-        self._joint: BaseSampler | None = None
+        self._joint: samplers.BaseSampler | None = None
 
     def _new(
         self, trial: FrozenTrial, parameter: str = "", start: FrozenTrial | None = None
-    ) -> BaseSampler:
+    ) -> samplers.BaseSampler:
         key = (self._seed, trial.number, zlib.crc32(parameter.encode()))
         own = int(np.random.SeedSequence(key).generate_state(1)[0])
         with warnings.catch_warnings(action="ignore", category=ExperimentalWarning):
@@ -90,33 +81,39 @@ def _best_of(study: Study) -> FrozenTrial | None:
 
 def sampler_for(
     name: str, seed: int, common_seed: int, number: int, start: FrozenTrial | None = None
-) -> BaseSampler:
+) -> samplers.BaseSampler:
     """A sampler with the `seed` of one suggestion, `common_seed` of all where they are a sequence,
     and `start`, a trial from which CMA-ES starts, with a standard deviation of a tenth of each
     range (Nomura et al. 2021); what it has learned since is in the study."""
     if name == "tpe":  # jointly: what a LiDAR should see depends on where the others are
-        return TPESampler(seed=seed, multivariate=True, group=True)
+        return samplers.TPESampler(seed=seed, multivariate=True, group=True)
     if name == "gp":
-        return GPSampler(seed=seed, deterministic_objective=True, warn_independent_sampling=False)
+        return samplers.GPSampler(
+            seed=seed, deterministic_objective=True, warn_independent_sampling=False
+        )
     if name == "cmaes":
         # It starts from the best tenth of what it is given.
         source = None if start is None else [start] * 10
-        return CmaEsSampler(seed=seed, source_trials=source, warn_independent_sampling=False)
-    plain: dict[str, type[NSGAIISampler | NSGAIIISampler | RandomSampler]]
-    plain = {"nsga2": NSGAIISampler, "nsga3": NSGAIIISampler, "random": RandomSampler}
-    if name in plain:
-        return plain[name](seed=seed)
+        return samplers.CmaEsSampler(
+            seed=seed, source_trials=source, warn_independent_sampling=False
+        )
+    if name == "nsga2":
+        return samplers.NSGAIISampler(seed=seed)
+    if name == "nsga3":
+        return samplers.NSGAIIISampler(seed=seed)
+    if name == "random":
+        return samplers.RandomSampler(seed=seed)
     assert name == "qmc"
     return _Numbered(
         number,
         seed=common_seed,
         scramble=True,
-        independent_sampler=RandomSampler(seed=seed),  # of the first trial
+        independent_sampler=samplers.RandomSampler(seed=seed),  # of the first trial
         warn_independent_sampling=False,
     )
 
 
-class _Numbered(QMCSampler):
+class _Numbered(samplers.QMCSampler):
     """Takes the point of the sequence that has the trial's number; Optuna's own counts the points
     that were asked for, and a stop would skip some."""
 

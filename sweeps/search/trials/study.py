@@ -3,13 +3,12 @@ A batch is asked for as a whole before any of it is answered. So the outcome dep
 the size of a batch, and not on how many workers there are or which was faster."""
 
 import json
-import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import optuna
 from optuna.storages import BaseStorage, JournalStorage
@@ -18,8 +17,6 @@ from optuna.trial import FrozenTrial, TrialState
 
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.assess import Assessment
-from sweeps.search.problem.choice import Choices
-from sweeps.search.problem.space import Space
 from sweeps.search.trials.samplers import Repeatable
 
 ASSESSMENT = "assessment"
@@ -56,10 +53,25 @@ def journal_storage(path: Path) -> BaseStorage:
         ) from None
 
 
-def is_emptied(folder: Path) -> bool:
-    """Whether a search has left results in its folder, and no trial in its journal."""
+def stored_study(folder: Path, name: str) -> optuna.Study | None:
+    """The study of a search, as far as it has come, which may go on; None before its first trial,
+    or if it is that of another configuration. Raises as `journal_storage`."""
     path = journal_path(folder)
-    return (folder / "search.json").exists() and not (path.exists() and path.stat().st_size)
+    if not path.exists():
+        return None
+    storage = journal_storage(path)
+    try:
+        with quiet():
+            return optuna.load_study(study_name=name, storage=storage)
+    except KeyError:
+        return None
+
+
+def emptied_journal(folder: Path) -> Path | None:
+    """The journal of a search that has left results in its folder, if no trial is in it."""
+    path = journal_path(folder)
+    is_emptied = not (path.exists() and path.stat().st_size)
+    return path if is_emptied and (folder / "search.json").exists() else None
 
 
 def journal_path(folder: Path) -> Path:
@@ -82,57 +94,6 @@ def open_study(
     for params in first[len(study.get_trials(deepcopy=False)) : settings.trials]:
         study.enqueue_trial(dict(params))
     return study
-
-
-class Answers(Protocol):
-    """Evaluates rigs: `begin` takes up one of the next batch, and `finish` tells the study of the
-    whole batch, in the order of the trials' numbers."""
-
-    def begin(self, trial: optuna.Trial, rig: Choices) -> None: ...
-
-    def finish(self) -> None: ...
-
-
-def run_study(
-    study: optuna.Study,
-    space: Space,
-    settings: SearchSettings,
-    answers: Answers,
-    told: Callable[[int], None],
-) -> Timing:
-    """Ask and tell until there are as many trials as the settings want. `told`: receives the number
-    of finished trials."""
-    timing = Timing()
-    while (batch := _next_batch(study, settings)) is not None:
-        for number in batch:
-            start = time.perf_counter()
-            trial = _ask(study, number)
-            rig = space.suggest(trial)
-            timing.sampler += time.perf_counter() - start
-            answers.begin(trial, rig)
-        start = time.perf_counter()
-        answers.finish()
-        timing.evaluation += time.perf_counter() - start
-        told(batch[-1] + 1)
-    return timing
-
-
-def _next_batch(study: optuna.Study, settings: SearchSettings) -> list[int] | None:
-    """Numbers of the trials to finish next; None if there are enough."""
-    trials = study.get_trials(deepcopy=False)
-    unfinished = [trial.number for trial in trials if not trial.state.is_finished()]
-    first = min(unfinished, default=len(trials))
-    start = first - first % settings.batch_size
-    end = min(start + settings.batch_size, max(settings.trials, max(unfinished, default=-1) + 1))
-    return [n for n in range(start, end) if n >= len(trials) or n in unfinished] or None
-
-
-def _ask(study: optuna.Study, number: int) -> optuna.Trial:
-    """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
-    known = study.get_trials(deepcopy=False)  # by number
-    if number < len(known) and known[number].state == TrialState.RUNNING:
-        return optuna.Trial(study, known[number]._trial_id)
-    return study.ask()
 
 
 def tell(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import optuna
+from optuna.trial import TrialState
 from rich.console import Console
 
 from lidarplace import ExpectedRecall
@@ -19,8 +21,7 @@ from sweeps.plan.plan import RECALL_FRAMES
 from sweeps.search.problem.assess import Assessment, Question, Traffic, assess
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.space import Space
-from sweeps.search.trials.study import assessment_of, finished_trials, tell
+from sweeps.search.trials.study import Timing, assessment_of, finished_trials, tell
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.parameters import RecallParams
@@ -42,7 +43,7 @@ def training_traffic(
     """What the objectives ask for. `scene`: key path -> value, what differs from the configuration.
     Raises ConfigError: a value is not allowed at its key path; NoTraffic: something failed, or
     `expected_recall` is asked of a class of which no object counts."""
-    if not problem.question.needs_pog:
+    if not any(objective.of_traffic for objective in problem.question.objectives):
         return Traffic({})
     sweep = problem.sweep(scene)
     tasks, trial = problem.pog_tasks(sweep)
@@ -107,29 +108,76 @@ class Pool:
         return [job.result() for job in jobs]
 
 
-class SurrogateAnswers:
-    """Answers by a pool of workers."""
+Asked = list[tuple[optuna.Trial, Choices]]
+Measured = tuple[dict[int, list[float]], dict[int, str]]
+"""Values of the measured objectives, and reasons why there are none, by number of the trial."""
 
-    def __init__(self, study: optuna.Study, space: Space, question: Question, pool: Pool) -> None:
-        self._study, self._question, self._pool = study, question, pool
+
+class SurrogateAnswers:
+    """Evaluates rigs by a pool of workers: `begin` takes up one of the next batch, and `finish`
+    tells the study of the whole batch, in the order of the trials' numbers."""
+
+    def __init__(self, study: optuna.Study, problem: Problem, pool: Pool) -> None:
+        self.study, self.problem, self._pool = study, problem, pool
         known = finished_trials(study)
-        self._known = {space.rig(trial.params): assessment_of(trial) for trial in known}
-        self._asked: list[tuple[optuna.Trial, Choices]] = []
+        self._known = {problem.space.rig(trial.params): assessment_of(trial) for trial in known}
+        self._asked: Asked = []
         self._jobs: dict[Choices, Job[Assessment]] = {}
+
+    def run(self, told: Callable[[int], None]) -> Timing:
+        """Ask and tell until there are enough trials; `told`: gets the number of finished ones."""
+        timing = Timing()
+        while (batch := self._next_batch()) is not None:
+            for number in batch:
+                start = time.perf_counter()
+                trial = self._ask(number)
+                rig = self.problem.space.suggest(trial)
+                timing.sampler += time.perf_counter() - start
+                self.begin(trial, rig)
+            start = time.perf_counter()
+            self.finish()
+            timing.evaluation += time.perf_counter() - start
+            told(batch[-1] + 1)
+        return timing
+
+    def _next_batch(self) -> list[int] | None:
+        """Numbers of the trials to finish next; None if there are enough."""
+        trials, settings = self.study.get_trials(deepcopy=False), self.problem.file.search
+        unfinished = [trial.number for trial in trials if not trial.state.is_finished()]
+        first, size = min(unfinished, default=len(trials)), settings.batch_size
+        start = first - first % size
+        end = min(start + size, max(settings.trials, max(unfinished, default=-1) + 1))
+        return [n for n in range(start, end) if n >= len(trials) or n in unfinished] or None
+
+    def _ask(self, number: int) -> optuna.Trial:
+        """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
+        known = self.study.get_trials(deepcopy=False)  # by number
+        if number < len(known) and known[number].state == TrialState.RUNNING:
+            return optuna.Trial(self.study, known[number]._trial_id)
+        return self.study.ask()
 
     def begin(self, trial: optuna.Trial, rig: Choices) -> None:
         self._asked.append((trial, rig))
         if rig not in self._known and rig not in self._jobs:
-            self._jobs[rig] = self._pool.submit(rig, self._question)
+            self._jobs[rig] = self._pool.submit(rig, self.problem.question)
 
     def finish(self) -> None:
         self._known |= {rig: job.result() for rig, job in self._jobs.items()}
-        for trial, rig in self._asked:
-            found = self._known[rig]
-            values, failure = None, None
-            if found.values is not None:
-                values = [found.values[o.name] for o in self._question.objectives]
-                if any(math.isnan(value) for value in values):
-                    failure = "an objective is undefined for this rig: nothing is covered"
-            tell(self._study, trial, found, values, failure)
-        self._asked, self._jobs = [], {}
+        asked, self._asked, self._jobs = self._asked, [], {}
+        measured, failed = self._measure([own for own in asked if self._known[own[1]].feasible])
+        for trial, rig in asked:
+            found, values = self._known[rig], None
+            if found.values is not None and (trial.number in measured or not self.problem.judged):
+                left = iter(measured.get(trial.number, ()))
+                values = [
+                    next(left) if o.measured else found.values[o.name]
+                    for o in self.problem.question.objectives
+                ]
+                if any(map(math.isnan, values)):
+                    reason = "an objective is undefined for this rig: nothing is covered"
+                    failed[trial.number] = reason
+            tell(self.study, trial, found, values, failed.get(trial.number))
+
+    def _measure(self, asked: Asked) -> Measured:
+        """What detectors measure of rigs that keep all constraints."""
+        return {}, {}
