@@ -25,31 +25,17 @@ from tests.lidarplace.waymo_layout import Box as WaymoBox
 from tests.lidarplace.waymo_layout import Segment, write_waymo
 from tests.mlflow_database import write_database
 from tests.other_simulator import write_log as write_recorded_log
-from tests.sweeps.small_log import write_small_log
+from tests.sweeps.small_log import SMALL, TOWN, write_small_log
 
-SWEEP = {
+SWEEP = SMALL | {
     "scene": {"source": "log", "folder": "small"},
-    "classes": ["Car"],
     "lidar": {"beams": 4, "azimuth_steps": 90},
-    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
     "training": {"epochs": 1, "batch_size": 2, "rotation": 0.1},
     "grid": {"placement": ["line", "center"], "seed": [1]},
-    "ray": "debug",
 }
 """Takes the place of grid.yaml."""
 
-TRAFFIC = SWEEP | {
-    "scene": {
-        "seed": 1,
-        "density": 80,
-        "pedestrians": 5,
-        "routes": 2,
-        "test_routes": 1,
-        "frames_per_route": 4,
-        "frame_stride": 40,
-        "warmup_s": 5,
-    }
-}
+TRAFFIC = SWEEP | {"scene": TOWN | {"seed": 1, "density": 80, "pedestrians": 5, "frame_stride": 40}}
 """Takes the place of examples/grid.yaml, whose own values other tests read."""
 
 SEARCH = {

@@ -11,14 +11,14 @@ import typer
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import checked_input, new_app, verb
 from sweeps.execution.interrupted import interruptible
-from sweeps.options import ConfigArgument, SetOption
+from sweeps.options import SetOption
 
 app = new_app()
 
 
 @verb(app, "examples/paper.yaml logs/paper", failed="scenes or the machine failed")
 def record(
-    config: ConfigArgument,
+    config: Annotated[Path, typer.Argument(help="YAML file of a sweep")],
     out: Annotated[Path, typer.Argument(help="folder for a box log of every scene of the grid")],
     set_: SetOption = None,
 ) -> None:

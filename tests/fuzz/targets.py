@@ -185,6 +185,7 @@ LOG = "log/*.parquet"
 KITTI = "kitti/training/label_2/*.txt kitti/training/calib/*.txt kitti/ImageSets/*.txt"
 RUN, FOUND = "run/*.parquet run/*.npz", "found/*.parquet found/*.npz"
 MAPPED = "out --mapping labels/map.yaml"
+AV2, CLOUDS = "av2/val/log-1", "argoverse av2 out --clouds av2"
 SOUND, WHOLE = partial(_nonsense, "log"), partial(_nonsense, "out")
 """A LiDAR of few rays, and large voxels."""
 
@@ -201,54 +202,30 @@ DATA: tuple[Target, ...] = (
     Target("view", LOG, "view log --placement line", check=SOUND),
     Target("export", LOG, "export log out --placement line", check=SOUND),
     Target("run", LOG, "run sweep.yaml --dry-run"),
-    Target("convert table", "csv/*.csv", "convert table csv out", check=WHOLE),
-    Target(
-        "convert table of Parquet", "parquet/*.parquet", "convert table parquet out", check=WHOLE
-    ),
-    Target(
-        "convert table with a number",
-        "csv/boxes.csv",
-        "convert table csv/boxes.csv out --frames 9",
-        check=WHOLE,
-    ),
-    Target(
-        "convert table --mapping",
-        "labels/labels.csv",
-        f"convert table labels/labels.csv {MAPPED}",
-        check=WHOLE,
-    ),
-    Target(
-        "convert table --mapping of Parquet",
-        "labels/labels.parquet",
-        f"convert table labels/labels.parquet {MAPPED}",
-        check=WHOLE,
+    *(
+        Target(f"convert {name}", files, f"convert {line}", check=WHOLE)
+        for name, files, line in (
+            ("table", "csv/*.csv", "table csv out"),
+            ("table of Parquet", "parquet/*.parquet", "table parquet out"),
+            ("table with a number", "csv/boxes.csv", "table csv/boxes.csv out --frames 9"),
+            ("table --mapping", "labels/labels.csv", f"table labels/labels.csv {MAPPED}"),
+            (
+                *("table --mapping of Parquet", "labels/labels.parquet"),
+                f"table labels/labels.parquet {MAPPED}",
+            ),
+            ("kitti", KITTI, "kitti kitti out"),
+            ("kitti --skip-bad", KITTI, "kitti kitti out --skip-bad"),
+            ("nuscenes", "nuscenes/*.json", "nuscenes nuscenes out"),
+            ("argoverse", f"{AV2}/*.feather {AV2}/calibration/*.feather", "argoverse av2 out"),
+            ("argoverse --clouds", f"{AV2}/sensors/lidar/*.feather", CLOUDS),
+            ("waymo", "waymo/training/*/s.parquet", "waymo waymo out"),
+            ("openlabel", "openlabel/drive.json", "openlabel openlabel out --origin 0 0 0"),
+        )
     ),
     Target(
         "convert table --propose",
         "labels/labels.csv",
         "convert table labels/labels.csv --propose guess.yaml",
-    ),
-    Target("convert kitti", KITTI, "convert kitti kitti out", check=WHOLE),
-    Target("convert kitti --skip-bad", KITTI, "convert kitti kitti out --skip-bad", check=WHOLE),
-    Target("convert nuscenes", "nuscenes/*.json", "convert nuscenes nuscenes out", check=WHOLE),
-    Target(
-        "convert argoverse",
-        "av2/val/log-1/*.feather av2/val/log-1/calibration/*.feather",
-        "convert argoverse av2 out",
-        check=WHOLE,
-    ),
-    Target(
-        "convert argoverse --clouds",
-        "av2/val/log-1/sensors/lidar/*.feather",
-        "convert argoverse av2 out --clouds av2",
-        check=WHOLE,
-    ),
-    Target("convert waymo", "waymo/training/*/s.parquet", "convert waymo waymo out", check=WHOLE),
-    Target(
-        "convert openlabel",
-        "openlabel/drive.json",
-        "convert openlabel openlabel out --origin 0 0 0",
-        check=WHOLE,
     ),
     *(
         Target(
