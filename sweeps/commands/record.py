@@ -24,8 +24,7 @@ def record(
 ) -> None:
     """Record the scenes of a sweep, towns in parallel, and write them as box logs.
 
-    Only the scenes of the file matter. A sweep of the same file finds them in its store.
-    """
+    Only the scenes of the file matter. A sweep of the same file finds them in its store."""
     from lidarplace.commands.describe import print_description
     from lidarplace.logs.box_log import BoxLog, join_logs, write_box_log
     from sweeps.execution.runner import run_tasks

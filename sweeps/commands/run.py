@@ -41,8 +41,7 @@ def run(
     """Run a sweep: scenes, surrogates, point clouds, detectors, MLflow, report.
 
     The same command resumes a stopped sweep. Failures of the machine are retried, failures by data
-    or settings only with --rerun-failed.
-    """
+    or settings only with --rerun-failed."""
     if schema:
         print_json(SweepFile.model_json_schema())
         return

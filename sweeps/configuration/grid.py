@@ -31,14 +31,10 @@ MOST_POINTS = 20_000
 
 @dataclass(frozen=True)
 class GridPoint:
-    """A point of the grid.
-
-    Attributes:
-        rig: its placement, with its LiDARs and in its weather.
-        axes: its place on the axes, key path -> value.
-        rung: which rung of `promote` it is trained for; their number for the full training.
-        set_by_rungs: axes that rungs set, in addition to those of the grid.
-    """
+    """A point of the grid. `rig`: its placement, with its LiDARs and in its weather. `axes`: its
+    place on the axes, key path -> value. `rung`: which rung of `promote` it is trained for; their
+    number for the full training. `set_by_rungs`: axes that rungs set, in addition to those of the
+    grid."""
 
     point: Point
     rig: Placement
@@ -59,15 +55,11 @@ class GridPoint:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A configuration that has been read, checked and multiplied out.
-
-    Attributes:
-        points: the product of the axes less what is excluded, last axis fastest; once for every
-            rung of `promote` that trains, the full trainings last.
-        axes: key paths of the grid, and those that rungs of `promote` set.
-        source: the configuration after `--set`, as plain data.
-        rigs: of the points, and all others that the configuration names.
-    """
+    """A configuration that has been read, checked and multiplied out. `points`: the product of the
+    axes less what is excluded, last axis fastest; once for every rung of `promote` that trains, the
+    full trainings last. `axes`: key paths of the grid, and those that rungs of `promote` set.
+    `source`: the configuration after `--set`, as plain data. `rigs`: of the points, and all others
+    that the configuration names."""
 
     common: Common
     points: tuple[GridPoint, ...]

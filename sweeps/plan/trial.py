@@ -21,17 +21,12 @@ from training.typical_objects import TypicalObject
 
 @dataclass(frozen=True)
 class Trial:
-    """What becomes of one point of the grid.
-
-    Attributes:
-        label: "placement · detector · seed 1", and the further axes.
-        scene_label: what its scene is called.
-        interleaving: how its rings would lie between each other, where they coincide.
-        scenes: the parts of its scene.
-        pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
-            surrogate of objects is asked for.
-        accuracy, sampling_error: None if they are not asked for, or of other placements.
-    """
+    """What becomes of one point of the grid. `label`: "placement · detector · seed 1", and the
+    further axes. `scene_label`: what its scene is called. `interleaving`: how its rings would lie
+    between each other, where they coincide. `scenes`: the parts of its scene. `pog`, `surrogates`,
+    `recall`: its cheap tasks, by which `promote` may rank; recall is None if no surrogate of
+    objects is asked for. `accuracy`, `sampling_error`: None if they are not asked for, or of other
+    placements."""
 
     grid_point: GridPoint
     label: str

@@ -89,17 +89,7 @@ class Collected(PointClouds):
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """A detector; see `training.finetune.FinetuneResult`.
-
-    Attributes:
-        state_dict: weights and buffers after the last epoch, CPU tensors.
-        curve: epoch (from 1), metric, value.
-        classes: that it detects.
-        batch_size: frames of a step.
-        batch_size_reduced: whether these are fewer than asked for, for want of GPU memory.
-        weights: what it started from.
-        earlier_seconds: before a stop.
-    """
+    """A detector: what `training.finetune.FinetuneResult` has, and the classes that it detects."""
 
     state_dict: "Mapping[str, Tensor]"
     curve: pd.DataFrame
