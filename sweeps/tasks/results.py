@@ -104,8 +104,8 @@ class Trained:
 class Evaluated:
     """Detections of one split, and what they are worth; percent at each class's IoUs. `metrics`,
     `pr_curves`, `left_out`: `metrics`, `curves` and `left_out` of `training.kitti_ap.Evaluation`.
-    `by_distance`: columns of `training.by_distance.evaluate_by_distance`. `by_sector`: columns of
-    `training.by_sector.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`."""
+    `by_distance`: columns of `training.by_place.evaluate_by_distance`. `by_sector`: columns of
+    `training.by_place.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`."""
 
     metrics: pd.DataFrame
     pr_curves: pd.DataFrame
