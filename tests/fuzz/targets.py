@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from unittest.mock import patch
 
@@ -79,10 +80,9 @@ def _nonsense(name: str, world: Path) -> str:
     return ""
 
 
-def _box_log(name: str, world: Path) -> object:
-    from lidarplace.logs.box_log import read_box_log
-
-    return read_box_log(world / name)
+def _read(function: str, name: str, world: Path) -> object:
+    """Call a function, `module:name`, with a file or a folder of the world."""
+    return resolve_name(function)(world / name)
 
 
 def _kitti_clouds(world: Path) -> object:
@@ -151,18 +151,6 @@ def _checkpoint(world: Path) -> object:
     return load_checkpoint(build_detector("pointpillars_tiny", ["Car"]), world / "base.pt")
 
 
-def _run_folder(world: Path) -> object:
-    from tracking.run_folders.sweep import RunFolder
-
-    return RunFolder.read(world / "run")
-
-
-def _search_folder(world: Path) -> object:
-    from tracking.run_folders.search import SearchFolder
-
-    return SearchFolder.read(world / "found")
-
-
 def _failures(world: Path) -> object:
     from sweeps.execution.failures import FailureFolder
 
@@ -181,6 +169,9 @@ def _map(name: str, world: Path) -> object:
     return drive(scene, scene.town_runs()[0])
 
 
+_box_log = partial(_read, "lidarplace.logs.box_log:read_box_log")
+_run_folder = partial(_read, "tracking.run_folders.sweep:RunFolder.read", "run")
+_search_folder = partial(_read, "tracking.run_folders.search:SearchFolder.read", "found")
 LOG = "log/*.parquet"
 KITTI = "kitti/training/label_2/*.txt kitti/training/calib/*.txt kitti/ImageSets/*.txt"
 RUN, FOUND = "run/*.parquet run/*.npz", "found/*.parquet found/*.npz"
