@@ -28,11 +28,6 @@ def _key_paths(incomplete: str) -> Iterator[str]:
     yield from (".".join([*parents, key]) for key in place)
 
 
-_CONFIG = typer.Argument(help="YAML file of a sweep")
-ConfigArgument = Annotated[Path, _CONFIG]
-ConfigUnlessSchema = Annotated[Path | None, _CONFIG]
-
-
 def _check_pairs(value: list[str] | None) -> list[str] | None:
     """Refuse `--set key value` before the value is taken for an argument too many."""
     from sweeps.configuration.file import ConfigError, split_override

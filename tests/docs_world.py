@@ -17,54 +17,25 @@ from typer.testing import CliRunner, Result
 from lidarplace import Lidar
 from sweeps.command_line import VERBS
 from tests.docs_blocks import ROOT, blocks
-from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
-from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
-from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.fuzz.world import SEARCH as SMALL_SEARCH
+from tests.fuzz.world import write_data_sets
 from tests.lidarplace.test_sensors_fit import cloud_of
-from tests.lidarplace.waymo_layout import Box as WaymoBox
-from tests.lidarplace.waymo_layout import Segment, write_waymo
 from tests.mlflow_database import write_database
 from tests.other_simulator import write_log as write_recorded_log
-from tests.sweeps.small_log import write_small_log
+from tests.sweeps.small_log import SMALL, TOWN, write_small_log
 
-SWEEP = {
+SWEEP = SMALL | {
     "scene": {"source": "log", "folder": "small"},
-    "classes": ["Car"],
     "lidar": {"beams": 4, "azimuth_steps": 90},
-    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
     "training": {"epochs": 1, "batch_size": 2, "rotation": 0.1},
     "grid": {"placement": ["line", "center"], "seed": [1]},
-    "ray": "debug",
 }
 """Takes the place of grid.yaml."""
 
-TRAFFIC = SWEEP | {
-    "scene": {
-        "seed": 1,
-        "density": 80,
-        "pedestrians": 5,
-        "routes": 2,
-        "test_routes": 1,
-        "frames_per_route": 4,
-        "frame_stride": 40,
-        "warmup_s": 5,
-    }
-}
+TRAFFIC = SWEEP | {"scene": TOWN | {"seed": 1, "density": 80, "pedestrians": 5, "frame_stride": 40}}
 """Takes the place of examples/grid.yaml, whose own values other tests read."""
 
-SEARCH = {
-    **{key: SWEEP[key] for key in ("scene", "classes", "lidar", "surrogate", "ray")},
-    "search": {
-        "lidars": 2,
-        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.8]}},
-        "objective": "expected_ig",
-        "azimuth_stride": 1,
-        "trials": 4,
-        "batch_size": 4,
-        "greedy": {"position_step": 0.5, "bound_seconds": 1.0},
-    },
-    "robustness": {"draws": 2},
-}
+SEARCH = SMALL_SEARCH | {"scene": SWEEP["scene"]}
 
 
 LABELS, MAPPING = "examples/labels/labels.csv", "examples/labels/map.yaml"
@@ -156,7 +127,7 @@ def make_world(folder: Path) -> None:
     own |= {"detector": "own_detector.nets:build", "grid": {"placement": ["line", "center"]}}
     (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(own))
     _tables(folder)
-    _data_sets(folder / "data")
+    write_data_sets(folder / "data", "nuscenes/v1.0-mini", "av2/sensor", both=True)
 
 
 def _block(page: str, start: str) -> str:
@@ -171,21 +142,3 @@ def _tables(folder: Path) -> None:
     (folder / "data/sweeps").mkdir(parents=True)
     first = boxes[boxes["frame"] == boxes["frame"].iloc[0]]
     np.save(folder / f"data/sweeps/{first['frame'].iloc[0]}.npy", first[["x", "y", "z"]])
-
-
-def _data_sets(folder: Path) -> None:
-    boxes = [Box("vehicle.car", (9.0, 0.0, 1.0))]
-    scenes = [Scene(f"scene-{n}", [Sample(5, boxes), Sample(6)], f"log-{n}") for n in range(2)]
-    write_nuscenes(folder / "nuscenes/v1.0-mini", scenes, ["vehicle.car"])
-    box = ArgoverseBox(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
-    poses = {5: (LEVEL, (0.0, 0.0, 0.0))}
-    mounts = {"up_lidar": (LEVEL, (1.35, 0.0, 1.64)), "down_lidar": (LEVEL, (1.35, 0.0, 1.53))}
-    logs = [Log(split, f"log-{split}", [box], poses, [5], mounts) for split in ("train", "val")]
-    write_argoverse(folder / "av2/sensor", logs)
-    car = WaymoBox(5, 1, (9.0, 0.0, 1.0))
-    pose = {5: np.eye(4)}
-    segments = [Segment(split, split, pose, [car]) for split in ("training", "validation")]
-    write_waymo(folder / "waymo", segments)
-    (folder / "openlabel").mkdir()
-    drive = (ROOT / "tests/data/openlabel/drive.json").read_text("utf-8")
-    (folder / "openlabel/drive.json").write_text(drive.replace("kiosk", "Cyclist"))

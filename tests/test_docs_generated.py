@@ -38,20 +38,3 @@ def test_every_key_has_a_description(model):
 def test_every_key_of_a_run_folder_has_a_description(model):
     told = {key: field.description for key, field in model.model_fields.items()}
     assert all(told.values()), told
-
-
-def test_paths_types_limits_and_defaults():
-    page = configuration.page()
-    assert "| `scene.density` | whole number 1 to 10,000,000 | `80` |" in page
-    assert "| `training.checkpoint` | path or null | `null` |" in page
-    assert "| `lidar.drop_off` | number ≥ 0, < 1 | `0` |" in page
-    assert "| `search.constraints.common_view.share` | number > 0, ≤ 1 | needed |" in page
-    assert "| `promote[].class` | text or null | `null` |" in page
-    assert "`placements.NAME.mounts[].yaw`" in page
-
-
-def test_signatures():
-    page = api.page()
-    assert "read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog" in page
-    assert "    detection_probability: float = 0.1,\n" in page
-    assert "- `.m_sog`: " in page

@@ -4,13 +4,13 @@ import json
 
 import pandas as pd
 import pytest
-import yaml
 
 from lidarplace.logs.box_log import read_box_log
 from tests.extending import install, python, write_package
 from tests.forked import run_forked
 from tests.mlflow_database import write_database
-from tests.sweeps.small_log import write_small_log
+from tests.sweeps.search_files import write_search
+from tests.sweeps.small_log import write_sweep
 from tests.tracking.made_up_run import NAMES, write_run
 
 PROGRAM = "from sweeps.main import main; main()"
@@ -33,26 +33,18 @@ def installed(package, tmp_path_factory):
     return install(package, tmp_path_factory.mktemp("site"))
 
 
-def write_sweep(folder, **keys):
-    config = {
-        "detector": None,
-        "classes": ["Car"],
-        "scene": {"source": "log", "folder": "log"},
-        "lidar": {"beams": 4, "azimuth_steps": 90},
-        "grid": {"placement": ["line", "center", "pyramid"]},
-        "ray": "debug",
-    }
-    (folder / "new.yaml").write_text(yaml.safe_dump(config | keys))
+SMALLER = {"detector": None, "lidar": {"beams": 4, "azimuth_steps": 90}}
 
 
 @pytest.mark.parametrize("name", ["crossed_voxels", "mypkg.crossed_voxels:CROSSED_VOXELS"])
 def test_a_surrogate(package, installed, tmp_path, name):
-    write_small_log(tmp_path / "log")
     write_database(tmp_path / "runs/mlflow.db")
     if ":" in name:  # beside the configuration
         (tmp_path / "mypkg").symlink_to(package / "mypkg")
     surrogate = {"resolution": 0.8, "names": ["s_mig", name]}
-    write_sweep(tmp_path, surrogate=surrogate, promote=[{"by": name, "keep": 2}])
+    keys = {"surrogate": surrogate, "promote": [{"by": name, "keep": 2}]}
+    keys["grid"] = {"placement": ["line", "center", "pyramid"]}
+    write_sweep(tmp_path, "new.yaml", **SMALLER, **keys)
     lidarplace(tmp_path, "run", "new.yaml", site=None if ":" in name else installed)
     run = tmp_path / "runs/new"
     found = pd.read_parquet(run / "surrogates.parquet").pivot(
@@ -69,24 +61,12 @@ def test_a_surrogate(package, installed, tmp_path, name):
 
 
 def test_a_search_by_a_surrogate(installed, tmp_path):
-    write_small_log(tmp_path / "log")
     write_database(tmp_path / "runs/mlflow.db")
-    zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.8]}
-    config = {
-        "classes": ["Car"],
-        "scene": {"source": "log", "folder": "log"},
-        "lidar": {"beams": 4, "azimuth_steps": 90},
-        "surrogate": {"resolution": 0.8},
-        "search": {"lidars": 2, "zones": {"roof": zone}, "objective": "crossed_voxels"}
-        | {"trials": 4, "batch_size": 2, "azimuth_stride": 1},
-        "robustness": None,
-        "ray": "debug",
-    }
-    (tmp_path / "new.yaml").write_text(yaml.safe_dump(config))
-    lidarplace(tmp_path, "search", "new.yaml", site=installed)
-    trials = pd.read_parquet(tmp_path / "runs/new/trials.parquet")
+    write_search(tmp_path, search={"objective": "crossed_voxels", "trials": 4}, robustness=None)
+    lidarplace(tmp_path, "search", "small.yaml", site=installed)
+    trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
     best = trials[trials["feasible"]]["value.crossed_voxels"].max()
-    found = json.loads((tmp_path / "runs/new/search.json").read_text())
+    found = json.loads((tmp_path / "runs/small/search.json").read_text())
     assert best == found["rigs"]["found_1"]["values"]["crossed_voxels"] > 0
 
 
@@ -132,13 +112,8 @@ print(all(f'"{name}"' in schema for name in (name, "second_wide_tiny", "crossed_
 
 
 def test_metric_detector_schema_and_python(installed, tmp_path):
-    assert python(tmp_path, "-c", USE, path=installed).splitlines() == [
-        "True",
-        "[50.0, 50.0]",
-        "True",
-        "True",
-        "True",
-    ]
+    said = python(tmp_path, "-c", USE, path=installed)
+    assert said.split("\n") == ["True", "[50.0, 50.0]", "True", "True", "True", ""]
 
 
 def test_a_reader(installed, tmp_path):
@@ -160,11 +135,9 @@ def test_a_reader(installed, tmp_path):
 
 
 def test_a_live_scene(installed, tmp_path):
-    write_sweep(
-        tmp_path,
-        scene={"source": "platoon", "frames": 20},
-        grid={"placement": ["line"], "scene.gap_m": [8.0, 12.0]},
-    )
+    keys = {"scene": {"source": "platoon", "frames": 20}}
+    keys["grid"] = {"placement": ["line"], "scene.gap_m": [8.0, 12.0]}
+    write_sweep(tmp_path, "new.yaml", **SMALLER, **keys)
     lidarplace(tmp_path, "record", "new.yaml", "logs", site=installed)
     log = read_box_log(tmp_path / "logs/scene.gap_m=8.0")
     assert log.frames["split"].value_counts().to_dict() == {"train": 18, "test": 2}

@@ -21,7 +21,7 @@ from tests.docs_blocks import ROOT
 from tests.extending import install, python
 from tests.forked import GUARD_S, Forked
 from tests.mlflow_database import write_database
-from tests.sweeps.small_log import write_small_log
+from tests.sweeps.small_log import SMALL, write_small_log
 from training import build_detector
 from training.detectors.contract import as_arrays, checked_losses
 from training.detectors.detector import Detector
@@ -60,17 +60,9 @@ def write_sweep(folder):
     write_small_log(folder / "log")
     write_database(folder / "runs/mlflow.db")
     shutil.copytree(EXAMPLE, folder / "project", ignore=shutil.ignore_patterns("__pycache__"))
-    config = {
-        "classes": ["Car"],
-        "scene": {"source": "log", "folder": "log"},
-        "lidar": {"beams": 8, "azimuth_steps": 90},
-        "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
-        "detector": NETWORK,
-        "training": {"epochs": 4, "batch_size": 1},
-        "grid": {"placement": ["line"]},
-        "ray": "debug",
-    }
-    (folder / "project/sweep.yaml").write_text(yaml.safe_dump(config))
+    own = {"detector": NETWORK, "training": {"epochs": 4, "batch_size": 1}}
+    own |= {"lidar": {"beams": 8, "azimuth_steps": 90}, "grid": {"placement": ["line"]}}
+    (folder / "project/sweep.yaml").write_text(yaml.safe_dump(SMALL | own))
 
 
 def test_a_sweep_trains_it_and_logs_a_model(tmp_path):

@@ -33,8 +33,7 @@ def benchmark(
 
     Prints Spearman's rho with intervals, regret, and how many pairs of rigs it orders correctly, by
     metric and by the rigs' origin, and the tables of docs/benchmark.md with its row. Surrogates
-    take a minute, a checkpoint as long as its detections in 41 times 1,120 frames.
-    """
+    take a minute, a checkpoint as long as its detections in 41 times 1,120 frames."""
     from rich.progress import track
 
     from sweeps.benchmark.markdown import markdown_row, markdown_table

@@ -52,8 +52,7 @@ def calibrate(
     """Fit the curves of expected_recall to the detections of a sweep, or to those of --log.
 
     Trains nothing: trials without detections are skipped. Rigs, routes and objects are held out of
-    the fit in turn, and predicted.
-    """
+    the fit in turn, and predicted."""
     from lidarplace.recall.detection_curve import write_curves
     from sweeps.calibration.left_out import check
     from sweeps.calibration.page import checks_section

@@ -31,8 +31,7 @@ def cheapest(
     """Find the cheapest rig that meets all requirements, by LiDARs, price, power or height.
 
     Solves the grid of candidates of a search, with a proof or a bound, then refines the rig off the
-    grid. Needs no traffic, unless search.cheapest.recall is set. Writes placement.yaml.
-    """
+    grid. Needs no traffic, unless search.cheapest.recall is set. Writes placement.yaml."""
     from sweeps.search.cheapest.choose import cheapest as choose
     from sweeps.search.cheapest.choose import check
     from sweeps.search.cheapest.polish import polish

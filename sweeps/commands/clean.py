@@ -53,8 +53,7 @@ def clean(
 
     A sweep refers to the results of its last configuration. A store that a sweep uses is left
     alone. A store at a URL needs --unlocked, because no lock shows whether a sweep uses it;
-    --dry-run locks nothing.
-    """
+    --dry-run locks nothing."""
     from pydantic import ByteSize, TypeAdapter, ValidationError
 
     from sweeps.store.cleaning import clean_store

@@ -78,8 +78,7 @@ def doctor(
 ) -> None:
     """Check whether everything that a sweep needs is installed, and print how to install the rest.
 
-    Servers are contacted only if the configuration names them.
-    """
+    Servers are contacted only if the configuration names them."""
     if set_ and config is None:
         wrong("--set: name the configuration file, too")
     try:

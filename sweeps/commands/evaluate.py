@@ -58,8 +58,7 @@ def evaluate(
     """Print AP and recall of detections from elsewhere, with intervals over the test objects.
 
     Reads KITTI's result files, nuScenes' JSON, Argoverse 2's feather, Waymo's and plain Parquet.
-    Two rigs or more become a run folder with a decision page, a failure page and a report.
-    """
+    Two rigs or more become a run folder with a decision page, a failure page and a report."""
     from sweeps.evaluation.asked import asked_for
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
     from tracking.findings.groups import ONE_FOR_ALL

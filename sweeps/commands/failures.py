@@ -46,8 +46,7 @@ def failures(
 
     Trains and detects nothing. Writes OUT/failures.html, OUT/tables/failures.csv with the counts
     and OUT/objects.parquet and .csv with the result of each object. The frames need the
-    configuration of the sweep in RUN and its results in the store.
-    """
+    configuration of the sweep in RUN and its results in the store."""
     from lidarplace.files.atomic import replacing
     from lidarplace.files.tables import write_csv
     from tracking.pages.page import FOLDER, write_csv_files

@@ -45,8 +45,7 @@ def pretrain(
     With `training.checkpoint: base.pt`, a sweep then starts every training from these weights,
     which favour no placement. All classes of the configuration are trained. If it already names the
     file to be written, the training starts from scratch. Scenes and clouds are kept in the store of
-    the first file; a stopped training resumes at its last epoch.
-    """
+    the first file; a stopped training resumes at its last epoch."""
     from sweeps.configuration.file import named
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks

@@ -11,21 +11,20 @@ import typer
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import checked_input, new_app, verb
 from sweeps.execution.interrupted import interruptible
-from sweeps.options import ConfigArgument, SetOption
+from sweeps.options import SetOption
 
 app = new_app()
 
 
 @verb(app, "examples/paper.yaml logs/paper", failed="scenes or the machine failed")
 def record(
-    config: ConfigArgument,
+    config: Annotated[Path, typer.Argument(help="YAML file of a sweep")],
     out: Annotated[Path, typer.Argument(help="folder for a box log of every scene of the grid")],
     set_: SetOption = None,
 ) -> None:
     """Record the scenes of a sweep, towns in parallel, and write them as box logs.
 
-    Only the scenes of the file matter. A sweep of the same file finds them in its store.
-    """
+    Only the scenes of the file matter. A sweep of the same file finds them in its store."""
     from lidarplace.commands.describe import print_description
     from lidarplace.logs.box_log import BoxLog, join_logs, write_box_log
     from sweeps.execution.runner import run_tasks

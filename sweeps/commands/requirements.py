@@ -44,8 +44,7 @@ def requirements(
     """Place objects all around the vehicle, and check that each rig sees enough of them.
 
     No traffic is needed. Writes OUT.csv, a row for each rig, requirement and case, and OUT.html
-    with pictures of the ground around the vehicle.
-    """
+    with pictures of the ground around the vehicle."""
     from rich.progress import track
 
     from lidarplace.requirements.judge import judge

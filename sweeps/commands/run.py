@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,7 +13,7 @@ from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, pr
 from sweeps.configuration.sweep import SweepFile
 from sweeps.execution.interrupted import interruptible
 from sweeps.execution.memory import check_memory
-from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption, given
+from sweeps.options import DryRunOption, SchemaOption, SetOption, given
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
 from sweeps.results.rigs import write_rigs_page
@@ -28,7 +29,7 @@ app = new_app()
     failed="trials failed, the machine failed, or MLflow is incomplete",
 )
 def run(
-    config: ConfigUnlessSchema = None,
+    config: Annotated[Path | None, typer.Argument(help="YAML file of a sweep")] = None,
     set_: SetOption = None,
     dry_run: DryRunOption = False,
     rerun_failed: Annotated[
@@ -40,8 +41,7 @@ def run(
     """Run a sweep: scenes, surrogates, point clouds, detectors, MLflow, report.
 
     The same command resumes a stopped sweep. Failures of the machine are retried, failures by data
-    or settings only with --rerun-failed.
-    """
+    or settings only with --rerun-failed."""
     if schema:
         print_json(SweepFile.model_json_schema())
         return

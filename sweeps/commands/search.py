@@ -33,8 +33,7 @@ def search(
 ) -> None:
     """Search for the best placement by a surrogate, or by a detector's measured AP or recall.
 
-    The same command resumes a stopped search, or continues one with more trials.
-    """
+    The same command resumes a stopped search, or continues one with more trials."""
     from sweeps.configuration.search import SearchFile
 
     if schema:

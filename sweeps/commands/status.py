@@ -41,8 +41,7 @@ def status(
     """Show the progress of a sweep or a search, even while it runs. Runs nothing.
 
     For a sweep: tasks by stage, and trials; a long list has only running and failed ones without
-    --all. For a search: trials, the best so far and the trainings of `verify`.
-    """
+    --all. For a search: trials, the best so far and the trainings of `verify`."""
     from sweeps.execution.interrupted import until_whole
     from sweeps.plan.plan import read_plan
     from sweeps.results.state import sweep_state

@@ -21,8 +21,7 @@ JUDGES = ("specialist", "generalist", "finetuned", "pretrained")
 class CommandJudge(Settings):
     """A program of the user that detects objects in the clouds of each rig.
 
-    What is left out where it is dumped decides nothing about its detections.
-    """
+    What is left out where it is dumped decides nothing about its detections."""
 
     command: settings.Text = Field(
         description="program and arguments, run without a shell; {clouds}: folder of the frames, "

@@ -19,10 +19,9 @@ from lidarplace.configuration.settings import found, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import ConfigError, check, named, read_named, unknown_key
+from sweeps.configuration.file import ConfigError, check, named, portable, read_named, unknown_key
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
-from sweeps.configuration.whole_paths import portable
 from tracking.findings.groups import ONE_FOR_ALL
 from training.settings import TrainingSettings
 
@@ -32,14 +31,10 @@ MOST_POINTS = 20_000
 
 @dataclass(frozen=True)
 class GridPoint:
-    """A point of the grid.
-
-    Attributes:
-        rig: its placement, with its LiDARs and in its weather.
-        axes: its place on the axes, key path -> value.
-        rung: which rung of `promote` it is trained for; their number for the full training.
-        set_by_rungs: axes that rungs set, in addition to those of the grid.
-    """
+    """A point of the grid. `rig`: its placement, with its LiDARs and in its weather. `axes`: its
+    place on the axes, key path -> value. `rung`: which rung of `promote` it is trained for; their
+    number for the full training. `set_by_rungs`: axes that rungs set, in addition to those of the
+    grid."""
 
     point: Point
     rig: Placement
@@ -60,15 +55,11 @@ class GridPoint:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A configuration that has been read, checked and multiplied out.
-
-    Attributes:
-        points: the product of the axes less what is excluded, last axis fastest; once for every
-            rung of `promote` that trains, the full trainings last.
-        axes: key paths of the grid, and those that rungs of `promote` set.
-        source: the configuration after `--set`, as plain data.
-        rigs: of the points, and all others that the configuration names.
-    """
+    """A configuration that has been read, checked and multiplied out. `points`: the product of the
+    axes less what is excluded, last axis fastest; once for every rung of `promote` that trains, the
+    full trainings last. `axes`: key paths of the grid, and those that rungs of `promote` set.
+    `source`: the configuration after `--set`, as plain data. `rigs`: of the points, and all others
+    that the configuration names."""
 
     common: Common
     points: tuple[GridPoint, ...]

@@ -18,8 +18,8 @@ from sweeps.evaluation.asked import Asked
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.trial_results import Cell, with_columns
-from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.results import Evaluated
+from sweeps.tasks.stages import evaluated
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames

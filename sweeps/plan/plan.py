@@ -115,7 +115,8 @@ class _Builder:
         self._digests_of = cache(named_files.digests_of)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
-        self._typical = cached({}, key=_classes_of)(self._typical_of)
+        by_classes = cached({}, key=lambda p: (p.scene, p.classes, *p.class_settings.items()))
+        self._typical = by_classes(self._typical_of)
         self.cautions: dict[str, None] = {}
         self._random_rigs = cache(random_rigs)
         self._interleaving = cache(interleaving)
@@ -464,10 +465,6 @@ class _Builder:
 def _check_recorded(scene: LogScene, names: tuple[str, ...]) -> None:
     frames = read_frames(scene.folder)["frame"].to_numpy(np.int64)
     check_lidars(scene.real_clouds, scene.rig, names, frames)
-
-
-def _classes_of(point: Point) -> tuple[Any, ...]:
-    return point.scene, point.classes, tuple(point.class_settings.items())
 
 
 def spread(names: Sequence[str], most: int) -> set[str]:

@@ -21,17 +21,12 @@ from training.typical_objects import TypicalObject
 
 @dataclass(frozen=True)
 class Trial:
-    """What becomes of one point of the grid.
-
-    Attributes:
-        label: "placement · detector · seed 1", and the further axes.
-        scene_label: what its scene is called.
-        interleaving: how its rings would lie between each other, where they coincide.
-        scenes: the parts of its scene.
-        pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
-            surrogate of objects is asked for.
-        accuracy, sampling_error: None if they are not asked for, or of other placements.
-    """
+    """What becomes of one point of the grid. `label`: "placement · detector · seed 1", and the
+    further axes. `scene_label`: what its scene is called. `interleaving`: how its rings would lie
+    between each other, where they coincide. `scenes`: the parts of its scene. `pog`, `surrogates`,
+    `recall`: its cheap tasks, by which `promote` may rank; recall is None if no surrogate of
+    objects is asked for. `accuracy`, `sampling_error`: None if they are not asked for, or of other
+    placements."""
 
     grid_point: GridPoint
     label: str
@@ -143,14 +138,13 @@ def task_label(grid_point: GridPoint, keys: Collection[str], *names: str) -> str
     parts += [
         f"{axis}={value}"
         for axis, value in grid_point.axes.items()
-        if axis != "placement" and any(_overlap(axis, key) for key in keys)
+        if axis != "placement" and any(_is_inside(axis, k) or _is_inside(k, axis) for k in keys)
     ]
     return " · ".join([*(parts or [grid_point.point.scene.name]), *filter(None, names)])
 
 
-def _overlap(one: str, other: str) -> bool:
-    """Whether a key path is the other, or above or below it."""
-    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
+def _is_inside(key_path: str, other: str) -> bool:
+    return f"{key_path}.".startswith(f"{other}.")
 
 
 def trial_label(point: Point, axes: Mapping[str, Any]) -> str:

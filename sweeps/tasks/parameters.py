@@ -129,16 +129,11 @@ class SamplingErrorParams:
 
 @dataclass(frozen=True)
 class CollectParams:
-    """How the clouds of a split are simulated.
-
-    Attributes:
-        placement: with quirks and fewer azimuth steps, if the collection has them.
-        crop: lowest x, y, z and highest x, y, z that points are kept in, metres.
-        seed: of shapes, drop-off, range noise and mounting errors.
-        errors: of the mounts.
-        first, every: which frames of the split are collected; all by default.
-        vehicle: carries the LiDARs; None: a sedan.
-    """
+    """How the clouds of a split are simulated. `placement`: with quirks and fewer azimuth steps, if
+    the collection has them. `crop`: lowest x, y, z and highest x, y, z that points are kept in,
+    metres. `seed`: of shapes, drop-off, range noise and mounting errors. `errors`: of the mounts.
+    `first`, `every`: which frames of the split are collected; all by default. `vehicle`: carries
+    the LiDARs; None: a sedan."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     misaligned_heights: Annotated[bool, "lidar.misaligned_heights"]

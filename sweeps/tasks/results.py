@@ -89,17 +89,7 @@ class Collected(PointClouds):
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """A detector; see `training.finetune.FinetuneResult`.
-
-    Attributes:
-        state_dict: weights and buffers after the last epoch, CPU tensors.
-        curve: epoch (from 1), metric, value.
-        classes: that it detects.
-        batch_size: frames of a step.
-        batch_size_reduced: whether these are fewer than asked for, for want of GPU memory.
-        weights: what it started from.
-        earlier_seconds: before a stop.
-    """
+    """A detector: what `training.finetune.FinetuneResult` has, and the classes that it detects."""
 
     state_dict: "Mapping[str, Tensor]"
     curve: pd.DataFrame
@@ -114,8 +104,8 @@ class Trained:
 class Evaluated:
     """Detections of one split, and what they are worth; percent at each class's IoUs. `metrics`,
     `pr_curves`, `left_out`: `metrics`, `curves` and `left_out` of `training.kitti_ap.Evaluation`.
-    `by_distance`: columns of `training.by_distance.evaluate_by_distance`. `by_sector`: columns of
-    `training.by_sector.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`."""
+    `by_distance`: columns of `training.by_place.evaluate_by_distance`. `by_sector`: columns of
+    `training.by_place.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`."""
 
     metrics: pd.DataFrame
     pr_curves: pd.DataFrame

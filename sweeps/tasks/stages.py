@@ -30,12 +30,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
+from lidarplace.base.metrics import Overlaps
 from lidarplace.clouds.clouds import Clouds, Frames, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
 from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
 from lidarplace.pog.surrogates.table import SURROGATES, to_ask_for
-from sweeps.tasks.evaluated import evaluated
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -393,6 +393,33 @@ def _detections(params: NetworkParams, weights: Trained, clouds: Frames) -> Dete
 
     network = (params.detector, weights.classes, weights.state_dict)
     return detect(*network, clouds, params.training, params.point_range, params.typical)
+
+
+def evaluated(
+    objects: pd.DataFrame,
+    found: pd.DataFrame,
+    routes: pd.DataFrame,
+    classes: Sequence[str],
+    ious: Mapping[str, Overlaps],
+    refined: pd.DataFrame | None = None,
+    metrics: Sequence[str] = (),
+) -> Evaluated:
+    """Compare detections, columns of `training.detect.Detections`, whoever made them, with the
+    objects that count; by scene, frame and route of the frames, and further metrics of plug-ins."""
+    from training.by_place import evaluate_by_distance, recall_by_sector
+    from training.kitti_ap import evaluation
+
+    frames = routes["frame"].tolist()
+    whole = evaluation(objects, found, frames, classes, refined, routes, ious, metrics)
+    assert whole.left_out is not None  # routes are given
+    return Evaluated(
+        metrics=whole.metrics,
+        pr_curves=whole.curves,
+        left_out=whole.left_out,
+        by_distance=evaluate_by_distance(objects, found, frames, classes, ious),
+        by_sector=recall_by_sector(whole.objects, ious),
+        detections=found,
+    )
 
 
 def _train(

@@ -30,15 +30,11 @@ R = TypeVar("R", covariant=True, default=Any)
 
 @dataclass(frozen=True, eq=False)
 class Task(Generic[R]):
-    """One call of a function of `sweeps.tasks.stages`, by its name.
-
-    Attributes:
-        label: what a person calls it.
-        params: what the result depends on besides the inputs, see `sweeps.tasks.parameters`.
-        inputs: tasks whose results are handed to the function, in this order.
-        gpu: whether the work runs on a GPU where there is one.
-        resumable: whether the function takes a `folder` from which it goes on after a stop.
-    """
+    """One call of a function of `sweeps.tasks.stages`, by its name. `label`: what a person calls
+    it. `params`: what the result depends on besides the inputs, see `sweeps.tasks.parameters`.
+    `inputs`: tasks whose results are handed to the function, in this order. `gpu`: whether the work
+    runs on a GPU where there is one. `resumable`: whether the function takes a `folder` from which
+    it goes on after a stop."""
 
     stage: str
     label: str

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 from unittest.mock import patch
 
@@ -79,10 +80,9 @@ def _nonsense(name: str, world: Path) -> str:
     return ""
 
 
-def _box_log(name: str, world: Path) -> object:
-    from lidarplace.logs.box_log import read_box_log
-
-    return read_box_log(world / name)
+def _read(function: str, name: str, world: Path) -> object:
+    """Call a function, `module:name`, with a file or a folder of the world."""
+    return resolve_name(function)(world / name)
 
 
 def _kitti_clouds(world: Path) -> object:
@@ -151,18 +151,6 @@ def _checkpoint(world: Path) -> object:
     return load_checkpoint(build_detector("pointpillars_tiny", ["Car"]), world / "base.pt")
 
 
-def _run_folder(world: Path) -> object:
-    from tracking.run_folders.sweep import RunFolder
-
-    return RunFolder.read(world / "run")
-
-
-def _search_folder(world: Path) -> object:
-    from tracking.run_folders.search import SearchFolder
-
-    return SearchFolder.read(world / "found")
-
-
 def _failures(world: Path) -> object:
     from sweeps.execution.failures import FailureFolder
 
@@ -181,10 +169,14 @@ def _map(name: str, world: Path) -> object:
     return drive(scene, scene.town_runs()[0])
 
 
+_box_log = partial(_read, "lidarplace.logs.box_log:read_box_log")
+_run_folder = partial(_read, "tracking.run_folders.sweep:RunFolder.read", "run")
+_search_folder = partial(_read, "tracking.run_folders.search:SearchFolder.read", "found")
 LOG = "log/*.parquet"
 KITTI = "kitti/training/label_2/*.txt kitti/training/calib/*.txt kitti/ImageSets/*.txt"
 RUN, FOUND = "run/*.parquet run/*.npz", "found/*.parquet found/*.npz"
 MAPPED = "out --mapping labels/map.yaml"
+AV2, CLOUDS = "av2/val/log-1", "argoverse av2 out --clouds av2"
 SOUND, WHOLE = partial(_nonsense, "log"), partial(_nonsense, "out")
 """A LiDAR of few rays, and large voxels."""
 
@@ -201,54 +193,30 @@ DATA: tuple[Target, ...] = (
     Target("view", LOG, "view log --placement line", check=SOUND),
     Target("export", LOG, "export log out --placement line", check=SOUND),
     Target("run", LOG, "run sweep.yaml --dry-run"),
-    Target("convert table", "csv/*.csv", "convert table csv out", check=WHOLE),
-    Target(
-        "convert table of Parquet", "parquet/*.parquet", "convert table parquet out", check=WHOLE
-    ),
-    Target(
-        "convert table with a number",
-        "csv/boxes.csv",
-        "convert table csv/boxes.csv out --frames 9",
-        check=WHOLE,
-    ),
-    Target(
-        "convert table --mapping",
-        "labels/labels.csv",
-        f"convert table labels/labels.csv {MAPPED}",
-        check=WHOLE,
-    ),
-    Target(
-        "convert table --mapping of Parquet",
-        "labels/labels.parquet",
-        f"convert table labels/labels.parquet {MAPPED}",
-        check=WHOLE,
+    *(
+        Target(f"convert {name}", files, f"convert {line}", check=WHOLE)
+        for name, files, line in (
+            ("table", "csv/*.csv", "table csv out"),
+            ("table of Parquet", "parquet/*.parquet", "table parquet out"),
+            ("table with a number", "csv/boxes.csv", "table csv/boxes.csv out --frames 9"),
+            ("table --mapping", "labels/labels.csv", f"table labels/labels.csv {MAPPED}"),
+            (
+                *("table --mapping of Parquet", "labels/labels.parquet"),
+                f"table labels/labels.parquet {MAPPED}",
+            ),
+            ("kitti", KITTI, "kitti kitti out"),
+            ("kitti --skip-bad", KITTI, "kitti kitti out --skip-bad"),
+            ("nuscenes", "nuscenes/*.json", "nuscenes nuscenes out"),
+            ("argoverse", f"{AV2}/*.feather {AV2}/calibration/*.feather", "argoverse av2 out"),
+            ("argoverse --clouds", f"{AV2}/sensors/lidar/*.feather", CLOUDS),
+            ("waymo", "waymo/training/*/s.parquet", "waymo waymo out"),
+            ("openlabel", "openlabel/drive.json", "openlabel openlabel out --origin 0 0 0"),
+        )
     ),
     Target(
         "convert table --propose",
         "labels/labels.csv",
         "convert table labels/labels.csv --propose guess.yaml",
-    ),
-    Target("convert kitti", KITTI, "convert kitti kitti out", check=WHOLE),
-    Target("convert kitti --skip-bad", KITTI, "convert kitti kitti out --skip-bad", check=WHOLE),
-    Target("convert nuscenes", "nuscenes/*.json", "convert nuscenes nuscenes out", check=WHOLE),
-    Target(
-        "convert argoverse",
-        "av2/val/log-1/*.feather av2/val/log-1/calibration/*.feather",
-        "convert argoverse av2 out",
-        check=WHOLE,
-    ),
-    Target(
-        "convert argoverse --clouds",
-        "av2/val/log-1/sensors/lidar/*.feather",
-        "convert argoverse av2 out --clouds av2",
-        check=WHOLE,
-    ),
-    Target("convert waymo", "waymo/training/*/s.parquet", "convert waymo waymo out", check=WHOLE),
-    Target(
-        "convert openlabel",
-        "openlabel/drive.json",
-        "convert openlabel openlabel out --origin 0 0 0",
-        check=WHOLE,
     ),
     *(
         Target(

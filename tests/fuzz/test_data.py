@@ -1,4 +1,4 @@
-"""Wrong data, wherever it is read: refused in one line that names the place, or done."""
+"""Wrong data and settings: refused in one line that names the place, or done."""
 
 import shutil
 
@@ -6,17 +6,16 @@ import pytest
 
 from tests.fuzz.cases import faults, outcome_of, run_case
 from tests.fuzz.judge import DONE
-from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS
-
-
-def names(targets):
-    return [target.name for target in targets]
-
+from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS, SETTINGS
 
 EVERY = (*DATA, *DETECTIONS, *REPORTS)
+COUNTS = [
+    *((target, 5) for target in (*DATA, *DETECTIONS, *SETTINGS)),
+    *((target, 2) for target in (*MAPS, *REPORTS)),
+]
 
 
-@pytest.mark.parametrize("target", EVERY, ids=names(EVERY))
+@pytest.mark.parametrize("target", EVERY, ids=[target.name for target in EVERY])
 def test_right_data_is_done(target, world, tmp_path):
     place = tmp_path / "world"
     shutil.copytree(world, place)
@@ -24,28 +23,22 @@ def test_right_data_is_done(target, world, tmp_path):
     assert outcome_of(target, path, place).kind == DONE
 
 
-@pytest.mark.parametrize("target", [*DATA, *DETECTIONS], ids=names((*DATA, *DETECTIONS)))
-def test_data(target, world, tmp_path):
-    assert not faults(run_case, [target], 0, 5, world, tmp_path)
-
-
-@pytest.mark.parametrize("target", MAPS, ids=names(MAPS))
-def test_maps(target, world, tmp_path):
-    pytest.importorskip("sumolib")
-    assert not faults(run_case, [target], 0, 2, world, tmp_path)
-
-
-@pytest.mark.parametrize("target", REPORTS, ids=names(REPORTS))
-def test_reports(target, world, tmp_path):
-    assert not faults(run_case, [target], 0, 2, world, tmp_path)
+@pytest.mark.parametrize(("target", "count"), COUNTS, ids=[target.name for target, _ in COUNTS])
+def test_wrong_data(target, count, world, tmp_path):
+    if target in MAPS:
+        pytest.importorskip("sumolib")
+    assert not faults(run_case, [target], 0, count, world, tmp_path)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2])
-def test_much_data(seed, world, tmp_path):
-    assert not faults(run_case, (*DATA, *DETECTIONS), seed, 100, world, tmp_path)
-
-
-@pytest.mark.long
-def test_many_maps_and_reports(world, tmp_path):
-    assert not faults(run_case, (*MAPS, *REPORTS), 1, 60, world, tmp_path)
+@pytest.mark.parametrize(
+    ("targets", "seed", "count"),
+    [
+        ((*DATA, *DETECTIONS), 1, 100),
+        ((*DATA, *DETECTIONS), 2, 100),
+        ((*MAPS, *REPORTS), 1, 60),
+        (SETTINGS, 1, 100),
+    ],
+)
+def test_much_wrong_data(targets, seed, count, world, tmp_path):
+    assert not faults(run_case, targets, seed, count, world, tmp_path)

@@ -138,7 +138,7 @@ def write_world(folder: Path) -> None:
     _tables(folder)
     _labels(folder / "labels")
     _kitti(folder / "kitti")
-    _data_sets(folder)
+    write_data_sets(folder, "nuscenes", "av2", both=False)
     _clouds(folder)
     _detections(folder / "detected")
     _recorded(folder / "recorded")
@@ -227,26 +227,25 @@ def _kitti(folder: Path) -> None:
         (folder / f"training/velodyne/{stem}.bin").write_bytes(points.tobytes())
 
 
-def _data_sets(folder: Path) -> None:
+def write_data_sets(folder: Path, nuscenes: str, argoverse: str, both: bool) -> None:
+    """nuScenes and Argoverse 2 at these places below `folder`, Waymo and OpenLABEL; `both`: splits
+    to train and to test where they are files of their own, else one."""
     boxes = [nuscenes_layout.Box("vehicle.car", (9.0, 0.0, 1.0))]
     samples = [nuscenes_layout.Sample(5, boxes), nuscenes_layout.Sample(6)]
     scenes = [nuscenes_layout.Scene(f"scene-{n}", samples, f"log-{n}") for n in range(2)]
-    nuscenes_layout.write_nuscenes(folder / "nuscenes", scenes, ["vehicle.car", "animal"])
+    nuscenes_layout.write_nuscenes(folder / nuscenes, scenes, ["vehicle.car", "animal"])
     box = argoverse_layout.Box(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
-    poses = dict.fromkeys((5, 6), (argoverse_layout.LEVEL, (0.0, 0.0, 0.0)))
     level = argoverse_layout.LEVEL
+    poses = dict.fromkeys((5, 6), (level, (0.0, 0.0, 0.0)))
     mounts = {"up_lidar": (level, (1.35, 0.0, 1.64)), "down_lidar": (level, (1.35, 0.0, 1.53))}
-    log = argoverse_layout.Log("val", "log-1", [box, box], poses, [5, 6], mounts)
-    argoverse_layout.write_argoverse(folder / "av2", [log])
-    poses = {5: np.eye(4), 6: np.eye(4)}
-    segment = waymo_layout.Segment(
-        "training",
-        "s",
-        poses,
-        [waymo_layout.Box(5, 1, (9.0, 0.0, 1.0))] * 2,
-        {1: (np.eye(4), [-0.3, 0.0, 0.1])},
-    )
-    waymo_layout.write_waymo(folder / "waymo", [segment])
+    splits = [("train", "log-0"), ("val", "log-1")][not both :]
+    logs = [argoverse_layout.Log(*own, [box, box], poses, [5, 6], mounts) for own in splits]
+    argoverse_layout.write_argoverse(folder / argoverse, logs)
+    car, poses = waymo_layout.Box(5, 1, (9.0, 0.0, 1.0)), {5: np.eye(4), 6: np.eye(4)}
+    of_segment = (poses, [car, car], {1: (np.eye(4), [-0.3, 0.0, 0.1])})
+    splits = [("training", "s"), ("validation", "t")][: 1 + both]
+    segments = [waymo_layout.Segment(*own, *of_segment) for own in splits]
+    waymo_layout.write_waymo(folder / "waymo", segments)
     (folder / "openlabel").mkdir()
     drive = (MAPS.parent / "openlabel/drive.json").read_text()
     (folder / "openlabel/drive.json").write_text(drive.replace("kiosk", "Cyclist"))

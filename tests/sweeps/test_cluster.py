@@ -20,7 +20,7 @@ from small_log import SMALL, write_sweep
 from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution import ray_cluster
-from sweeps.execution.ray_cluster import ClusterError, enter_folder, ray_session
+from sweeps.execution.ray_cluster import ClusterError, ray_session
 from tests.forked import GUARD_S, run_forked
 
 ROOT = Path(__file__).parents[2]
@@ -228,11 +228,6 @@ def test_a_cluster_that_is_not_there(scheme):
 def test_the_client_needs_grpc(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert_refused("ray://127.0.0.1:1", "needs grpcio")
-
-
-def test_a_node_without_the_folder_of_the_driver(tmp_path):
-    with pytest.raises(FileNotFoundError, match=f"has no folder {tmp_path / 'none'}, in which"):
-        enter_folder(str(tmp_path / "none"))
 
 
 class Ray:

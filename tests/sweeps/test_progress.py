@@ -21,8 +21,7 @@ from tests.sweeps.toy import Toy
 class Clock:
     """A clock that a test turns."""
 
-    def __init__(self):
-        self.now = 0.0
+    now = 0.0
 
     def __call__(self):
         return self.now
