@@ -128,9 +128,9 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
 
 
 def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> None:
-    for name, settings in keep_out.items():
+    for name, box in zip(keep_out, keep_out_boxes(keep_out), strict=True):
         for number, mount in enumerate(rig.mounts, start=1):
-            if depth_in(np.array([settings.box]), np.array([mount.position])).any():
+            if depth_in(box[None], np.array([mount.position])).any():
                 raise ValueError(
                     f"{rig.name!r}: LiDAR {number} at {point(*mount.position)} is inside "
                     f"keep_out.{name}"
