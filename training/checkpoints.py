@@ -6,6 +6,7 @@ import hashlib
 import io
 import pickle
 import re
+import reprlib
 import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -96,8 +97,8 @@ def _other_classes(model: Detector, content: Mapping[str, Any]) -> str | None:
         return None
     unnamed = " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
     return (
-        f"is for the classes {classes}{unnamed}, the detector for {ours}; name the classes in the "
-        "order of the file, or train new ones with new_heads: true"
+        f"is for the classes {reprlib.repr(classes)}{unnamed}, the detector for {ours}; name the "
+        "classes in the order of the file, or train new ones with new_heads: true"
     )
 
 

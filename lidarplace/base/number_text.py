@@ -9,7 +9,7 @@ def span(values: list[float]) -> str:
 
 def number(value: float, digits: int = 6) -> str:
     """So many digits; what rounding leaves of 0 is 0."""
-    return f"{round(value, 9) + 0.0:.{digits}g}"
+    return f"{round(float(value), 9) + 0.0:.{digits}g}"
 
 
 def point(*coordinates: float) -> str:

@@ -123,8 +123,10 @@ class Registry(Mapping[str, T]):
             found = pkgutil.resolve_name(path)
         except (Exception, SystemExit) as error:  # a plug-in can raise anything
             why = plugin_place(error) + " ".join(f"{type(error).__name__}: {error}".split())
-            if getattr(error, "name", None) == path.partition(":")[0].partition(".")[0]:
+            if getattr(error, "name", None) == (root := path.partition(":")[0].partition(".")[0]):
                 why += "; put its folder next to the configuration, here, or on PYTHONPATH"
+            if root not in sys.modules:
+                PLUGINS.pop(root, None)  # nothing to send to a worker
             raise PluginError(f"{where}: cannot be imported: {why}") from error
         if not self._fits(found):
             kind = type(found).__name__

@@ -53,7 +53,10 @@ class Real:
 
 def model(name: str | None) -> Lidar | None:
     """The LiDAR of the catalogue that `--lidar` names. Raises ValueError if there is none."""
-    return None if name is None else Lidar.named(name)
+    try:
+        return None if name is None else Lidar.named(name)
+    except ValueError as error:
+        raise ValueError(f"--lidar: {error}") from None
 
 
 def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:

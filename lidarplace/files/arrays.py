@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 
 _DAMAGED = (ValueError, EOFError, tokenize.TokenError)
@@ -29,16 +30,15 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays in a `.npz` file by name, in the order of the file.
-    Raises OSError: the file cannot be read; ValueError: it is no such file, or a damaged one."""
-    try:
-        with np.load(regular(path), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except (*_DAMAGED, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise ValueError(f"{path}: is no file of arrays, or a damaged one: {error}") from None
-    except (AttributeError, TypeError):  # a single array
-        raise ValueError(
-            f"{path}: holds one array; a file of several by name is expected"
-        ) from None
+    Raises ValueError: the file cannot be read, is no such file, or a damaged one."""
+    with reading(path):
+        try:
+            with np.load(regular(path), allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in arrays.files}
+        except (*_DAMAGED, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+            raise ValueError(f"{path}: is no file of arrays, or a damaged one: {error}") from None
+        except (AttributeError, TypeError):  # a single array
+            raise ValueError(f"{path}: expected several arrays by name, found one") from None
 
 
 def check_numbers(name: str, array: NDArray[Any], ndim: int, path: Path) -> None:

@@ -70,15 +70,18 @@ def temporary(path: Path) -> Path:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Raise the errors of a full disk again with the file, the disk and the room on it."""
+    """Raise the errors of a full disk again with the file, the disk and the room on it, and those
+    of a temporary file with the file that it stands for."""
     try:
         yield
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        reason = error.strerror
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            disk = next(p for p in (path.absolute(), *path.absolute().parents) if p.is_mount())
+            free = shutil.disk_usage(disk).free
+            reason = f"{os.strerror(error.errno)}: {free / 1e6:.1f} MB are free on {disk}"
+        elif not str(error.filename).startswith(str(path.with_name(f".{path.name}."))):
             raise
-        disk = next(p for p in (path.absolute(), *path.absolute().parents) if p.is_mount())
-        free = shutil.disk_usage(disk).free
-        reason = f"{os.strerror(error.errno)}: {free / 1e6:.1f} MB are free on {disk}"
         raise OSError(error.errno, reason, str(path)) from error
 
 

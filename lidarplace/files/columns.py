@@ -113,7 +113,7 @@ def _numeric(column: pd.Series) -> pd.Series:
     """The column as numbers, missing where a value is none. Text may be one, a date is none."""
     kind = column.dtype.kind
     if kind in "iuf":
-        return column
+        return column.astype(np.float64) if column.dtype == np.float16 else column
     if kind in "bcmM" or isinstance(column.dtype, pd.PeriodDtype):
         return pd.Series(np.nan, index=column.index)
     return pd.to_numeric(column.astype(object).map(_number), errors="coerce")

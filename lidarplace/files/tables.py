@@ -46,6 +46,8 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
                 if options["sep"] != "," and _has_decimal_commas(table):
                     file.seek(0)
                     table = pd.read_csv(file, decimal=",", **options)
+            if not isinstance(table.index, pd.RangeIndex):
+                raise ValueError("line 2 has more fields than the first line has names")
             if table.shape[1] == 1 and (other := re.search(r"\w *([|:/ ]) *\w", head)):
                 raise ValueError(
                     f"expected columns separated by commas, semicolons or tabs, found {other[1]!r}"

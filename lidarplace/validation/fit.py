@@ -80,12 +80,12 @@ class Problem:
 
     def fit(self, kept: NDArray[np.int64] | None = None) -> Fit:
         """The correction of the boxes `kept`, some perhaps repeatedly; of all for None. Raises
-        ValueError: no object has both real and simulated points."""
+        ValueError: none has both real and simulated points."""
         if kept is None:
             kept = np.arange(len(self.real))
         real, names = self.real[kept], self.name[kept]
         if not ((real > 0) & (self.simulated[0][kept] > 0)).any():
-            raise ValueError("no object has both real and simulated points: nothing can be fitted")
+            raise ValueError("too few objects with both real and simulated points for a fit")
         few = len(np.unique(self.track[kept])) < FEWEST_TRACKS
         every, which = np.unique(names, return_inverse=True)
         best, least = Fit({}, None), math.inf

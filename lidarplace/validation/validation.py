@@ -116,7 +116,10 @@ def validate(
     if correction is None:
         mask = shadow()
         problem = Problem.of(objects, own, mask[own.lidar, own.sector])
-        final, intervals = problem.fit(), problem.intervals()
+        try:
+            final, intervals = problem.fit(), problem.intervals()
+        except ValueError as error:
+            raise InputError(str(error), place=str(folder / "boxes.parquet")) from None
     else:
         problem = Problem.of(objects, own, np.ones(len(own.box)))
         final, intervals, mask = _given(correction), {}, _masks(correction, names)

@@ -128,8 +128,8 @@ class ClassSettings(Settings):
     )
     curve: ClassName | None = Field(
         None,
-        description="class whose detection curve is used by expected_recall, if "
-        "surrogate.curves has none of this class",
+        description="class whose detection curve is used by expected_recall; "
+        "allowed only if surrogate.curves has none of this class",
     )
     colour: str | None = Field(
         None,

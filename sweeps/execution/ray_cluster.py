@@ -142,6 +142,8 @@ def _join(ray: ModuleType, address: str) -> None:
             "GRPC_ENABLE_FORK_SUPPORT=0?"
         )
         _check_port(where, address.removeprefix("ray://"))
+        # It logs the end of its channel as an error; a lost cluster is an exception of a call too.
+        logging.getLogger("ray.util.client").setLevel(logging.CRITICAL)
     else:
         hint = "Did the cluster stop?"
         if address != "auto":

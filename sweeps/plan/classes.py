@@ -35,17 +35,16 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
     counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
     missing = [name for name in point.classes if name not in counts["train"]]
     none = len(missing) == len(point.classes) and bool(counts["train"])
-    said = []
+    said, where = [], point.scene.name
     for name in missing:
         if tests := counts["test"].get(name):
             why = (
-                f"{name} has {tests:,} boxes in the test frames of {point.scene.name} and none in "
-                "the training frames, from which surrogates are and detectors learn"
+                f"{where}: {name} has {tests:,} boxes in the test frames and none in the training "
+                "frames, from which surrogates are computed and detectors learn"
             )
         else:
             hint, there = did_you_mean(name, counts["train"]), listed(counts["train"])
-            why = f"{point.scene.name} has no box of class {name}{hint}; "
-            why += f"its training frames have {there}"
+            why = f"{where}: no box of class {name} in the training frames{hint}; found {there}"
         if none or name not in CLASSES:
             raise ConfigError(f"classes: {why}")
         said.append(f"{why}.")

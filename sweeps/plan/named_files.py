@@ -36,7 +36,11 @@ def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> D
     with named("surrogate.curves", path):
         curves = default_curves() if path is None else read_curves(path)
         for name, other in classes:
-            if other is not None and not curves.has(name, IOU):
+            if other is not None and curves.has(name, IOU):
+                raise ValueError(
+                    f"has a curve of {name} of its own; remove class_settings.{name}.curve"
+                )
+            if other is not None:
                 curves = curves.lent(other, name, IOU)
             if not curves.has(name, IOU):
                 known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)

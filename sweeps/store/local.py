@@ -168,7 +168,7 @@ class Store:
         for name in names:
             if name not in known:
                 there = ", ".join(known) or "none"
-                raise ValueError(f"{self.shown}: no sweep {name!r}; there are {there}")
+                raise ValueError(f"--forget: no sweep {name!r} in {self.shown}; found {there}")
         for name in names:
             self._remove_file(f"{SWEEPS}/{name}.json")
 

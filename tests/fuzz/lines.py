@@ -96,7 +96,7 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
     changed = [word for word in words if word not in line.arguments]
     given = [ascii(text[:40])[1:-1] for word in changed for text in (word, str(Path(word)))]
     named = (parameter, parameter.upper(), *filter(None, given), *line.arguments)
-    places = (*named, "No such option", "extra argument", "null byte", "is no store", "--")
+    places = (*named, "No such option", "extra argument", "null byte", "is no store", "--", "OUT")
     outcome = outcome_of_line(line, words, places, place)
     shutil.rmtree(place)
     shown = " ".join(repr(word)[:60] for word in words)

@@ -225,6 +225,13 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, name):
     assert not (tmp_path / "log").exists()
 
 
+def test_a_yaw_of_endless_turns_is_refused_in_the_world(tmp_path):
+    manner = Manner(coordinates="world")
+    labels, mapping = write(tmp_path, traffic(1), manner, cell("heading", 1e308))
+    result = convert(labels, tmp_path / "log", "--mapping", mapping)
+    assert "column heading: yaw is in radians; over two turns: 1 of 144 boxes" in result.stderr
+
+
 ANOTHER_WAY = "column host_heading: the vehicle drives another way than it heads"
 POSES = {"x": "host_x", "y": "host_y", "yaw": "host_heading"}
 

@@ -67,6 +67,7 @@ def test_a_broken_plug_in_harms_no_other(site, caplog):
         PluginError, match=r"second \(plug_b:one\): .*imported: .*/plug_b.py:1: Mod"
     ):
         things["second"]
+    assert "plug_b" not in registry.PLUGINS, "a local Ray would send it to its workers"
     with pytest.raises(PluginError, match=r"third .*: wrong type; expected .*, found int"):
         things["third"]
 

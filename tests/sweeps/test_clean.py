@@ -175,7 +175,7 @@ def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
     assert "what sweeps refer to is larger than 1.0 MB" in told
     assert store.finished([a, b]) == {a.key}
     told = run(config, "--forget", "tiny", "--forget", "other", code=2)
-    assert told == f"{store.folder}: no sweep 'other'; there are tiny"
+    assert told == f"--forget: no sweep 'other' in {store.folder}; found tiny"
     assert store.references() == {"tiny": {a.key}}, "all or none"
     run(config, "--forget", "tiny")
     assert not store.has(a)

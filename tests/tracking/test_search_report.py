@@ -283,7 +283,8 @@ def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
     assert f"−0.1 % against {line} (1,000.0 nats)." in page.words
     rigs["found_1"] |= {key: rigs["found_1"][key][:1] for key in ("mounts", "models", "zones")}
     changed(folder, rigs=rigs)
-    assert f"The best rig is not better than {line}, with 4 LiDARs." in page_of(folder).words
+    both = f"The best rig is not better than {line}, with 4 LiDARs instead of 1."
+    assert both in page_of(folder).words
 
 
 def test_the_history_draws_everything_as_searched(page):

@@ -124,6 +124,9 @@ def test_as_many_other_classes_are_other_classes(tmp_path):
     write_checkpoint(path, source.state_dict(), "sparse", source.classes)
     with pytest.raises(ValueError, match=r"\['Car', 'Pedestrian'\], the detector for \['Ped"):
         load_checkpoint(target, path)
+    many = {"model_state": source.state_dict(), "classes": ["Car"] * 1000}
+    with pytest.raises(ValueError, match=r"'Car', \.\.\.\], the detector for .{,200}$"):
+        load_checkpoint(target, write(tmp_path / "many.pt", many))
     report = load_checkpoint(target, path, new_heads=True)
     assert report.reinitialised == ("dense_head.weight", "dense_head.bias")
     assert torch.equal(source.first.weight, target.first.weight)

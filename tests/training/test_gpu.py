@@ -124,9 +124,7 @@ def test_networks_are_those_of_the_cpu(network, dtype, device):
     tolerance = TOLERANCES[device.type, dtype]
     here, there = (copy.deepcopy(trained(network)).to(place, dtype) for place in (CPU, device))
     best, more = (Selection(score=0.0, nms=0.5, pre=256, post=count) for count in (5, 10))
-    points = some_frames()[0]
-    if dtype == torch.float32:  # where they lie does not matter
-        points = [item.to(device) for item in points]
+    points = [item.to(device) for item in some_frames()[0]]  # where they are does not matter
     for found, expected in zip(
         there.predict(points, more), here.predict(points, best), strict=True
     ):

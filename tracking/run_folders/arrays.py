@@ -111,6 +111,11 @@ class Maps(ArrayFile):
     residual: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
     residual_side: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
 
+    def _check(self, path: Path) -> None:
+        super()._check(path)
+        if missing := sorted(self.residual.keys() - self.coverage.keys()):
+            raise ValueError(f"{path} has no array coverage/{missing[0]}")
+
 
 @dataclass(frozen=True)
 class Frame(ArrayFile):

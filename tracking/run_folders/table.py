@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.files.atomic import replacing
-from lidarplace.files.columns import check_columns
+from lidarplace.files.columns import check_columns, integers
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 
@@ -55,13 +55,18 @@ class Column:
                 f"{file}: column {self.name} must hold {_WANTED[self.dtype]}, found "
                 f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
             )
+        if self.dtype == "int64":
+            integers(column.fillna(0).to_frame(), self.name, str(file))
         if self.finite and not np.isfinite(known.to_numpy(np.float64)).all():
             raise ValueError(f"{file}: column {self.name} must hold finite numbers, found infinity")
 
     def plain(self, column: pd.Series) -> pd.Series:
-        """Numbers that are not of a NumPy type, or all missing, as floats; others as they are."""
+        """Whole numbers as int64 unless some are missing; numbers that are not of a NumPy type, or
+        all missing, as floats; others as they are."""
         if self.dtype is None or _WANTED[self.dtype] != "numbers":
             return column
+        if self.dtype == "int64" and column.notna().all():
+            return column.astype(np.int64)
         if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
             return column
         if not column.notna().any():

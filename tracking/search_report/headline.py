@@ -91,8 +91,9 @@ def best_of_paper(search: SearchResult) -> str:
     base = search.rigs.get(search.baseline or "")
     best = search.rigs[search.best[0]] if search.best else base
     broken = "" if base is not None and base.feasible else ", which breaks a constraint"
-    other = base is not None and best is not None and len(base.mounts) != len(best.mounts)
-    lidars = f", with {len(base.mounts)} LiDARs" if base is not None and other else ""
+    lidars = ""
+    if base is not None and best is not None and len(base.mounts) != len(best.mounts):
+        lidars = f", with {len(base.mounts)} LiDARs instead of {len(best.mounts)}"
     return f", the best of the paper's eight{lidars}{broken}"
 
 

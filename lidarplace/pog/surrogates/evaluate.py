@@ -290,7 +290,7 @@ def _check_names(surrogates: Collection[str]) -> None:
         if not plug_in and name not in RAY_SURROGATES.own:
             raise ValueError(
                 f"surrogates takes {', '.join(RAY_SURROGATES.own)} (the others are always "
-                f"computed) and plug-ins, found {name!r}{did_you_mean(name, SURROGATES)}"
+                f"computed) and plug-ins, found {name!r}{did_you_mean(name, RAY_SURROGATES.own)}"
             )
 
 

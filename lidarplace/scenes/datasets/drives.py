@@ -26,7 +26,8 @@ def drives_in(
     or a folder has no path of the pattern."""
     for split in splits:
         if split not in known:
-            raise ValueError(f"split {split!r}: allowed are {', '.join(known)}")
+            expected = f"expected one of {', '.join(known)}"
+            raise ValueError(f"--split: unknown split {split!r}; {expected}")
     usual, drives = [*known][:2], []
     for split in splits or [name for name in usual if (folder / name).is_dir()]:
         paths = sorted((folder / split).glob(pattern))

@@ -21,7 +21,7 @@ class Poses:
     @classmethod
     def of_boxes(cls, boxes: pd.DataFrame) -> "Poses":
         """Those of boxes: their `GEOMETRY`."""
-        turns = Rotation.from_rotvec(boxes[["yaw"]].to_numpy(np.float64) * [0.0, 0.0, 1.0])
+        turns = Rotation.from_euler("z", boxes[["yaw"]].to_numpy(np.float64))
         return cls(boxes[list("xyz")].to_numpy(np.float64), turns)
 
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Poses":

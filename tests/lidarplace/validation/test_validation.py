@@ -161,6 +161,9 @@ def test_what_cannot_be_compared_is_one_line(real):
         r"boxes\.parquet: no boxes": {"boxes": boxes.iloc[:0]},
         "without the rig that recorded them": {"rigs": {}},
         "every box has 0 real": {"boxes": boxes.assign(points=0.0)},
+        "too few objects with both real": {
+            "boxes": boxes.assign(points=30.0 * (boxes["object_id"] == "0-0"))
+        },
         "drive0 and drive1 have LiDARs of other names or models": {
             "rigs": {**log.rigs, "drive1": RIG.subset(["up"])}
         },

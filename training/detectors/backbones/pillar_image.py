@@ -36,7 +36,7 @@ def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     """
     layer = cast(PillarFeatureLayer, encoder.pfn_layers[0])
     norm, grid = layer.norm, encoder.grid
-    points = np.concatenate([np.zeros((0, 4), np.float32), *(f.numpy() for f in frames)])
+    points = np.concatenate([np.zeros((0, 4), np.float32), *(f.cpu().numpy() for f in frames)])
     ends = np.cumsum([len(frame) for frame in frames])
     parameters = (layer.linear.weight, norm.weight, norm.bias)
     learns = norm.training or torch.is_grad_enabled()
