@@ -159,16 +159,14 @@ class WorldBuilder:
         keys, cells, weight = (np.concatenate(parts) for parts in found)
         # of two visits to a place the one with more information
         order = np.lexsort((-weight, keys))
-        keys, cells = keys[order], cells[order]
-        first = np.ones(len(keys), bool)
-        first[1:] = np.diff(keys) != 0
-        ground = self._ground(self._lows)
-        first &= _above(keys, cells, ground)
+        keys, first = np.unique(keys[order], return_index=True)
+        cells, ground = cells[order][first], self._ground(self._lows)
+        above = _above(keys, cells, ground)
         origin = np.zeros(3) if self._origin is None else self._origin
         tiles = np.array([*ground], np.int32).reshape(-1, 2)
         corners = np.array([_corners(tile, ground) for tile in ground], np.float32)
         heights = corners.reshape(-1, PATCHES + 1, PATCHES + 1)
-        return StaticWorld(origin, keys[first], cells[first], tiles, heights)
+        return StaticWorld(origin, keys[above], cells[above], tiles, heights)
 
     def _ground(self, tiles: Iterable[tuple[int, int]]) -> Ground:
         """The ground of tiles that have any, by those around them too; NaN: unknown."""
