@@ -160,8 +160,11 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     Raises ValueError that names file and row if a table cannot be read, lacks a column or has an
     invalid value, a box is in no frame of `frames`, a LiDAR has counts but is none of its scene's
     rig, or there are buildings or a world without poses."""
-    frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
-    boxes = read_boxes(folder, None if most_frames is None else frames["frame"].tolist())
+    if most_frames is None:
+        boxes, frames = read_boxes(folder), read_frames(folder)
+    else:
+        frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
+        boxes = read_boxes(folder, frames["frame"].tolist())
     check_listed(boxes, frames, str(folder / "boxes.parquet"), "frames.parquet")
     rigs = read_rigs(folder)
     _check_counted(rigs, boxes, folder / RIG_FILE)

@@ -55,14 +55,6 @@ RIG = RecordedRig(
 COUNTED = BOXES.assign(points=[7.0, np.nan], **{"points/top": [5.0, np.nan], "points/left": 2.0})
 
 
-def test_classes_that_are_no_names_are_named(tmp_path):
-    write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
-    nested = BOXES.assign(**{"class": [{"name": "Car"}] * len(BOXES)})
-    nested.to_parquet(tmp_path / "boxes.parquet")
-    with pytest.raises(ValueError, match=r"boxes\.parquet: column class must hold names"):
-        read_box_log(tmp_path)
-
-
 def test_counts_rigs_and_full_poses_come_back(tmp_path):
     frames = POSES.assign(ego_z=0.5, ego_roll=0.01, ego_pitch=-0.02)
     log = BoxLog(COUNTED, frames, rigs={"town": RIG})
