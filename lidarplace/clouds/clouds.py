@@ -46,8 +46,7 @@ class PointClouds:
         frames: frame numbers of the box log, shape (F,), int64.
         crop: region that was kept, shape (6,), float64, metres; its lower corner is that of the
             grid of coordinates.
-        step: of that grid, metres, shape (), float64.
-    """
+        step: of that grid, metres, shape (), float64."""
 
     data: NDArray[np.uint8]
     offsets: NDArray[np.int64]

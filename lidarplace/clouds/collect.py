@@ -65,8 +65,7 @@ def collect(
         vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
-        ValueError: a box is bad, a frame is not in the log, or the crop is empty.
-    """
+        ValueError: a box is bad, a frame is not in the log, or the crop is empty."""
     how = seed, misaligned_heights, errors, vehicle
     return SimulatedClouds(log, frames, placement, crop, *how).kept()
 

@@ -27,8 +27,7 @@ class Ground:
 
     Attributes:
         reflectivity: of the cells of the square, [y, x], shape (CELLS, CELLS), float32.
-        pose: x, y and yaw of the ego frame in that of the square; metres, radians; finite.
-    """
+        pose: x, y and yaw of the ego frame in that of the square; metres, radians; finite."""
 
     reflectivity: NDArray[np.float32]
     pose: tuple[float, float, float]

@@ -41,8 +41,7 @@ class Hits(NamedTuple):
         target: owner of the part (row of an object, BUILDING, SIGN, BODY), or GROUND, WORLD,
             NOTHING, shape (rays,), int32. What is at least WORLD returns light.
         reflected: cosine between ray and surface normal times reflectivity, of the ground the
-            cosine alone, 0 where nothing is met, shape (rays,), float64.
-    """
+            cosine alone, 0 where nothing is met, shape (rays,), float64."""
 
     range: NDArray[np.float64]
     target: NDArray[np.int32]
@@ -92,8 +91,7 @@ class Beams(NamedTuple):
         sight_10, falloff, fading: of `Lidar.sight`, the first through its window; infinite where
             light does not limit.
         mask: share of each ray that returns by its direction, shape (rays,); empty: all do.
-        loss: of `Correction`, 1/m; 0: none.
-    """
+        loss: of `Correction`, 1/m; 0: none."""
 
     elevations: NDArray[np.float64]
     azimuths: NDArray[np.float64]

@@ -2,8 +2,7 @@
 
 A reflectivity is that of an ideal white diffuser times so much: 1 sends all light back, spread as
 Lambert's law says. Retroreflectors send it back to where it came from and have far more than 1; the
-intensity of a point ends at 1.
-"""
+intensity of a point ends at 1."""
 
 import hashlib
 from enum import IntEnum
@@ -84,8 +83,7 @@ GRASS. Meerdink, Hook, Roberts, Abbott, *The ECOSTRESS spectral library version 
 of Environment, 2019.
 MARKING. At 30 m classes R2 to R5 send back 100 to 300 mcd per lux and square metre (EN 1436, *Road
 marking performance for road users*, 2018), 0.3 to 0.9 of what a white diffuser does that faces the
-beam. It lies flat here, so the cosine is taken out for 10 m; less where it is worn.
-"""
+beam. It lies flat here, so the cosine is taken out for 10 m; less where it is worn."""
 
 
 def reflectivity(

@@ -56,8 +56,7 @@ class Parts:
             window, see PANE, shape (P,), int32; parts of one object follow each other, windows at
             the end.
         reflectivity: share of the light that comes back at normal incidence, in terms of a white
-            diffuser; of retroreflectors more than 1; shape (P,), float64.
-    """
+            diffuser; of retroreflectors more than 1; shape (P,), float64."""
 
     geometry: NDArray[np.float64]
     owner: NDArray[np.int32]

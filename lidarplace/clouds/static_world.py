@@ -55,8 +55,7 @@ class Worlds(NamedTuple):
         block_boxes: corner of the block, and the box that holds its cells, shape (B, 9), float64.
         masks: which of its cells are there, shape (B, 8), uint64.
         first_cell: before each word of its mask, shape (B, 8), int64.
-        cells: as of `StaticWorld`, shape (n, 8), uint8.
-    """
+        cells: as of `StaticWorld`, shape (n, 8), uint8."""
 
     origins: NDArray[np.float64]
     grids: NDArray[np.int64]

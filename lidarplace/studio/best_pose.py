@@ -40,8 +40,7 @@ class BestPose:
     """Where a LiDAR goes: in tenths of a degree and, where the zone has one, whole millimetres.
 
     `before` and `after` are means of `expected_recall` over classes, of all rays; `broken` are
-    constraints and names of requirements that poses which seem to find more would break.
-    """
+    constraints and names of requirements that poses which seem to find more would break."""
 
     mount: Mount
     before: float
@@ -76,8 +75,7 @@ def improved(rig: Rig, number: int, file: RigsFile, meter: Meter) -> BestPose:
     Rounds of poses from a Sobol sequence, in the nearest zone and some degrees around, are compared
     with few rays; the best is kept only if it is better with all. What the file does not allow of a
     single LiDAR is not tried, and what breaks a constraint or a requirement that holds is not
-    chosen. Raises ValueError: no object counts, or two LiDARs are in one place.
-    """
+    chosen. Raises ValueError: no object counts, or two LiDARs are in one place."""
     search = _Search(rig, number, file, meter, Limits(rig, file))
     old = rig.mounts[number]
     around = ((value - AROUND_M, value + AROUND_M) for value in old.position.tolist())
@@ -94,8 +92,7 @@ def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> 
     """Look for the pose of one more LiDAR with which the rig finds most, in all zones.
 
     As `improved`; without zones above the body. Raises ValueError also: the file allows no pose, or
-    no more LiDAR.
-    """
+    no more LiDAR."""
     held, wider = Limits(rig, file), added(rig, model)
     before = {one.constraint for one in totals_above(rig, file)}
     for one in totals_above(wider, file):

@@ -38,8 +38,7 @@ def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -
     """The cells around the vehicle over which no voxel below `height` is seen past the body.
 
     The share is of all cells outside of the body. `height` is in metres, a multiple of EDGE_M above
-    LOWEST_M. Without a LiDAR, all is blind.
-    """
+    LOWEST_M. Without a LiDAR, all is blind."""
     middles, sensors = _counted(placement, vehicle, height)
     return BlindGround(middles[sensors == 0], float((sensors == 0).mean()))
 

@@ -43,8 +43,7 @@ def studio(
 ) -> None:
     """Place LiDARs by hand in the browser. The page is on this machine only; Ctrl-C stops it.
 
-    Clouds, blind spots and numbers follow every move. Files are written only on request.
-    """
+    Clouds, blind spots and numbers follow every move. Files are written only on request."""
     import viser  # noqa: F401 - whether it is there is told before anything is read
 
     from lidarplace.studio.page.page import Page

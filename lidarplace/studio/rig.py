@@ -33,8 +33,7 @@ class MountedLidar:
     """A LiDAR of a rig; paths are relative to `folder`. Raises ValueError that names a wrong key.
 
     `written` are keys of `MountSettings` as the file has them, so that a number which nobody
-    changes stays what it is, to the last digit and in its unit.
-    """
+    changes stays what it is, to the last digit and in its unit."""
 
     written: Mapping[str, Any]
     enabled: bool = True
@@ -60,8 +59,7 @@ class Rig:
     """LiDARs on a vehicle as a file has them, those that are disabled, too, or none at all.
 
     `carla` says whether the file has poses in CARLA's convention; `further` are its keys of cameras
-    and radars.
-    """
+    and radars."""
 
     name: str
     lidars: tuple[MountedLidar, ...] = ()
@@ -151,8 +149,7 @@ def posed(rig: Rig, number: int, **pose: float) -> Rig:
     """A LiDAR at other coordinates of `POSE`: ego frame, metres and degrees.
 
     An angle that the file has in radians stays one of radians, all others are written in degrees.
-    Raises ValueError: a number is beyond its limits.
-    """
+    Raises ValueError: a number is beyond its limits."""
     before, lidar = rig.pose(number), rig.lidars[number]
     written = dict(lidar.written)
     for name, value in pose.items():

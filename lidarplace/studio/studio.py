@@ -84,8 +84,7 @@ class Studio:
 
     All frames of the log count; `folder` is that of the whole log, if it has some of them only: all
     can be looked at. `left_out` are its classes that have no numbers, and are in no sweep. Raises
-    ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out.
-    """
+    ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out."""
 
     def __init__(
         self, file: RigsFile, log: BoxLog, roi: Roi = PAPER_ROI, folder: Path | None = None

@@ -90,8 +90,7 @@ def found_by_sweep(run: Path) -> dict[str, pd.DataFrame]:
     """AP and recall by the name of the metric, from the tables of a run folder's report.
 
     Each is a table with index `placement`, columns `mean`, `low` and `high`, the ends of the 95 %
-    interval, in percent; NaN where it is not known. Raises ValueError: a table cannot be read.
-    """
+    interval, in percent; NaN where it is not known. Raises ValueError: a table cannot be read."""
     tables = {}
     for path in sorted((run / "tables").glob("best-*.csv")):
         table = read_csv(path)

@@ -22,8 +22,7 @@ class Frame:
     """The surroundings in one frame, in the ego frame: its part of the log, and its row.
 
     `objects`, rows of `boxes`, and `buildings`, rows of `lidarplace.logs.boxes.GEOMETRY`, (B, 7),
-    may reach into the crop; `inside`, (objects,), says which objects have their centre in it.
-    """
+    may reach into the crop; `inside`, (objects,), says which objects have their centre in it."""
 
     log: BoxLog
     row: pd.Series

@@ -1,7 +1,6 @@
 """Frames as a recording that Foxglove plays: an MCAP file of clouds, boxes and the rig.
 
-https://mcap.dev and https://docs.foxglove.dev/docs/sdk/schemas describe file and messages.
-"""
+https://mcap.dev and https://docs.foxglove.dev/docs/sdk/schemas describe file and messages."""
 
 import json
 from collections.abc import Hashable, Iterable, Mapping
@@ -56,8 +55,7 @@ def write_mcap(
     """Write topics `/lidar_0`, … of clouds, `/objects`, `/tf` and `/frame`, in the ego frame.
 
     `/tf` has the mounts, and the vehicle in the world if the log knows its poses. `frames` are in
-    the order of play; `portions` are boxes and clouds of some of them at a time, in that order.
-    """
+    the order of play; `portions` are boxes and clouds of some of them at a time, in that order."""
     times, rows = iter(clock(frames).tolist()), frames.itertuples()
     context = foxglove.Context()  # of its own: nothing else is recorded with it
     lidars = range(len(placement.mounts))

@@ -25,8 +25,7 @@ def write_page(
     """Write figures side by side as one page with a shared legend and camera; makes its folder.
 
     `notes` are paragraphs of plain text. `cameras` are those of scenes in space, by the name on a
-    button; none for figures from above.
-    """
+    button; none for figures from above."""
     page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).substitute(
         title=html.escape(title),
         notes="\n".join(f"<p>{html.escape(note)}</p>" for note in notes),

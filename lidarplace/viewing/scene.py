@@ -47,8 +47,7 @@ def draw_frame(
 
     Points have the colour of their LiDAR, boxes that of their class, with a line on the roof
     towards the front. ROI, vehicle and buildings are grey. Of a cloud of more than `points` so many
-    are drawn, chosen at random. Other arguments and errors as of `read_cloud` and `read_frame`.
-    """
+    are drawn, chosen at random. Other arguments and errors as of `read_cloud` and `read_frame`."""
     frame = read_frame(log, number, crop)
     how = misaligned_heights, vehicle
     drawn, lidar, returned, on_objects = read_cloud(frame, placement, crop, points, *how)

@@ -3,8 +3,7 @@
 All columns of a box share one run of voxels along z, and in a row of constant x its voxels are one
 run along y. So a box is written row by row, as the four corners of a rectangle of a second
 difference, and one pass at the end adds the differences up. Where boxes of a frame overlap, the
-rectangle is cut into those that hold none of the voxels which the frame has counted already.
-"""
+rectangle is cut into those that hold none of the voxels which the frame has counted already."""
 
 import math
 
@@ -23,8 +22,7 @@ def count_boxes(
 
     Args:
         geometry: columns of `lidarplace.logs.boxes.GEOMETRY`, shape (boxes, 7), finite.
-        frame: frame of each box, shape (boxes,); the boxes of a frame stand together.
-    """
+        frame: frame of each box, shape (boxes,); the boxes of a frame stand together."""
     nx, ny, nz = roi.shape
     counts = np.zeros((nx, ny, nz), np.int32)
     if len(frame):

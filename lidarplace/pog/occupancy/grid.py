@@ -32,8 +32,7 @@ class OccupancyGrid(Plottable):
         roi: the voxels.
         object_class: class of the objects counted.
         counts: number of frames in which a voxel's centre lies in a box, shape (nx, ny, nz), int32.
-        frames: number of frames looked at, T; frames without a box count.
-    """
+        frames: number of frames looked at, T; frames without a box count."""
 
     roi: Roi
     object_class: str

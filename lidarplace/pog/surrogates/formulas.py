@@ -20,8 +20,7 @@ class Crossings:
 
     Attributes:
         counts, rays: the different pairs, which are few, int64, shape (pairs,).
-        voxels: number of voxels of each pair, int64, shape (pairs,).
-    """
+        voxels: number of voxels of each pair, int64, shape (pairs,)."""
 
     counts: NDArray[np.int64]
     rays: NDArray[np.int64]
@@ -126,8 +125,7 @@ def information_at(p, rest, log_miss):
 
     With g(x) = (1 - x) ln(1 - x) + x, and 1 - p d the probability that nothing is detected:
     `I = -p d ln p + p g(d) - g(p d)` for small p, and
-    `I = -p d ln p - (1 - p) ln(1 - p d) - p (1 - d) ln(1 + (1 - p) d / (1 - d))` for large p.
-    """
+    `I = -p d ln p - (1 - p) ln(1 - p d) - p (1 - d) ln(1 + (1 - p) d / (1 - d))` for large p."""
     d, miss = -math.expm1(log_miss), math.exp(log_miss)
     if p < 0.5:
         return -p * d * math.log(p) + p * _g(d, miss) - _g(p * d, rest + p * miss)

@@ -56,8 +56,7 @@ class Surrogates(_Named, Plottable):
         values: the surrogates that do not follow from others, by name.
         covered: voxels of the whole ROI.
         covered_nonzero: covered voxels with p > 0.
-        seconds: wall time of the evaluation.
-    """
+        seconds: wall time of the evaluation."""
 
     placement: Placement
     roi: Roi

@@ -25,8 +25,7 @@ class Seen:
         h_pog: entropy of the POG, nats.
         crossings: counts and rays of the occupied voxels that are crossed.
         points: `sum of m(v) p(v)`, see `lidarplace.pog.surrogates.formulas.expected_points`.
-        information: nats, see `lidarplace.pog.surrogates.formulas.expected_ig`.
-    """
+        information: nats, see `lidarplace.pog.surrogates.formulas.expected_ig`."""
 
     frames: int
     counts: NDArray[np.integer]

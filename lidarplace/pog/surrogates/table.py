@@ -40,8 +40,7 @@ class Surrogate:
         headline: its place among those that headlines name; None if it orders placements as one
             of these does, or the other way round.
         decides: its place among those that order placements where nothing was trained, of which
-            the first that was computed does; all of these can only rise by a LiDAR more.
-    """
+            the first that was computed does; all of these can only rise by a LiDAR more."""
 
     label: str
     short: str = ""

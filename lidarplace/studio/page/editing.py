@@ -100,8 +100,7 @@ def dragged(
     """Coordinates that differ from `before`, all of `POSE`, by more than half a step, rounded.
 
     What was not touched is left out, so that it stays as its file has it: also an angle that could
-    be written as another, as 180 degrees and -180. `wxyz`, (4,), is the sensor-to-ego rotation.
-    """
+    be written as another, as 180 degrees and -180. `wxyz`, (4,), is the sensor-to-ego rotation."""
     turned = Rotation.from_quat(wxyz, scalar_first=True)
     old = Rotation.from_euler("ZYX", [before[name] for name in reversed(ANGLES)], degrees=True)
     now = dict(zip(POSE[:3], position.tolist(), strict=True))

@@ -42,8 +42,7 @@ class RigNodes:
         """Draw all LiDARs in their size, with what they have in view.
 
         Lines of the chosen one are thicker; those in `wrong`, which do not keep a constraint, have
-        a cross at their number. None: they have no numbers.
-        """
+        a cross at their number. None: they have no numbers."""
         for node in self._lidars:
             node.remove()
         self._lidars = []

@@ -36,8 +36,7 @@ def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, s
     """A server that listens while the block runs, and its address, which holds a secret.
 
     None is FIRST_PORT or the next free one. Raises ValueError: the port is taken, or requests to
-    this version of viser cannot be checked.
-    """
+    this version of viser cannot be checked."""
     import viser
     from websockets.asyncio import server as websockets_server
 
@@ -78,8 +77,7 @@ def _answer(
     """What viser answers to who knows the token; a connection needs the page's own origin, too.
 
     A page from elsewhere does not know the token, and one whose name was bound to this machine
-    (DNS rebinding) says that name as its host. viser's page connects to the path that it is at.
-    """
+    (DNS rebinding) says that name as its host. viser's page connects to the path that it is at."""
     host, origin = (",".join(request.headers.get_all(name)) for name in ("Host", "Origin"))
     path = request.path.partition("?")[0].strip("/").encode(errors="replace")
     if NAMES.fullmatch(host) and secrets.compare_digest(path, token.encode()):
