@@ -26,11 +26,10 @@ _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?",
 
 
 def njit(**options: Any) -> Callable[[Kernel], Kernel]:
-    """`numba.njit` with these options; all kernels of this project are compiled by it.
-
-    With `cache=True` machine code is in a folder of the sources' version, below the one that numba
-    chooses: `NUMBA_CACHE_DIR`, else `__pycache__` next to the file, else the user's cache folder.
-    """
+    """`numba.njit` with these options; all kernels of this project are compiled by it. With
+    `cache=True` machine code is in a folder of the sources' version, below the one that numba
+    chooses: `NUMBA_CACHE_DIR`, else `__pycache__` next to the file, else the user's cache
+    folder."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel = numba.njit(**options)(function)

@@ -14,17 +14,14 @@ class Range:
     def check(self, what: str, value: float) -> None:
         """Raise ValueError that says `what` the value is, unless it is in the range; NaN is not."""
         if not self.low <= value <= self.high:
-            raise ValueError(f"{what} must be within {self._text}, found {value}")
+            allowed = f"{self.low:,} and {self.high:,}"
+            raise ValueError(f"{what} must be within {allowed}, found {value}")
 
     def check_whole(self, what: str, value: int) -> None:
         """As `check`; a number that is no integer is refused, too."""
         if not isinstance(value, Integral):
             raise ValueError(f"{what} must be a whole number, found {value!r}")
         self.check(what, value)
-
-    @property
-    def _text(self) -> str:
-        return f"{self.low:,} and {self.high:,}"
 
 
 FRAME = Range(1 - 2**53, 2**53 - 1)

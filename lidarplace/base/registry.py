@@ -52,10 +52,8 @@ def plugin_place(error: BaseException) -> str:
 
 class Registry(Mapping[str, T]):
     """Things of one kind by name: `own`, and those of a group of entry points that `fits` accepts.
-
     It iterates over ours and over what was asked for by name; `installed` has all. Indexing raises
-    PluginError for a name that nobody provides, that two provide, or that cannot be imported.
-    """
+    PluginError for a name that nobody provides, that two provide, or that cannot be imported."""
 
     def __init__(
         self, group: str, own: Mapping[str, T], fits: Callable[[Any], bool] = callable

@@ -21,12 +21,10 @@ _RAISED = {signal.SIGINT: Interrupted, signal.SIGTERM: Terminated}
 
 
 class _Stop:
-    """Raises the first signal as an exception. A second one must not interrupt the clean-up.
-
-    Python swallows what is raised in `__del__` or in a weakref callback, and a library may swallow
-    it anywhere: then nothing refers to the exception. An alarm looks for that and raises it again.
-    A second signal after one that is lost or held, and any third, ends the process for certain.
-    """
+    """Raises the first signal as an exception. A second one must not interrupt the clean-up. Python
+    swallows what is raised in `__del__` or in a weakref callback, and a library may swallow it
+    anywhere: then nothing refers to the exception. An alarm looks for that and raises it again. A
+    second signal after one that is lost or held, and any third, ends the process for certain."""
 
     def __init__(self) -> None:
         self.held = False  # whether nothing is raised for now

@@ -36,11 +36,9 @@ KEEP, LEVEL = "keep", "level"
 
 @dataclass(frozen=True)
 class Real:
-    """What options say of the real vehicle and world; for `origin` see `count_real_points`.
-
-    The static `world` is built of the clouds; if these are not `kept`, a wrong one is a warning.
-    `rig` is the file of the rig of all scenes, `lidar` the model of mounts without one.
-    """
+    """What options say of the real vehicle and world; for `origin` see `count_real_points`. The
+    static `world` is built of the clouds; if these are not `kept`, a wrong one is a warning. `rig`
+    is the file of the rig of all scenes, `lidar` the model of mounts without one."""
 
     ground: str
     clouds: Path | None = None
@@ -84,9 +82,7 @@ def convert_log(
     check: Callable[[BoxLog], None] | None = None,
 ) -> None:
     """Read a log, write it to `out` if given, and print what is in it; a mistake ends with code 2.
-
-    Implausible values give a warning, unless `check` looks at the log instead, or raises.
-    """
+    Implausible values give a warning, unless `check` looks at the log instead, or raises."""
     ignored: Counter[str] = Counter()
     notes: list[str] = []
     with checked_input():

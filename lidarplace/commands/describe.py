@@ -24,10 +24,8 @@ REGIONS = {
 
 def describe(log: BoxLog) -> pd.DataFrame:
     """Frames, and objects per frame whose centre is in each of `REGIONS`, by scene and split.
-
     Returns columns scene, split, routes, frames, and for every region and class a mean number of
-    objects per frame, `<region> <class>`; the last row is the whole log.
-    """
+    objects per frame, `<region> <class>`; the last row is the whole log."""
     classes = list(dict.fromkeys(CLASSES) | counts_of(log.boxes["class"]))
     counts = log.frames[["scene", "split", "route", "frame"]].set_index("frame")
     for region, bounds in REGIONS.items():

@@ -43,11 +43,9 @@ else:
 
 
 class _Loader(Composer, _Parser, SafeConstructor, Resolver):
-    """Composes nodes in Python, where depth, size and keys can be watched.
-
-    Only numbers, truth values, text, lists and mappings are there: a date is text, and YAML's sets
-    and binaries are refused as Python's objects are. `1e-3` is a number, as in YAML 1.2.
-    """
+    """Composes nodes in Python, where depth, size and keys can be watched. Only numbers, truth
+    values, text, lists and mappings are there: a date is text, and YAML's sets and binaries are
+    refused as Python's objects are. `1e-3` is a number, as in YAML 1.2."""
 
     yaml_constructors = {  # noqa: RUF012 - of PyYAML
         tag: constructor
@@ -119,11 +117,9 @@ _Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+0123456789"))
 
 
 def parse_yaml(text: str) -> Any:
-    """The content of a YAML document, None for an empty one; no two places share an object.
-
-    Raises YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the
-    limits `MOST_VALUES` and `DEEPEST`.
-    """
+    """The content of a YAML document, None for an empty one; no two places share an object. Raises
+    YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the limits
+    `MOST_VALUES` and `DEEPEST`."""
     try:
         return _unshared(_Loader(text).get_single_data())
     except ReaderError as error:

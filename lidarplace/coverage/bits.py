@@ -5,8 +5,6 @@ A set is an array of shape (words, nx, ny), uint64."""
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
-
 Bits = NDArray[np.uint64]
 
 
@@ -28,40 +26,3 @@ def unpack(bits: Bits, nz: int) -> NDArray[np.bool_]:
     """The mask of a set, shape (nx, ny, nz)."""
     words = np.ascontiguousarray(np.moveaxis(bits, 0, 2)).astype("<u8", copy=False)
     return np.unpackbits(words.view(np.uint8), axis=-1, count=nz, bitorder="little").view(np.bool_)
-
-
-def turned(bits: Bits, length: int) -> Bits:
-    """The set with its last two axes exchanged: from voxels (a, b, c) to (a, c, b), c below
-    `length`."""
-    _, a, b = bits.shape
-    result = np.zeros((-(-b // 64), a, length), np.uint64)
-    _turn(bits, result)
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _turn(bits, result):
-    """Transpose blocks of 64 × 64 bits by exchanging ever smaller halves (Warren, 7-3)."""
-    block = np.empty(64, np.uint64)
-    for word in range(len(result)):
-        for a in range(bits.shape[1]):
-            for other in range(len(bits)):
-                for i in range(64):
-                    b = 64 * word + i
-                    block[i] = bits[other, a, b] if b < bits.shape[2] else np.uint64(0)
-                width = 32
-                mask = np.uint64(0x00000000FFFFFFFF)
-                while width:
-                    shift = np.uint64(width)
-                    i = 0
-                    while i < 64:
-                        swap = ((block[i] >> shift) ^ block[i + width]) & mask
-                        block[i] ^= swap << shift
-                        block[i + width] ^= swap
-                        i = (i + width + 1) & ~width
-                    width >>= 1
-                    mask ^= mask << np.uint64(max(width, 1))
-                for i in range(64):
-                    c = 64 * other + i
-                    if c < result.shape[2]:
-                        result[word, a, c] = block[i]

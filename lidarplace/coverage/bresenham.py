@@ -9,9 +9,8 @@ from lidarplace.base.kernel_cache import njit
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def walk_bresenham(origin, direction, far, grid, voxels, size):
-    """Append the voxels of one line to the first `size` of `voxels`; returns the new size.
-
-    It goes from the sensor's voxel, inside the grid or not, to that of the ray at `far`."""
+    """Append the voxels of one line to the first `size` of `voxels`; returns the new size. It goes
+    from the sensor's voxel, inside the grid or not, to that of the ray at `far`."""
     shape, strides = grid.shape, grid.strides
     # The axis along which the line is longest comes first.
     main, longest = 0, -1

@@ -211,10 +211,9 @@ def _side_of_plane(low, high, normal):
 
 @inner
 def _arc_meets(low, high, s, sensor):
-    """Whether the arc on which a beam ends at its range meets the box.
-
-    A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one is on
-    a face; an arc that does neither is wholly inside or outside."""
+    """Whether the arc on which a beam ends at its range meets the box. A coordinate of the arc is m
+    + r cos(a - phi). Where the arc enters or leaves the box one is on a face; an arc that does
+    neither is wholly inside or outside."""
     _, frame, _, azimuth, reach = sensor
     middle, extent = -s * reach, _HAIR * reach  # the circle is on the plane n.d = s reach
     for axis in range(3):
@@ -280,12 +279,11 @@ def _edge_crosses(low, high, s, view):
 
 @inner
 def _patch_meets(low, high, s, sensor, view):
-    """Whether the seen part of the cone of one beam meets a closed box.
-
-    The part is bounded by the rays at the ends of the field of view and by the arc at the range. If
-    none of these meets the box, a piece of the cone in it is seen as a whole or not at all. It
-    reaches the faces along its rulings; there it ends at an edge of the box, or is a closed curve
-    about the axis, which the first ray meets."""
+    """Whether the seen part of the cone of one beam meets a closed box. The part is bounded by the
+    rays at the ends of the field of view and by the arc at the range. If none of these meets the
+    box, a piece of the cone in it is seen as a whole or not at all. It reaches the faces along its
+    rulings; there it ends at an edge of the box, or is a closed curve about the axis, which the
+    first ray meets."""
     if _edge_crosses(low, high, s, view):
         return True
     cosine, (u, v, n) = math.sqrt(1 - s * s), sensor.frame
@@ -313,7 +311,6 @@ def _near_beams(middle, half, sines, n):
 @inner
 def _corners_span(middle, half, beams, sines, view):
     """Whether a cone of `sines[beams[0]:beams[1]]` passes between corners of a cube that are seen.
-
     What of the cube is in range and on the inner side of a plane is convex: a cone that has two
     points of it on either side meets it."""
     # The corner that is farthest inside the nearer plane comes first, then the one above or below.
@@ -358,10 +355,9 @@ def _set_run(scratch, row, column, one_end, other_end, slack, nz):
 
 @inner
 def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
-    """Add the run of every column for a beam of a sensor that is not tilted.
-
-    The height is tan(elevation) times the distance from the axis, `near` to `far` over the square
-    of a column, shape (TILE_X * TILE_Y,)."""
+    """Add the run of every column for a beam of a sensor that is not tilted. The height is
+    tan(elevation) times the distance from the axis, `near` to `far` over the square of a column,
+    shape (TILE_X * TILE_Y,)."""
     one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)
     slope = s / math.sqrt(1 - s * s) / resolution
     slack = _HAIR * (1 + abs(slope) * resolution * math.sqrt(2.0))
@@ -383,11 +379,10 @@ def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
 
 @inner
 def _add_tilted_beam(tile, axis, s, words, lines, scratch):
-    """Add the run of every column for a beam of a tilted sensor.
-
-    The height is homogeneous of degree one in (x, y), and convex or concave. Over a square its
-    extremes are at the corners, at the apex, and at the one stationary point of the height along
-    each grid line. The few squares that hold such a point are widened one by one."""
+    """Add the run of every column for a beam of a tilted sensor. The height is homogeneous of
+    degree one in (x, y), and convex or concave. Over a square its extremes are at the corners, at
+    the apex, and at the one stationary point of the height along each grid line. The few squares
+    that hold such a point are widened one by one."""
     xs, ys, rows, columns, bottom, resolution, nz = tile  # lines of the grid, from `bottom` up
     n0, n1, n2 = axis
     one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)

@@ -13,10 +13,9 @@ from lidarplace.base.kernel_cache import njit
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _crossing(cell, origin, d, minimum, resolution):
-    """Ray parameter at which a ray leaves `cell` along one axis.
-
-    From the grid line, not by adding up: errors do not grow along the ray, and equal parameters of
-    two axes compare equal where coordinates and directions have few bits."""
+    """Ray parameter at which a ray leaves `cell` along one axis. From the grid line, not by adding
+    up: errors do not grow along the ray, and equal parameters of two axes compare equal where
+    coordinates and directions have few bits."""
     if d == 0.0:
         return math.inf
     return (minimum + (cell + (d > 0)) * resolution - origin) / d

@@ -40,19 +40,18 @@ def covered_by_rays(placement: Placement, roi: Roi, method: RayMethod) -> NDArra
     covered = _in_layers(roi, np.bool_)
     for voxels, _ in _chunks(placement, roi, method):
         _cover(voxels, covered.reshape(-1))
-    return np.ascontiguousarray(_by_voxel(covered))
+    return np.ascontiguousarray(covered.transpose(1, 2, 0))
 
 
 def ray_counts(
     placement: Placement, roi: Roi, method: RayMethod, azimuth_stride: int = 1
 ) -> NDArray[np.int32]:
-    """m(v), the number of rays through every voxel, shape (nx, ny, nz), not in C order.
-
-    With `azimuth_stride` rays are `thinned`; each stands for `ray_weight` of them."""
+    """m(v), the number of rays through every voxel, shape (nx, ny, nz), not in C order. With
+    `azimuth_stride` rays are `thinned`; each stands for `ray_weight` of them."""
     counts = _in_layers(roi, np.int32)
     for voxels, _ in _chunks(thinned(placement, azimuth_stride), roi, method):
         _count(voxels, counts.reshape(-1))
-    return _by_voxel(counts)
+    return counts.transpose(1, 2, 0)
 
 
 def log_miss(
@@ -80,7 +79,7 @@ def log_miss(
     for voxels, offsets in _chunks(thinned(placement, azimuth_stride), roi, method):
         _add_log_miss(voxels, offsets, layers, frames, detection_probability, result.reshape(-1))
     result *= ray_weight(placement, azimuth_stride)
-    return _by_voxel(result)
+    return result.transpose(1, 2, 0)
 
 
 def thinned(placement: Placement, azimuth_stride: int) -> Placement:
@@ -94,9 +93,8 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
 
 
 def ray_weight(placement: Placement, azimuth_stride: int) -> float:
-    """Rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for.
-
-    By the steps of whole turns, so the stride itself where it divides them."""
+    """Rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for. By the steps
+    of whole turns, so the stride itself where it divides them."""
     thin = thinned(placement, azimuth_stride)
     rigs = (placement, thin)
     every, traced = (sum(own.beams * own.azimuth_steps for own in rig.lidars) for rig in rigs)
@@ -104,17 +102,10 @@ def ray_weight(placement: Placement, azimuth_stride: int) -> float:
 
 
 def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray[Any]:
-    """Zeros by layers of z, shape (nz, nx, ny).
-
-    Rays run flat: in C order of (nx, ny, nz) nearly each of their voxels would be on another
-    page."""
+    """Zeros by layers of z, shape (nz, nx, ny). Rays run flat: in C order of (nx, ny, nz) nearly
+    each of their voxels would be on another page."""
     nx, ny, nz = roi.shape
     return np.zeros((nz, nx, ny), dtype)
-
-
-def _by_voxel(layers: NDArray[Any]) -> NDArray[Any]:
-    """A view of layers with shape (nx, ny, nz): the order in memory stays."""
-    return layers.transpose(1, 2, 0)
 
 
 def _chunks(

@@ -57,9 +57,7 @@ class Found(NamedTuple):
 
 class LogFrames:
     """Finds frames of a log: by number, by their `SOURCE`, by their number as KITTI writes it.
-
-    Raises InputError if two frames have one name.
-    """
+    Raises InputError if two frames have one name."""
 
     def __init__(self, frames: pd.DataFrame) -> None:
         self._frames, numbers = frames, frames["frame"].tolist()
@@ -168,9 +166,7 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
 def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
     """A table of Waymo's columns of `lidar_box` and `score`, boxes in its vehicle frame; or of our
     columns: `frame` or `source`, `class`, `GEOMETRY`, `score`, in the ego frame or the `world`.
-
-    Which of them is said by `as_waymo`, or for None by the columns.
-    """
+    Which of them is said by `as_waymo`, or for None by the columns."""
     table, source = read_parquet(path).reset_index(drop=True), str(path)
     names: NDArray[Any]
     if waymo.SEGMENT in table if as_waymo is None else as_waymo:

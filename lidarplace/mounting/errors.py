@@ -35,9 +35,8 @@ class MountingErrors:
         return self.offset > 0 or self.angle > 0
 
     def drawn(self, placement: Placement, *key: int) -> Placement:
-        """The rig as one vehicle has it, which `key` identifies, such as a seed and a frame.
-
-        In one vehicle the i-th LiDAR of every rig is off by the same: differences are paired."""
+        """The rig as one vehicle has it, which `key` identifies, such as a seed and a frame. In one
+        vehicle the i-th LiDAR of every rig is off by the same: differences are paired."""
         every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
         off = [self.displaced(m, np.random.default_rng((*key, n))) for n, m in enumerate(every)]
         working = len(placement.mounts)

@@ -16,7 +16,6 @@ BAND_M = 50e-9
 
 def facing_pairs(placement: Placement, vehicle: Vehicle) -> list[tuple[int, int]]:
     """Numbers, from 0, of pairs each of which has the other in its field of view and in sight.
-
     Body, keep-outs and housings of further LiDARs hide one from the other. A field of view goes
     from the lowest to the highest beam: whether a beam meets the window is left to tolerances."""
     views, obstacles = views_of(placement), obstacles_of(vehicle, housings_in(placement))

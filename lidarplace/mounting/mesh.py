@@ -147,9 +147,8 @@ def distances(tree: Tree, places):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def first_hit(origin, dx, dy, dz, reach, tree: Tree):
-    """The least t in (0, reach) at which origin + t (dx, dy, dz) meets a triangle, or `reach`.
-
-    It is met from either side, edges included; not by a ray in its plane."""
+    """The least t in (0, reach) at which origin + t (dx, dy, dz) meets a triangle, or `reach`. It
+    is met from either side, edges included; not by a ray in its plane."""
     best, node = reach, 1
     while True:
         if _enters(tree.bounds[node], origin, dx, dy, dz, best):

@@ -18,10 +18,8 @@ def outline(vehicle: Vehicle, axes: tuple[int, int] = (0, 1)) -> NDArray[np.floa
 
 def closed_lines(vehicle: Vehicle, axes: tuple[int, int]) -> list[NDArray[np.float64]]:
     """A line around each box and one around the mesh, metres, shapes (n, 2); `axes` are those in
-    view: 0 and 1 from above, 0 and 2 from the side.
-
-    That of the mesh leads along its ends in the second axis: what is between them counts as
-    filled."""
+    view: 0 and 1 from above, 0 and 2 from the side. That of the mesh leads along its ends in the
+    second axis: what is between them counts as filled."""
     lines = [
         np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
         for (x0, y0), (x1, y1) in vehicle.boxes[:, :, axes].tolist()

@@ -20,7 +20,6 @@ NANOMETRE = 1e-9
 
 def polygon(vertices: Iterable[Vertex]) -> Polygon:
     """The polygon of these vertices: rounded, without repetitions, a segment or point if it is one.
-
     Raises ValueError for no vertex, one that is not finite, or edges that cross or touch."""
     rounded = [(round(float(x), GRID_DIGITS), round(float(y), GRID_DIGITS)) for x, y in vertices]
     if not rounded:
@@ -45,7 +44,6 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
 
 def sections(vertices: Polygon, axis: int, value: float) -> list[Interval]:
     """Where the polygon meets a line on which one coordinate, 0 for x and 1 for y, has a `value`.
-
     Ascending intervals of the other coordinate, of zero width where a tip touches the line."""
     other = 1 - axis
     cuts: set[float] = set()

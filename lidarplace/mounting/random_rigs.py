@@ -39,10 +39,9 @@ def _bounds_of(rigs: Sequence[Placement]) -> Bounds:
 
 
 def random_rigs(around: Sequence[Placement], number: int, seed: int) -> list[Placement]:
-    """Rigs with the LiDARs of given ones, in and somewhat around the space that these take.
-
-    A rig has as many LiDARs as one of the given ones, of the models of that. They are named rig_01,
-    …, in the order of the share of rings that coincide."""
+    """Rigs with the LiDARs of given ones, in and somewhat around the space that these take. A rig
+    has as many LiDARs as one of the given ones, of the models of that. They are named rig_01, …, in
+    the order of the share of rings that coincide."""
     random = np.random.default_rng(seed)
     bounds = _bounds_of(around)
     drawn = []
@@ -115,7 +114,6 @@ def _height(bounds: Bounds, random: np.random.Generator) -> float:
 
 def outside(placement: Placement, rigs: Sequence[Placement]) -> str | None:
     """How far a rig is outside of the space of others, None if it is not, or by next to nothing.
-
     Compared are x, y, z, roll and pitch of the mounts, the number of LiDARs and their models."""
     (least, most), (low, high) = _bounds_of([placement]), _bounds_of(rigs)
     beyond = np.maximum(low - least, most - high).tolist()

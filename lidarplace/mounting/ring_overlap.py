@@ -81,10 +81,9 @@ def beam_gap(lidars: Sequence[Lidar]) -> float:
 
 
 def interleaving(placement: Placement) -> Interleaving | None:
-    """Pitches that lay rings between each other, None where that frees less than `LEAST_GAIN`.
-
-    N LiDARs are pitched by even parts of the gap between two beams, -(N - 1)/2N to (N - 1)/2N of
-    it, in the order of the mounts."""
+    """Pitches that lay rings between each other, None where that frees less than `LEAST_GAIN`. N
+    LiDARs are pitched by even parts of the gap between two beams, -(N - 1)/2N to (N - 1)/2N of it,
+    in the order of the mounts."""
     number = len(placement.mounts)
     gap = beam_gap(placement.lidars)
     pitches = tuple((i - (number - 1) / 2) / number * gap for i in range(number))
@@ -98,9 +97,8 @@ def interleaving(placement: Placement) -> Interleaving | None:
 
 
 def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:
-    """Which cells of the strips a beam meets, shape (strips, cells); a pattern has no rings.
-
-    It does if its elevation lies between those of the cell's ends, seen by the sensor."""
+    """Which cells of the strips a beam meets, shape (strips, cells); a pattern has no rings. It
+    does if its elevation lies between those of the cell's ends, seen by the sensor."""
     edges = np.arange(0.0, TOP_M + CELL_M / 2, CELL_M)
     foot = np.array([(r * math.cos(a), r * math.sin(a)) for r in DISTANCES_M for a in AZIMUTHS])
     points = np.empty((len(foot), len(edges), 3))

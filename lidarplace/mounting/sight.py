@@ -35,10 +35,9 @@ def obstacles_of(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):
-    """Whether the ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach).
-
-    A touch of a box's face does not count; a surface of triangles is met. `own`: number of the
-    LiDAR whose housing does not count."""
+    """Whether the ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach). A
+    touch of a box's face does not count; a surface of triangles is met. `own`: number of the LiDAR
+    whose housing does not count."""
     for box in obstacles.boxes:
         near, far = 0.0, reach
         for axis, d in enumerate((dx, dy, dz)):

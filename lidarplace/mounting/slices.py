@@ -15,10 +15,9 @@ def slices_of(
     triangles: NDArray[np.float64], low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The part of each triangle (T, 3, 3) between two heights, metres, without those that have
-    none.
-
-    A box that stands upright between the heights meets a triangle if its rectangle meets that part
-    from above. Corners x and y of convex polygons, shape (n, 5, 2), and how many each has, (n,)."""
+    none. A box that stands upright between the heights meets a triangle if its rectangle meets that
+    part from above. Corners x and y of convex polygons, shape (n, 5, 2), and how many each has,
+    (n,)."""
     heights = triangles[:, :, 2]
     some = (heights.min(axis=1) < high - _HAIR) & (heights.max(axis=1) > low + _HAIR)
     return _cut(np.ascontiguousarray(triangles[some]), low, high)

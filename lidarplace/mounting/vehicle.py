@@ -87,9 +87,8 @@ class Vehicle:
 
 
 def poses_of(vehicle: Vehicle) -> Mapping[str, Vehicle]:
-    """The vehicle in all of its shapes, by the name of the case; "": as it is.
-
-    Clouds have the vehicle as it is: were this of the class, their keys would depend on it."""
+    """The vehicle in all of its shapes, by the name of the case; "": as it is. Clouds have the
+    vehicle as it is: were this of the class, their keys would depend on it."""
     found: Mapping[str, Vehicle] = getattr(vehicle, "poses", {"": vehicle})
     return found
 
@@ -148,7 +147,6 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
 
 def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
     """How high the body is beneath this rectangle, metres; where it is not, what is nearest of it.
-
     Of a mesh by the boxes around its triangles. None without a body."""
     parts = vehicle.boxes
     if vehicle.mesh is not None:

@@ -128,7 +128,6 @@ def grid(zone: Zone, step: float) -> NDArray[np.float64]:
 
 def left_half(zone: Zone) -> Zone | None:
     """The part with y > 0 and its boundary, or else that with y = 0; None if there is neither.
-
     Raises ValueError if it is in several pieces, as never in a zone symmetric to the plane y =
     0."""
     try:

@@ -115,11 +115,10 @@ NO_LOSS = Loss(0.0, np.empty(0), np.empty((0, 3), np.uint64))
 
 
 def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
-    """Cells of edge `cell`, metres, along length, width and height, int64, shape (objects, 3).
-
-    Cell (i, j, k) has the number `(i * slices[1] + j) * slices[2] + k`; (0, 0, 0) is at the rear,
-    on the right, at the bottom. The last one of an axis may stand over the box. Raises ValueError
-    if a box has more than `MOST_CELLS`."""
+    """Cells of edge `cell`, metres, along length, width and height, int64, shape (objects, 3). Cell
+    (i, j, k) has the number `(i * slices[1] + j) * slices[2] + k`; (0, 0, 0) is at the rear, on the
+    right, at the bottom. The last one of an axis may stand over the box. Raises ValueError if a box
+    has more than `MOST_CELLS`."""
     slices = np.maximum(np.ceil(geometry[:, 3:6] / cell - 1e-9), 1.0)
     most = slices.prod(axis=1).max(initial=1.0)
     if most > MOST_CELLS:

@@ -29,10 +29,8 @@ class Area:
     the left, which may cross 180."""
 
     def sides(self, vehicle: Vehicle) -> tuple[Interval, Interval]:
-        """The rectangle around the area: its x and its y, metres.
-
-        Raises ValueError: it has no end, is empty, or has a distance from a vehicle without body.
-        """
+        """The rectangle around the area: its x and its y, metres. Raises ValueError: it has no end,
+        is empty, or has a distance from a vehicle without body."""
         x = self.x or (-math.inf, math.inf)
         y = (-math.inf, math.inf)
         if self.y:

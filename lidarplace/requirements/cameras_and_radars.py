@@ -24,14 +24,11 @@ def seen_by_each(
     rig: Placement,
     vehicle: Vehicle,
 ) -> NDArray[np.float64]:
-    """What each sensor has of each object, shape (B, sensors).
-
-    Of a camera the pixels across or up, whichever are fewer, that what it sees of the object
-    takes; of a radar its range for objects of a class, or any, as a multiple of the distance to the
-    nearest part that it sees, 0 beyond it. Housings of the LiDARs of `rig` hide what is behind
-    them, and so does the vehicle, but for parts within which the sensor is. Boxes are rows of
-    `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
-    """
+    """What each sensor has of each object, shape (B, sensors). Of a camera the pixels across or up,
+    whichever are fewer, that what it sees of the object takes; of a radar its range for objects of
+    a class, or any, as a multiple of the distance to the nearest part that it sees, 0 beyond it.
+    Housings of the LiDARs of `rig` hide what is behind them, and so does the vehicle, but for parts
+    within which the sensor is. Boxes are rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7)."""
     found = np.zeros((len(boxes), len(sensors)))
     for column, sensor in zip(found.T, sensors, strict=True):
         reach = sensor.range_of(object_class)

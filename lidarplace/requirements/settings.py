@@ -353,10 +353,8 @@ class RequirementSettings(Settings):
         return None
 
     def requirement(self, vehicle: Vehicle, curves: DetectionCurves) -> Requirement:
-        """In the terms of `lidarplace`.
-
-        Raises ValueError: the vehicle has no body that a preset lies around, or there is no curve.
-        """
+        """In the terms of `lidarplace`. Raises ValueError: the vehicle has no body that a preset
+        lies around, or there is no curve."""
         if self.common_view is not None:
             asked = self.common_view.asked()
             return Requirement(self.name, Area(), "common view", asked.share, common_view=asked)

@@ -24,13 +24,10 @@ DECIMALS = 9  # of metres and parts of a rotation, up to which two calibrations 
 
 
 def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The sensors, by channel; cameras have their intrinsics, and images of the size that the
-    data set has.
-
-    Every recording has calibrations of its own. Where those of a channel differ, they are called
-    `CHANNEL.TOKEN`, and `only` has to choose. Raises ValueError: a table is missing or wrong, or a
-    channel is left with several calibrations.
-    """
+    """The sensors, by channel; cameras have their intrinsics, and images of the size that the data
+    set has. Every recording has calibrations of its own. Where those of a channel differ, they are
+    called `CHANNEL.TOKEN`, and `only` has to choose. Raises ValueError: a table is missing or
+    wrong, or a channel is left with several calibrations."""
     sensor = read_table(folder / "sensor.json", ("channel", "modality"))
     columns = ["sensor_token", "translation", "rotation"]
     columns += ["camera_intrinsic"] if "camera" in sensor.columns["modality"] else []

@@ -6,7 +6,7 @@ import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
-from itertools import groupby
+from itertools import combinations, groupby
 
 import numpy as np
 import pandas as pd
@@ -118,13 +118,12 @@ class Placement(Plottable):
             # Rigs that are alike shall be equal.
             object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
         object.__setattr__(self, "dead", tuple(self.dead))
-        for i, a in enumerate(self.mounts):
-            for j, b in enumerate(self.mounts[:i]):
-                if (a.x, a.y, a.z) == (b.x, b.y, b.z):
-                    raise ValueError(
-                        f"{where}: LiDARs {j} and {i} are both at {point(a.x, a.y, a.z)}; two "
-                        "LiDARs cannot sit in one place"
-                    )
+        for (i, a), (j, b) in combinations(enumerate(self.mounts), 2):
+            if (a.x, a.y, a.z) == (b.x, b.y, b.z):
+                raise ValueError(
+                    f"{where}: LiDARs {i} and {j} are both at {point(a.x, a.y, a.z)}; two LiDARs "
+                    "cannot sit in one place"
+                )
 
     def __repr__(self) -> str:
         at = ", ".join(f"{axis} {span([getattr(m, axis) for m in self.mounts])}" for axis in "xyz")

@@ -99,13 +99,11 @@ class ScanPattern:
     def of_prisms(
         cls, turns: tuple[float, float], field_of_view: float, rays_per_frame: int, frames: int
     ) -> "ScanPattern":
-        """The rosette of two turning prisms about the sensor's x axis.
-
-        Each prism bends the ray by a quarter of the field of view towards where its thick side
-        is, and bends add up: the paraxial model of Risley prisms (Marshall 1999, Risley prism scan
-        patterns, Proc. SPIE 3787, 74). `turns` are of either prism in a frame, signed, the field
-        of view is a cone, radians; rays are evenly spread in time.
-        """
+        """The rosette of two turning prisms about the sensor's x axis. Each prism bends the ray by
+        a quarter of the field of view towards where its thick side is, and bends add up: the
+        paraxial model of Risley prisms (Marshall 1999, Risley prism scan patterns, Proc. SPIE 3787,
+        74). `turns` are of either prism in a frame, signed, the field of view is a cone, radians;
+        rays are evenly spread in time."""
         time = np.arange(frames * rays_per_frame) / rays_per_frame
         bent = sum(np.exp(2j * math.pi * (own * time % 1.0)) for own in turns)
         bent = 0.25 * field_of_view * np.asarray(bent)

@@ -55,23 +55,19 @@ def fog_extinction(visibility: float, wavelength: float) -> float:
 
 def rain_extinction(rain: float) -> float:
     """Twice the cross-section of all drops in a cubic metre, 1/m, at any wavelength of LiDARs.
-
-    Drops are far larger than the wavelength, so each takes twice the light that falls on it. Of
-    D millimetres there are 8000 exp(-4.1 rain^-0.21 D) in a cubic metre and millimetre of diameter
+    Drops are far larger than the wavelength, so each takes twice the light that falls on it. Of D
+    millimetres there are 8000 exp(-4.1 rain^-0.21 D) in a cubic metre and millimetre of diameter
     (Marshall and Palmer 1948, J. Meteorol. 5, 165), which makes 0.000365 rain^0.63; rain in
-    millimetres an hour.
-    """
+    millimetres an hour."""
     # 2 pi/4 times the integral of D^2 N(D), which is 2 * 8000 / slope^3; square millimetres.
     return 1e-6 * math.pi * 8000.0 / 4.1**3 * math.pow(rain, 0.63)
 
 
 def shortened(distance: ArrayLike, fading: float) -> NDArray[np.float64]:
-    """The R with `R exp(fading R) = distance`, metres, right to 15 digits.
-
-    By Lambert's W, R = W(fading distance) / fading. W(x) is Wright's omega of ln x, which neither
-    overflows nor needs an iteration of ours. Distances, metres, and fading, 1/m, are not negative;
-    infinite distances stay so.
-    """
+    """The R with `R exp(fading R) = distance`, metres, right to 15 digits. By Lambert's W, R =
+    W(fading distance) / fading. W(x) is Wright's omega of ln x, which neither overflows nor needs
+    an iteration of ours. Distances, metres, and fading, 1/m, are not negative; infinite distances
+    stay so."""
     clear = np.asarray(distance, np.float64)
     if fading == 0.0:
         return clear
