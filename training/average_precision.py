@@ -191,9 +191,7 @@ def _others_from(scores, unit, lowest):
 def precision_without_each(hits, matched, found, truths, points):
     """Precision at the sampled scores of the others, of every unit, 0 beyond; (units, points).
 
-    Args:
-        hits, matched, found: `Rising` scores, see `training.matches.Matches`.
-        truths: ground truths of the other units, shape (units,).
+    Of `Rising` scores, see `training.matches.Matches`, and ground truths of the others, (units,).
     """
     precision = np.zeros((len(truths), points))
     falling, unit_of = hits.values[::-1].copy(), hits.unit[::-1].copy()

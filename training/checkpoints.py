@@ -47,11 +47,9 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     not fit, because the file is for other classes, keep the model's weights; if it is for as many
     other classes, all entries of the heads do.
 
-    Raises:
-        OSError: a file that cannot be read.
-        ValueError: not a checkpoint, or one that does not fit; names the entries that are missing,
-            unexpected, of another shape, not finite, or no dense tensors of floats (or integers,
-            where the model counts). The model is left as it was.
+    Raises OSError if it cannot be read, and ValueError if it is not a checkpoint, or does not fit;
+    names the entries that are missing, unexpected, of another shape or kind, or not finite. The
+    model is then left as it was.
     """
     content, digest = read_checkpoint(path)
     found = content.get("model_state", content)
@@ -77,11 +75,8 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
             raise ValueError(f"checkpoint {path} {fault}")
         fresh = [key for key in own if fault and _of_head(key)]
     elif not (new_heads and all(map(_of_head, fresh))):
-        shapes = "; ".join(
-            f"{key} {list(found[key].shape)}, the detector's {list(own[key].shape)}"
-            for key in fresh[:_SOME]
-        )
-        shapes += f" and {len(fresh) - _SOME} more" * (len(fresh) > _SOME)
+        both = ((key, list(found[key].shape), list(own[key].shape)) for key in fresh)
+        shapes = _some([f"{key} {its}, the detector's {ours}" for key, its, ours in both], "; ")
         hint = " (heads for other classes; new_heads: true trains them afresh)"
         hint *= all(map(_of_head, fresh))
         raise ValueError(f"checkpoint {path} does not fit the detector: {shapes}{hint}")
@@ -163,10 +158,8 @@ def write_tensors(path: Path, content: Any) -> None:
 def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
     """The dict in a file, tensors on the CPU, and the SHA-256 of the file.
 
-    Raises:
-        OSError: a file that cannot be read.
-        DamagedCheckpoint: the file is not what was written.
-        ValueError: not a dict of tensors and plain values.
+    Raises OSError: it cannot be read; DamagedCheckpoint: it is not what was written; ValueError: it
+    is not a dict of tensors and plain values.
     """
     path = _OF_PACKAGE if path == PRETRAINED else path
     data = regular(path).read_bytes()
@@ -273,10 +266,7 @@ def _kind(value: Tensor) -> str:
     return f"{value.dtype}{' with fewer numbers than its shape says' * expanded}"
 
 
-_SOME = 6
-
-
-def _some(keys: Sequence[str]) -> str:
-    """The first few keys, and how many more there are."""
-    shown = ", ".join(keys[:_SOME])
-    return shown if len(keys) <= _SOME else f"{shown} and {len(keys) - _SOME} more"
+def _some(parts: Sequence[str], between: str = ", ", most: int = 6) -> str:
+    """The first few, and how many more there are."""
+    more = f" and {len(parts) - most} more" * (len(parts) > most)
+    return between.join(parts[:most]) + more

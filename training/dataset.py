@@ -24,18 +24,12 @@ class Sample:
 
 
 class TrainingFrames:
-    """Frames of `clouds` with their objects, in the frame of a detector.
+    """Frames of `clouds` with their objects, in a detector's frame, `sensor_height` metres up.
 
     Points stay packed; one frame at a time is unpacked. Frame numbers may repeat, as they do in the
-    clouds of several placements.
-
-    Args:
-        classes: labels 1, 2, …; objects of other classes are left out.
-        clouds: points, ego frame.
-        ground_truth: columns frame, class, x, y, z, length, width, height, yaw, ego frame.
-        sensor_height: height of the detector's origin above the ground, metres.
-        min_points: objects with fewer points are left out.
-        share: of the frames that are used, see `spread`.
+    clouds of several placements. Objects of other `classes` than these, labels 1, 2, …, and with
+    fewer than `min_points` are left out, frames by `share` as in `spread`; clouds and ground truth
+    (frame, class, x, y, z, length, width, height, yaw) are in the ego frame.
 
     Attributes:
         numbers: frame numbers, shape (F,), int64.

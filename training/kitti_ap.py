@@ -32,24 +32,19 @@ CURVE_COLUMNS = ("class", "metric", "iou", "recall", "precision")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the detections of some frames are worth.
+    """What the detections of some frames are worth."""
 
-    Attributes:
-        metrics: `evaluate_boxes`.
-        curves: what the APs are means of: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at
-            the 41 recall points 0, 2.5, …, 100 the precision, both in percent. Classes without
-            ground truth have no curve.
-        objects: the ground truths, with `overlap`, the largest 3D IoU with a box of their frame
-            ("recall" counts those above its IoU), and `found`, whether "class_recall_3D" counts
-            them at the strict IoU of their class.
-        left_out: the same metrics without each route, each individual and halves of the routes:
-            `training.leave_out.COLUMNS`, values in percent, NaN where no ground truth is left; AP
-            without routes and individuals is an area, see there. None unless routes were given.
-    """
-
-    metrics: pd.DataFrame
+    metrics: pd.DataFrame  # `evaluate_boxes`
+    # What the APs are means of: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at the 41
+    # recall points 0, 2.5, …, 100 the precision, both in percent; none of classes without ground
+    # truth
     curves: pd.DataFrame
+    # The ground truths, with `overlap`, the largest 3D IoU with a box of their frame ("recall"
+    # counts those above its IoU), and `found`, whether "class_recall_3D" counts them at the strict
+    # IoU
     objects: pd.DataFrame
+    # The metrics without each route, each individual and halves of the routes, see `leave_out`:
+    # values in percent, NaN where no ground truth is left; None unless routes were given
     left_out: pd.DataFrame | None = None
 
 
@@ -81,13 +76,11 @@ def evaluate_boxes(
     AP_R40 (n - 1) / 40 only. Compare AP where there are more, and recall where there are fewer.
 
     Returns columns class, metric, iou (`lidarplace.base.metrics.EVERY_IOU` for metrics of no single
-    one), difficulty ("all"), value (percent) and ground_truths. The
-    value of a class without ground truth is NaN: it was not measured. (KITTI's rule gives 0, which
-    would be averaged as a result.)
+    one), difficulty ("all"), value (percent) and ground_truths. The value of a class without ground
+    truth is NaN, where KITTI's rule gives 0.
 
-    Raises:
-        ValueError: a column is missing, a box or a score is not a finite number, or a yaw is over
-            two turns, as if it were in degrees.
+    Raises ValueError if a column is missing, a box or a score is not a finite number, or a yaw is
+    over two turns, as if it were in degrees.
     """
     tables = {"ground truth": ground_truth, "detections": detections}
     if refined is not None:
@@ -299,8 +292,7 @@ def evaluate_detections(
     unknown alpha; and "recall" (3D, whatever the detection's class, difficulty "all"). No ground
     truth gives 0.
 
-    Raises:
-        ValueError: a column is missing, a number is not finite, or a rotation_y is over two turns.
+    Raises ValueError: a column is missing, a number not finite, or a rotation_y over two turns.
     """
     wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
     truths = rows_of(kitti_labels.checked_labels(ground_truth, "ground truth", ()), wanted)

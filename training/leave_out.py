@@ -58,11 +58,8 @@ def units_of(
     are of several splits that are drawn at random: "0a" and "0b", "1a", …; none of one route.
     Without one half a metric is that of the other.
 
-    Args:
-        truths: scene, object_id, frame.
-        detection_frame: of every detection, shape (D,).
-        nearest: row of `truths` that a detection overlaps most, -1 where it overlaps none, (D,).
-        routes: scene, frame, route: of all frames that are evaluated.
+    `truths` have scene, object_id and frame, `routes` scene, frame and route of all frames;
+    `nearest` (D,) is the row of `truths` that a detection overlaps most, -1 for none.
     """
     number, names = _numbered(routes, ["scene", "route"])
     of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))

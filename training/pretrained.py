@@ -31,41 +31,26 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Domain:
-    """What the rigs of a training had, each from the smallest to the largest value.
-
-    Attributes:
-        lidars: number of LiDARs of a rig.
-        rays: of all LiDARs of a rig in a frame.
-        height: of a LiDAR above the ground, metres.
-        beams: of a LiDAR whose beams turn; None: there was none.
-        elevation: of a beam, or a ray of a pattern that does not repeat, degrees.
-        x, y, z: region in which objects counted, ego frame, metres.
-        patterns: whether there were LiDARs with a pattern that does not repeat.
-        classes: of the objects.
-    """
+    """What the rigs of a training had, each from the smallest to the largest value."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
-    lidars: Interval
-    rays: Interval
-    height: Interval
-    beams: Interval | None
-    elevation: Interval
-    x: Interval
+    lidars: Interval  # number of LiDARs of a rig
+    rays: Interval  # of all LiDARs of a rig in a frame
+    height: Interval  # of a LiDAR above the ground, metres
+    beams: Interval | None  # of a LiDAR whose beams turn; None: there was none
+    elevation: Interval  # of a beam, or a ray of a pattern that does not repeat, degrees
+    x: Interval  # region in which objects counted, ego frame, metres
     y: Interval
     z: Interval
-    patterns: bool
+    patterns: bool  # whether there were LiDARs with a pattern that does not repeat
     classes: tuple[str, ...]
 
     def outside(self, placement: Placement, crop: Crop, classes: Sequence[str]) -> str | None:
-        """The first difference of a rig, its ROI or a class, such as "9 LiDARs; expected 1 to 8".
+        """The first difference, such as "9 LiDARs; expected 1 to 8"; None if there is none.
 
-        None if there is none.
-
-        Args:
-            placement: LiDARs with as many azimuth steps as their clouds are simulated with.
-            crop: x, y, z of the lowest and of the highest corner of the ROI, ego frame, metres.
-            classes: that count.
+        Of a rig, whose LiDARs have as many azimuth steps as their clouds are simulated with, the
+        lowest and the highest corner of its ROI, ego frame, metres, and the classes that count.
         """
         own = domain_of([placement], crop, classes)
         for name in own.classes:
@@ -168,23 +153,19 @@ def judge(
     Clouds are simulated with the azimuth steps that the LiDARs have, and forgotten.
 
     Args:
-        placement: the rig, ego frame.
         log: what is around the vehicle, or its folder.
         roi: where objects count, ego frame, metres.
-        classes: that are evaluated.
         split: of the frames, "train" or "test"; "": all of them.
         errors: of mounts in the clouds.
         vehicle: that carries the rig; None: a sedan.
         seed: of noise, and of the shapes of the objects.
         weights: a file of `lidarplace pretrain`; by default the package's.
 
-    Returns:
-        `metrics` of `training.kitti_ap.Evaluation`, percent.
+    Returns `metrics` of `training.kitti_ap.Evaluation`, percent.
 
-    Raises:
-        OSError: log or weights cannot be read.
-        InputError, ValueError: they are not what they should be, no frame is of the split, or rig,
-            ROI or a class are outside of what the generalist was trained on.
+    Raises OSError if log or weights cannot be read; InputError or ValueError if they are not what
+    they should be, no frame is of the split, or rig, ROI or a class are outside of what the
+    generalist was trained on.
     """
     found = read_generalist(Path(weights))
     crop = crop_for(roi.x, roi.y, roi.z, placement)

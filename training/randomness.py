@@ -8,16 +8,11 @@ import numpy as np
 class Purpose(IntEnum):
     """What is drawn. Each purpose has a stream of its own; the numbers are part of results."""
 
-    ORDER = 0
-    """the order of the frames of an epoch"""
-    NETWORK = 1
-    """what the network draws in a step: samples of points and of RoIs"""
-    PASTE = 2
-    """objects of other frames that are put into a frame"""
-    MOVE = 3
-    """how a frame is mirrored, turned and scaled"""
-    SHUFFLE = 4
-    """the order of the points of a frame"""
+    ORDER = 0  # the order of the frames of an epoch
+    NETWORK = 1  # what the network draws in a step: samples of points and of RoIs
+    PASTE = 2  # objects of other frames that are put into a frame
+    MOVE = 3  # how a frame is mirrored, turned and scaled
+    SHUFFLE = 4  # the order of the points of a frame
 
 
 def stream(purpose: Purpose, *key: int) -> np.random.SeedSequence:

@@ -16,17 +16,11 @@ Size = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class TypicalObject:
-    """An object of the size that a class has in the mean.
+    """An object of the size that a class has in the mean."""
 
-    Attributes:
-        name: of the class.
-        size: length, width, height, metres.
-        bottom: height of its underside above the ground, metres.
-    """
-
-    name: str
-    size: Size
-    bottom: float = 0.0
+    name: str  # of the class
+    size: Size  # length, width, height, metres
+    bottom: float = 0.0  # height of its underside above the ground, metres
 
     def __str__(self) -> str:
         sides = " × ".join(f"{side:.2f}" for side in self.size)

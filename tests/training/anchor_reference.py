@@ -30,8 +30,14 @@ def assert_first_stage_is_openpcdets(data, first):
     assert worst_error(data, "eval/backbone_2d/spatial_features_2d", first.image) < 1e-4
 
 
-def assert_proposals_are_openpcdets(data, found):
-    """Scores, labels and boxes of the proposals."""
+@torch.no_grad()
+def assert_first_stage_and_proposals_are_openpcdets(data, model, first):
+    """And scores, labels and boxes of the proposals."""
+    assert_first_stage_is_openpcdets(data, first)
+    logits, anchors = model.dense_head.decode(first.head)
+    assert worst_error(data, "eval/dense_head/batch_cls_preds", logits) < 2e-4
+    assert worst_error(data, "eval/dense_head/batch_box_preds", anchors) < 2e-4
+    found = model.roi_head.propose(logits, anchors)
     boxes, scores = of_roi_head(data, "rois"), of_roi_head(data, "roi_scores")
     assert torch.equal(found.labels, of_roi_head(data, "roi_labels"))
     assert worst_error(data, "eval/roi_head/rois", found.boxes) < 1e-3

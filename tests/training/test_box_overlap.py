@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from training.ops import box_overlap, rotated_iou
+from training.ops import box_overlap, grouping, rotated_iou
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 
@@ -143,7 +143,7 @@ def test_agrees_with_openpcdet_in_pieces(monkeypatch):
     assert (DATA["iou_bev"] > 0.3).sum() > 50
     whole = box_overlap._iou_torch(torch.from_numpy(a), torch.from_numpy(b))
     assert np.abs(whole.numpy() - DATA["iou_3d"]).max() < 5e-3
-    monkeypatch.setattr(box_overlap, "_CHUNK", 1000)
+    monkeypatch.setattr(grouping, "CHUNK", 1000)
     monkeypatch.setattr(box_overlap, "_CLIPPED", 7)
     assert torch.equal(box_overlap._iou_torch(torch.from_numpy(a), torch.from_numpy(b)), whole)
 

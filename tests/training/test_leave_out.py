@@ -7,7 +7,7 @@ from plain_curve import plain_curve
 
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
 from lidarplace.logs.boxes import GEOMETRY
-from training.average_precision import COUNTS, Rising, rising
+from training.average_precision import COUNTS
 from training.kitti_ap import evaluate_boxes, evaluation
 from training.leave_out import MOST_UNITS
 
@@ -172,10 +172,3 @@ def test_many_units_are_thrown_together():
     assert own.groupby("iou").size().eq(MOST_UNITS).all()
     cars = (truths["class"] == "Car").sum()
     assert own.groupby("iou")["ground_truths"].sum().eq(cars).all()
-
-
-def test_scores_unit_by_unit_leave_out_those_of_no_unit():
-    values = np.array([0.5, 0.2, 0.9, 0.1, np.nan])
-    found = Rising.of(values, rising(values), np.array([1, -1, 0, 1, 0]), 3)
-    assert found.by_unit.tolist() == [0.9, 0.1, 0.5]
-    assert found.offsets.tolist() == [0, 1, 3, 3]

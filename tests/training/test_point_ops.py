@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from training.ops import ball_query, interpolation, sampling, voxel_query
+from training.ops import ball_query, grouping, interpolation, sampling, voxel_query
 from training.ops.grouping import group
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
@@ -32,8 +32,7 @@ VOXELS = (voxel_query._query_numba, voxel_query._query_torch)
 def _chunks(request, monkeypatch):
     """The torch paths once as they are, once in many small pieces."""
     if not request.param:
-        for module in (ball_query, interpolation, voxel_query):
-            monkeypatch.setattr(module, "_CHUNK", 5000)
+        monkeypatch.setattr(grouping, "CHUNK", 5000)
 
 
 def of(name):
@@ -218,14 +217,14 @@ def test_ball_query_of_many_frames_is_the_same_on_both_paths(
     counts, new_counts = (torch.tensor(own, dtype=torch.int64) for own in (counts, new_counts))
     expected = ball_query._query_numba(radius, samples, xyz, counts, new, new_counts)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ball_query, "_CHUNK", chunk)
+        patch.setattr(grouping, "CHUNK", chunk)
         result = ball_query._query_torch(radius, samples, xyz, counts, new, new_counts)
     assert all(map(torch.equal, expected, result))
 
 
-@pytest.mark.parametrize("chunk", [30_000, ball_query._CHUNK])
+@pytest.mark.parametrize("chunk", [30_000, grouping.CHUNK])
 def test_ball_query_on_a_gpu_holds_a_chunk_and_pads_little(chunk, monkeypatch):
-    monkeypatch.setattr(ball_query, "_CHUNK", chunk)
+    monkeypatch.setattr(grouping, "CHUNK", chunk)
     counts = torch.tensor([3, 5] * 200 + [20_000])
     xyz = torch.rand(int(counts.sum()), 3)
     new_counts = torch.tensor([9] * 400 + [30])
@@ -266,24 +265,17 @@ def test_three_nn_agrees_with_openpcdet():
     assert found.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
 
 
-@pytest.mark.usefixtures("last_bits", "_chunks")
-@pytest.mark.parametrize("search", NEAREST)
-def test_nearest_of_openpcdet_on_both_paths(search):
-    new = POINTS[of("fps_batch")[0]]
-    found, idx = search(POINTS[:1500], new, 3)
-    assert torch.equal(idx, of("nn_batch_idx")[0])
-    assert found.numpy() == pytest.approx(DATA["nn_batch_distances"][0], abs=2e-6)
-
-
 @pytest.mark.usefixtures("last_bits")
 @settings(max_examples=60)
-@given(clouds(0, 20), clouds(1, 40))
-def test_nearest_by_brute_force(unknown, known):
+@given(clouds(0, 20), clouds(1, 40), st.sampled_from([100, 1 << 24]))
+def test_nearest_by_brute_force(unknown, known, chunk):
     near = min(3, len(known))
     squared = distances(unknown, known)
     expected, rows = squared.sort(dim=1, stable=True)
     for search in NEAREST:
-        found, idx = search(unknown, known, near)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(grouping, "CHUNK", chunk)
+            found, idx = search(unknown, known, near)
         # A library's root may be one unit in the last place off.
         torch.testing.assert_close(found, expected[:, :near].sqrt(), rtol=3e-7, atol=0)
         assert torch.equal(squared.gather(1, idx), expected[:, :near])

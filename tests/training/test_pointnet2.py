@@ -6,24 +6,8 @@ from plain_layers import as_images
 from torch.nn import functional
 
 from training.detectors.backbones.point_sampling import sample_points, within
-from training.detectors.backbones.pointnet2 import (
-    AbstractionSettings,
-    FeaturePropagation,
-    PointNet2Settings,
-)
-from training.detectors.backbones.set_abstraction import (
-    BallSettings,
-    GlobalAbstraction,
-    SetAbstraction,
-)
-
-SMALL = PointNet2Settings(
-    levels=(
-        AbstractionSettings((0.3, 0.6), (4, 8), ((6, 8), (5, 7)), 32),
-        AbstractionSettings((1.0,), (8,), ((9, 10),), 8),
-    ),
-    propagation=((12, 11), (13,)),
-)
+from training.detectors.backbones.pointnet2 import FeaturePropagation
+from training.detectors.backbones.set_abstraction import BallSettings, SetAbstraction
 
 
 def frames(counts, seed=0, features=2):
@@ -69,14 +53,6 @@ def test_set_abstraction_is_convolution_of_every_ball(training):
     expected.square().sum().backward()
     assert gradient.abs().sum() > 0
     torch.testing.assert_close(gradient, features.grad)
-
-
-def test_global_abstraction_is_convolution_of_the_set():
-    torch.manual_seed(0)
-    module = GlobalAbstraction(2, (5, 6)).double()
-    xyz, features = torch.rand(3, 7, 3).double(), torch.rand(3, 7, 2).double()
-    image = as_images(module.mlps[0], torch.cat([xyz, features], 2).permute(2, 0, 1)[None])
-    torch.testing.assert_close(module(xyz, features), image[0].amax(dim=2).T)
 
 
 @pytest.mark.parametrize("training", [True, False])

@@ -24,10 +24,9 @@ from training.detectors.backbones.pillars import (
     scatter,
 )
 from training.detectors.detector import Selection
-from training.detectors.heads.anchor_head import HeadOutput, direction_bin
+from training.detectors.heads.anchor_head import HeadOutput
 from training.detectors.heads.anchors import AnchorClass, anchor_grid, assign_targets
 from training.detectors.heads.box_coder import decode, encode
-from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
 from training.detectors.heads.selection import select_boxes
 
 DATA = reference("pointpillar")
@@ -151,43 +150,7 @@ def test_encoding_and_decoding_are_inverse():
     boxes = torch.rand(50, 7) * 4 + 0.5
     anchors = torch.rand(50, 7) * 3 + 0.5
     torch.testing.assert_close(decode(encode(boxes, anchors), anchors), boxes)
-    # By hand: one diagonal of 5 m, one height, twice as long.
-    anchor = torch.tensor([[0.0, 0.0, 0.0, 4.0, 3.0, 2.0, 0.5]])
-    box = torch.tensor([[5.0, -5.0, 2.0, 8.0, 3.0, 2.0, 0.75]])
-    expected = torch.tensor([[1.0, -1.0, 1.0, math.log(2), 0.0, 0.0, 0.25]])
-    torch.testing.assert_close(encode(box, anchor), expected)
-    assert torch.isfinite(encode(torch.zeros(1, 7), anchor)).all()
-
-
-@pytest.mark.usefixtures("last_bits")
-def test_losses_by_hand():
-    logits = torch.tensor([0.0, 0.0, 100.0, -100.0])
-    targets = torch.tensor([1.0, 0.0, 1.0, 0.0])
-    focal = sigmoid_focal_loss(logits, targets)
-    half = 0.25 * math.log(2)
-    torch.testing.assert_close(focal, torch.tensor([0.25 * half, 0.75 * half, 0.0, 0.0]))
-    predicted = torch.zeros(1, 7)
-    target = torch.tensor([[1.0, -1.0, 1 / 18, 0.0, 0.0, 0.0, math.pi]])
-    expected = torch.tensor([[1 - 1 / 18, 1 - 1 / 18, 1 / 72, 0.0, 0.0, 0.0, 0.0]])
-    torch.testing.assert_close(sine_smooth_l1(predicted, target), expected)
-    yaw = torch.tensor([0.0, math.pi / 2, math.pi, -math.pi / 2, math.pi / 4 + 2 * math.pi + 0.01])
-    assert direction_bin(yaw).tolist() == [1, 0, 0, 1, 0]
-
-
-@pytest.mark.usefixtures("last_bits")
-def test_anchors():
-    car = AnchorClass((4.0, 2.0, 1.5), bottom=-1.0, matched=0.6, unmatched=0.45)
-    grid = anchor_grid([car], (0.0, 0.0, -2.0, 8.0, 6.0, 2.0), (4, 3), centred=True)
-    assert grid.shape == (3, 4, 2, 7)
-    expected = torch.tensor([3.0, 5.0, -0.25, 4.0, 2.0, 1.5, 1.57])
-    torch.testing.assert_close(grid[2, 1, 1], expected)
-    edges = anchor_grid([car], (0.0, 0.0, -2.0, 8.0, 6.0, 2.0), (5, 4), centred=False)
-    assert edges[0, :, 0, 0].tolist() == [0, 2, 4, 6, 8]
-    assert edges[:, 0, 0, 1].tolist() == [0, 2, 4, 6]
-    none = torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64)
-    background = assign_targets(grid, [car], *none)
-    assert (background.labels == 0).all()
-    assert len(background.positive) == 0
+    assert torch.isfinite(encode(torch.zeros(50, 7), anchors)).all()
 
 
 def edges_of(boxes):
@@ -209,6 +172,8 @@ def test_targets_are_those_of_all_pairs(seed):
     boxes = torch.tensor(np.hstack([where, size * random.uniform(0.5, 1.5, (14, 3)), yaw])).float()
     labels = torch.tensor([1] * 8 + [2] * 6)
     found = assign_targets(anchors, classes, boxes, labels)
+    background = assign_targets(anchors, classes, boxes[:0], labels[:0])
+    assert len(background.positive) == background.labels.count_nonzero() == 0
     expected = torch.full(anchors.shape[:3], -1)
     chosen = torch.zeros(anchors.shape[:3], dtype=torch.int64)
     for label, item in enumerate(classes, 1):

@@ -12,7 +12,6 @@ from training import build_detector
 from training.detectors.heads.pointrcnn_head import ScoredPoints
 from training.detectors.heads.proposals import Proposals
 from training.detectors.heads.roi_head import RoiOutput
-from training.ops.roipoint_pool import roipoint_pool
 
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 NETWORKS = ("pointrcnn", "pointrcnn_iou")
@@ -23,14 +22,6 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 def of_second_stage(data):
     names = ("rois", "roi_scores", "roi_labels", "batch_cls_preds", "batch_box_preds")
     return {name: of_roi_head(data, name) for name in names}
-
-
-def distance_to_sides(xyz, boxes):
-    """Of points (N, 3) from the sides of boxes (M, 7), shape (M, N), metres; negative inside."""
-    local = xyz.double() - boxes.double()[:, None, :3]
-    turn = torch.exp(-1j * boxes[:, 6:].double()) * torch.complex(local[..., 0], local[..., 1])
-    outside = torch.stack([turn.real, turn.imag, local[..., 2]], dim=2).abs()
-    return (outside - boxes.double()[:, None, 3:6] / 2).amax(dim=2)
 
 
 @pytest.mark.parametrize(
@@ -72,25 +63,6 @@ def test_stages_are_openpcdets(network):
         assert worst_error(data, name, value) <= tolerance, name
     # The largest box is 4 km long: small ones need a comparison of their own.
     torch.testing.assert_close(given_boxes, expected["batch_box_preds"], rtol=5e-3, atol=5e-3)
-
-    # Of our own RoIs, which differ by rounding, a few take other points: one that lies so near to
-    # the border. A point lies within a millimetre of 18 borders; 2 RoIs are the most ever seen.
-    own = model.roi_head(proposals.boxes, scored)
-    boxes = model.roi_head.refine(own, proposals.boxes)
-    ours, theirs = (
-        roipoint_pool(scored.xyz, scored.features[:, :0], rois, 512, 0.0)[0]
-        for rois in (proposals.boxes[0], expected["rois"][0])
-    )
-    same = (ours == theirs).flatten(1).all(dim=1)
-    assert (~same).sum() <= 4
-    gap = distance_to_sides(scored.xyz, expected["rois"][0]).abs().amin(dim=1)
-    assert (gap < 1e-3).sum() == 18
-    assert (gap[~same] < 1e-3).all()
-    error = (own.logits - expected["batch_cls_preds"][0]).abs()[same]
-    assert error.max() <= 1e-3 * expected["batch_cls_preds"].abs().max()
-    torch.testing.assert_close(
-        boxes[0, same], expected["batch_box_preds"][0, same], rtol=5e-3, atol=5e-3
-    )
 
 
 @pytest.mark.usefixtures("last_bits")

@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from training.ops import points_in_boxes, roipoint_pool
+from training.ops import grouping, points_in_boxes
 from training.ops.points_in_boxes import box_of_points
 from training.ops.roipoint_pool import roipoint_pool as pool
 
@@ -25,8 +25,7 @@ FIRST_BOX = (points_in_boxes._first_box_numba, points_in_boxes._first_box_torch)
 def _chunks(request, monkeypatch):
     """The torch paths once as they are, once in many small pieces."""
     if not request.param:
-        for module in (points_in_boxes, roipoint_pool):
-            monkeypatch.setattr(module, "_CHUNK", 5000)
+        monkeypatch.setattr(grouping, "CHUNK", 5000)
 
 
 def inside(points, boxes):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 from anchor_reference import (
-    assert_first_stage_is_openpcdets,
-    assert_proposals_are_openpcdets,
+    assert_first_stage_and_proposals_are_openpcdets,
     network_and_first_stage,
 )
 from openpcdet_reference import of_roi_head, reference, worst_error
@@ -29,10 +28,7 @@ def openpcdet():
 
 
 def test_first_stage_and_proposals_are_openpcdets(openpcdet):
-    model, first = openpcdet
-    assert_first_stage_is_openpcdets(DATA, first)
-    found = model.roi_head.propose(*model.dense_head.decode(first.head))
-    assert_proposals_are_openpcdets(DATA, found)
+    assert_first_stage_and_proposals_are_openpcdets(DATA, *openpcdet)
 
 
 @pytest.mark.usefixtures("last_bits")

@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-import pytest
 import torch
 from plain_layers import ball_features, waken
 
@@ -13,7 +12,6 @@ from training.detectors.backbones.voxel_set_abstraction import (
     KeypointSettings,
     VoxelSetAbstraction,
     mixed,
-    sample_image,
 )
 from training.detectors.backbones.voxels import VoxelGrid
 from training.ops.sparse_conv import SparseTensor
@@ -91,17 +89,6 @@ def bilinear(image, x, y):
         total += image[:, j, i] * max(0.0, 1 - abs(x - i)) * max(0.0, 1 - abs(y - j))
     # Beyond the last row or column OpenPCDet's weights cancel.
     return total * (x <= nx - 1) * (y <= ny - 1)
-
-
-def test_the_image_between_and_beyond_its_cells():
-    image = torch.tensor([[[1.0, 2.0, 4.0], [10.0, 20.0, 40.0]]])[None]
-    place = torch.tensor([[0.5, 0.0], [1.25, 0.5], [1.0, 1.0], [2.5, 0.5], [0.0, 2.0], [3.0, 2.0]])
-    found = sample_image(image, torch.zeros(6, dtype=torch.int64), place)[:, 0]
-    # At its last row and column, and beyond, OpenPCDet's weights cancel.
-    expected = [1.5, (0.75 * 2 + 0.25 * 4 + 0.75 * 20 + 0.25 * 40) / 2, 0.0, 0.0, 0.0, 0.0]
-    assert found.tolist() == pytest.approx(expected)
-    two = torch.cat([image, -image])
-    assert sample_image(two, torch.tensor([1]), place[:1]).item() == pytest.approx(-1.5)
 
 
 def test_mixed_voxels_are_the_same_in_an_order_of_their_places():

@@ -15,24 +15,17 @@ from lidarplace.requirements.tables import worst_cases
 
 @dataclass(frozen=True)
 class ParentRun:
-    """The run of a sweep, in an experiment of its name.
+    """The run of a sweep, in an experiment of its name."""
 
-    Attributes:
-        key: distinguishes this sweep from others of the experiment; the same when it is resumed.
-        tags: of this run and of those of the trials.
-        note, about: texts of the run's page and of the experiment's, Markdown.
-        columns: what the experiment's page shows of every run, by MLflow's names, such as
-            "metrics.seconds"; the first orders the runs, the lowest on top if `ascending`.
-    """
-
-    key: str
+    key: str  # distinguishes this sweep from others of the experiment; the same when it is resumed
     name: str
     params: Mapping[str, object]
-    tags: Mapping[str, str] = field(default_factory=dict)
-    note: str = ""
-    about: str = ""
+    tags: Mapping[str, str] = field(default_factory=dict)  # of this run and of those of the trials
+    note: str = ""  # of the run's page, Markdown
+    about: str = ""  # of the experiment's
+    # what the experiment's page shows of every run, by MLflow's names, such as "metrics.seconds"
     columns: Sequence[str] = ()
-    ascending: bool = False
+    ascending: bool = False  # the first column orders the runs, the lowest on top if this is true
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w.-]+", self.key):  # MLflow's filters know no escape
@@ -55,19 +48,13 @@ class Dataset:
 
 @dataclass(frozen=True)
 class TrialRun:
-    """The run of a trial, shown as `name`, such as "line · pointpillars_tiny · seed 1".
-
-    Attributes:
-        metrics: one value each; "seconds" is also the duration of the run.
-        ended: when, milliseconds since 1970.
-        curve: epoch, metric, value; the epoch becomes MLflow's step.
-    """
+    """The run of a trial, shown as `name`, such as "line · pointpillars_tiny · seed 1"."""
 
     name: str
     params: Mapping[str, object]
-    metrics: Mapping[str, float]
-    ended: int
-    curve: pd.DataFrame | None = None
+    metrics: Mapping[str, float]  # one value each; "seconds" is also the duration of the run
+    ended: int  # when, milliseconds since 1970
+    curve: pd.DataFrame | None = None  # epoch, metric, value; the epoch becomes MLflow's step
     tags: Mapping[str, object] = field(default_factory=dict)
     datasets: Sequence[Dataset] = ()
     files: Sequence[Path] = ()

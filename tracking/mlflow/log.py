@@ -17,11 +17,9 @@ from tracking.mlflow.uri import absolute_uri, sqlite_file
 
 T = TypeVar("T")
 
-LOOK_S = 2.0
-"""From one look at what has ended to the next."""
+LOOK_S = 2.0  # from one look at what has ended to the next
 FIRST_PAUSE_S = 0.2
-LONGEST_PAUSE_S = 10.0
-"""Between attempts while MLflow is away."""
+LONGEST_PAUSE_S = 10.0  # between attempts while MLflow is away
 _OPENS_WITHIN_S = 60.0
 _AFTER_CTRL_C_S = 3.0
 
@@ -38,14 +36,12 @@ class SweepLog:
             log.artifact(run / "report.html")
 
     The parent is RUNNING in the `with` block, then FINISHED; FAILED after an exception, KILLED
-    after Ctrl-C. For a `uri` of `sqlite:///FILE` the folder is made, and artifacts go to
-    `artifacts` next to the file; for other databases to `artifacts` in `folder`. `say` prints a
-    line for the user; called from another thread too. `patience_s` is how long the end of the
-    block waits while nothing can be delivered.
+    after Ctrl-C. Artifacts go to `artifacts` next to the file of a `uri` of `sqlite:///FILE`, whose
+    folder is made; for other databases to `artifacts` in `folder`. `say` prints a line for the
+    user, from another thread too; `patience_s` is how long the end of the block waits in vain.
 
-    Raises ValueError: the URI cannot hold runs. From the `with` statement: the server is there, but
-    the experiment was deleted, or a parameter is not what it was when the sweep began. From its
-    end: see `hold`.
+    Raises ValueError: the URI cannot hold runs. From the `with` statement: the experiment was
+    deleted, or a parameter is not what it was when the sweep began. From its end: see `hold`.
     """
 
     def __init__(

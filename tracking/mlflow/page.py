@@ -9,10 +9,8 @@ from pathlib import Path
 import tracking
 
 NOTE_TAG = "mlflow.note.content"
-VIEW = "lidarplace"
-"""Name of the view, in the page's address."""
-_PIXELS = 7
-"""Of a letter in the head of a column."""
+VIEW = "lidarplace"  # name of the view, in the page's address
+_PIXELS = 7  # of a letter in the head of a column
 VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 
 

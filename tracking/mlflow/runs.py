@@ -20,11 +20,9 @@ if TYPE_CHECKING:
 SWEEP_TAG = "lidarplace.sweep"
 TRIAL_TAG = "lidarplace.trial"
 ERROR_TAG = "lidarplace.error"
-REFUSED_TAG = "lidarplace.refused"
-"""What MLflow did not take of a run, which is tried again."""
+REFUSED_TAG = "lidarplace.refused"  # what MLflow did not take of a run, which is tried again
 PARENT_TAG = "mlflow.parentRunId"
-_LONGEST_REASON = 5000
-"""Characters of a tag."""
+_LONGEST_REASON = 5000  # characters of a tag
 
 
 class SweepRuns:

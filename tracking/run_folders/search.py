@@ -29,27 +29,22 @@ class SearchFolder:
 
     `search.json` and `trials.parquet` must be there; the others are None or empty when the search
     did not make them. `docs/run_folder.md` says what they hold.
-
-    Attributes:
-        config: text of the configuration, "" if it is not there.
-        trials: sorted by number.
-        pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
-        unseen: by class and rig, what of it stays unseen.
     """
 
     path: Path
     search: SearchResult
-    config: str
+    config: str  # text of the configuration, "" if it is not there
     roi: Roi
-    trials: pd.DataFrame
+    trials: pd.DataFrame  # sorted by number
     bound: pd.DataFrame | None
     greedy: pd.DataFrame | None
     robustness: pd.DataFrame | None
     requirements: pd.DataFrame | None
     chosen: pd.DataFrame | None
     verified: pd.DataFrame | None
+    # by class, the entropy of each column of voxels, nats, shape (nx, ny)
     pog: dict[str, NDArray[np.float32]]
-    unseen: dict[str, dict[str, NDArray[np.float32]]]
+    unseen: dict[str, dict[str, NDArray[np.float32]]]  # by class and rig, what of it stays unseen
     grounds: Grounds | None
 
     @property

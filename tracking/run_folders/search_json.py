@@ -17,17 +17,13 @@ from tracking.run_folders.table import Table
 
 
 class Objective(Part):
-    """A value that the search makes large or small.
-
-    Attributes:
-        by: the surrogate or metric, in words of the configuration.
-        weights: of each class, of "all" objects together, None where classes do not count.
-    """
+    """A value that the search makes large or small."""
 
     name: str
-    by: str
+    by: str  # the surrogate or metric, in words of the configuration
     unit: str
     direction: Literal["maximize", "minimize"]
+    # of each class, of "all" objects together; None where classes do not count
     weights: dict[str, float] | None = None
 
     @property
@@ -78,24 +74,16 @@ class Model(Part):
 
 
 class Rig(Part):
-    """A placement with what it measures, as JSON that is readable without this project.
-
-    Attributes:
-        mounts: x, y, z in metres, roll, pitch, yaw in radians.
-        models, zones: names, one a mount.
-        values: by objective, with all rays; None or absent if it was not evaluated.
-        searched: by objective, as the search computes it, see `Stride`.
-        measures: by constraint.
-    """
+    """A placement with what it measures, as JSON that is readable without this project."""
 
     role: Literal["found", "greedy", "paper"]
     feasible: bool
-    mounts: tuple[Pose, ...]
-    models: tuple[str, ...]
-    zones: tuple[str | None, ...]
-    values: dict[str, float | None]
-    searched: dict[str, float | None]
-    measures: dict[str, float | None]
+    mounts: tuple[Pose, ...]  # x, y, z in metres, roll, pitch, yaw in radians
+    models: tuple[str, ...]  # names, one a mount
+    zones: tuple[str | None, ...]  # the same
+    values: dict[str, float | None]  # by objective, with all rays; None or absent if not evaluated
+    searched: dict[str, float | None]  # by objective, as the search computes it, see `Stride`
+    measures: dict[str, float | None]  # by constraint
 
     def value(self, objective: Objective) -> float:
         """With all rays; NaN if it was not evaluated."""
@@ -122,24 +110,15 @@ class Rig(Part):
 
 
 class Bound(Part):
-    """How good the first objective can be over a grid of candidate mounts, as searched.
+    """How good the first objective can be over a grid of candidate mounts, as searched."""
 
-    Attributes:
-        value: no rig of the candidates is better; None if there is no bound, see `reason`.
-        by_gains: the bound from marginal gains alone, which `value` may tighten.
-        greedy: value of the greedy rig.
-        candidates: number of candidate mounts.
-        gap_percent: how far `best_value`, of the first of `best`, is below `value`.
-        reason: why there is no bound.
-    """
-
-    value: float | None = None
-    by_gains: float | None = None
-    greedy: float | None = None
-    candidates: int | None = None
-    best_value: float | None = None
-    gap_percent: float | None = None
-    reason: str | None = None
+    value: float | None = None  # no rig of the candidates is better; None if there is no bound
+    by_gains: float | None = None  # the bound from marginal gains alone, which `value` may tighten
+    greedy: float | None = None  # value of the greedy rig
+    candidates: int | None = None  # number of candidate mounts
+    best_value: float | None = None  # of the first of `best`
+    gap_percent: float | None = None  # how far `best_value` is below `value`
+    reason: str | None = None  # why there is no bound
 
 
 class Stride(Part):

@@ -87,8 +87,7 @@ REQUIREMENTS = replace(
     axes=(),
 )
 
-TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, REQUIREMENTS, CHOSEN, VERIFIED)
-"""All of them."""
+TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, REQUIREMENTS, CHOSEN, VERIFIED)  # all of them
 
 
 def trials_of(objectives: Iterable[str], constraints: Iterable[str]) -> Table:

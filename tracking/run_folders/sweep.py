@@ -29,19 +29,14 @@ class RunFolder:
 
     `config.yaml`, `sweep.json` and the needed tables must be there; what the sweep did not make is
     None. A sweep of surrogates alone has no results, and trials whose detector is "".
-
-    Attributes:
-        config: text of the resolved configuration.
-        axes: further axes of the grid, columns of `results` and `trials`.
-        placements: mounts by the placement's name.
     """
 
     path: Path
-    config: str
+    config: str  # text of the resolved configuration
     sweep: SweepResult
     roi: Roi
-    placements: dict[str, tuple[Mount, ...]]
-    axes: tuple[str, ...]
+    placements: dict[str, tuple[Mount, ...]]  # mounts by the placement's name
+    axes: tuple[str, ...]  # further axes of the grid, columns of `results` and `trials`
     results: pd.DataFrame
     surrogates: pd.DataFrame
     trials: pd.DataFrame

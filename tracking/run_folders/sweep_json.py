@@ -35,33 +35,25 @@ class Rung(Part):
     keep: CountFromOne
     object_class: str | None = Field(None, alias="class")
     direction: str | None = None
-    set: dict[str, Any]
-    """Key path -> value of its trainings."""
+    set: dict[str, Any]  # key path -> value of its trainings
 
 
 class LidarModel(Part):
     """A LiDAR model; angles in degrees."""
 
-    name: str | None = None
-    """Of the catalogue."""
-    price_usd: Annotated[FiniteFloat, Field(gt=0)] | None = None
-    """What a source of the catalogue asked for one."""
+    name: str | None = None  # of the catalogue
+    price_usd: Annotated[FiniteFloat, Field(gt=0)] | None = None  # what a source asked for one
     beams: CountFromOne
-    elevation_deg: tuple[FiniteFloat, FiniteFloat]
-    """Of the lowest and of the highest beam."""
-    azimuth_steps: CountFromOne
-    """Firings of a beam in one turn."""
+    elevation_deg: tuple[FiniteFloat, FiniteFloat]  # of the lowest and of the highest beam
+    azimuth_steps: CountFromOne  # firings of a beam in one turn
 
 
 class Anchor(Part):
     """The size that detectors start from, of a class that has not the preset's; metres."""
 
-    name: str
-    """Of the class."""
-    size: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-    """Length, width, height."""
-    bottom: FiniteFloat
-    """Height of its underside above the ground."""
+    name: str  # of the class
+    size: tuple[FiniteFloat, FiniteFloat, FiniteFloat]  # length, width, height
+    bottom: FiniteFloat  # height of its underside above the ground
 
 
 class SweepResult(ResultFile):

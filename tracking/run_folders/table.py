@@ -23,21 +23,16 @@ _WANTED = {"int64": "numbers", "float64": "numbers", "str": "text", "bool": "tru
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table; values may be missing.
-
-    Attributes:
-        dtype: as it is written. A reader accepts any numbers for numbers. None: anything.
-        doc: what it holds, with its unit.
-        needed: a table without it is refused.
-        unknown: fills a missing column, and missing values of text. None: nothing.
-        finite: whether infinity is refused. A loss may be infinite, and the distance of one LiDAR.
-    """
+    """A column of a table; values may be missing."""
 
     name: str
+    # as it is written; a reader accepts any numbers for numbers; None: anything
     dtype: DType | None
-    doc: str
-    needed: bool = True
+    doc: str  # what it holds, with its unit
+    needed: bool = True  # a table without it is refused
+    # fills a missing column, and missing values of text; None: nothing
     unknown: float | str | bool | None = None
+    # whether infinity is refused; a loss may be infinite, and the distance of one LiDAR
     finite: bool = False
 
     def check(self, column: pd.Series, file: Path) -> None:
@@ -76,21 +71,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A Parquet file of a run folder; further columns are not looked at.
+    """A Parquet file of a run folder; further columns are not looked at."""
 
-    Attributes:
-        name: of the file, without `.parquet`.
-        doc: what a row is.
-        needed: a run folder without it is none.
-        axes: axes of the grid below these keys of the configuration are columns too; "": all.
-        key: columns that, with the axes, distinguish the rows; (): nothing has to.
-    """
-
-    name: str
-    doc: str
+    name: str  # of the file, without `.parquet`
+    doc: str  # what a row is
     columns: tuple[Column, ...]
-    needed: bool = False
+    needed: bool = False  # a run folder without it is none
+    # axes of the grid below these keys of the configuration are columns too; "": all
     axes: tuple[str, ...] = ()
+    # columns that, with the axes, distinguish the rows; (): nothing has to
     key: tuple[str, ...] = ()
 
     @classmethod

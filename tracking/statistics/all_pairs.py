@@ -19,17 +19,11 @@ _DEGREES = (*range(1, 13), 15, 20, 24, 30, 40, 60, 120, 1000)
 
 @dataclass(frozen=True, eq=False)
 class AllPairs:
-    """Means of placements, and how their differences scatter.
+    """Means of placements, and how their differences scatter."""
 
-    Attributes:
-        means: shape (n,).
-        variance: of the difference of two means, shape (n, n).
-        degrees: its degrees of freedom, shape (n, n); 0 where it is unknown.
-    """
-
-    means: Values
-    variance: Values
-    degrees: Values
+    means: Values  # shape (n,)
+    variance: Values  # of the difference of two means, shape (n, n)
+    degrees: Values  # its degrees of freedom, shape (n, n); 0 where it is unknown
 
     @classmethod
     def of(

@@ -41,8 +41,7 @@ def scores(values: Values, coefficient: str) -> Values:
     return vectors / np.where(length > rounding[..., None], length, np.nan)
 
 
-LARGEST_EXACT = 8
-"""Up to this many pairs all permutations are tried: 8! = 40,320."""
+LARGEST_EXACT = 8  # up to this many pairs all permutations are tried: 8! = 40,320
 
 LARGEST_SAMPLED = 100
 """Up to this many pairs permutations are sampled; beyond, scipy's large-sample tests do."""

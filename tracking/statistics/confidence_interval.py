@@ -12,8 +12,7 @@ from tracking.statistics.reliability import reliability, seed_mean, seed_noise
 LEAST_RELIABLE = 0.25
 """Reliability of the means below which its estimate is not trusted to correct by."""
 
-LEAST_PLACEMENTS = 4
-"""With fewer, Fisher's z has no standard error."""
+LEAST_PLACEMENTS = 4  # with fewer, Fisher's z has no standard error
 
 
 def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) -> Values:

@@ -31,21 +31,14 @@ fewer, intervals of all pairs at once cover less than those of a pooled one (doc
 
 @dataclass(frozen=True, eq=False)
 class SampleError:
-    """What the choice of the test routes and individuals does to a mean over seeds.
+    """What the choice of the test routes and individuals does to a mean over seeds."""
 
-    Attributes:
-        variance: of one mean, the mean over the placements.
-        degrees: its degrees of freedom.
-        unit: what was left out, "route" or "individual".
-        units: how many equal ones have as much of the ground truth, less one.
-        covariance: of the placements' means, or if paired of their deviations from the mean over
-            placements; both index and columns are the placements.
-    """
-
-    variance: float
-    degrees: float
-    unit: str
-    units: float
+    variance: float  # of one mean, the mean over the placements
+    degrees: float  # its degrees of freedom
+    unit: str  # what was left out, "route" or "individual"
+    units: float  # how many equal ones have as much of the ground truth, less one
+    # of the placements' means, or if paired of their deviations from the mean over placements; both
+    # index and columns are the placements
     covariance: pd.DataFrame
 
     def among(self, placements: Sequence[str]) -> SampleError:
@@ -124,8 +117,7 @@ def combined(noise: Noise, error: SampleError | None) -> Noise:
     return Noise(alone, whole, math.floor(max(freedom, 1.0)), noise.seed_sd)
 
 
-MOST_DEGREES = 1e4
-"""Of what the variances have in common: beyond, they are equal for every purpose."""
+MOST_DEGREES = 1e4  # of what the variances have in common: beyond, they are equal for every purpose
 
 
 def moderated(variances: Values, degrees: float) -> tuple[Values, float]:

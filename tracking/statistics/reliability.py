@@ -13,19 +13,13 @@ from tracking.statistics import Values
 
 @dataclass(frozen=True)
 class Noise:
-    """How means over seeds scatter: the variance of a mean is `variance / counts`.
+    """How means over seeds scatter: the variance of a mean is `variance / counts`."""
 
-    Attributes:
-        counts: seeds of every placement, shape (n,).
-        variance: of one seed's value; NaN without degrees of freedom.
-        degrees: its degrees of freedom.
-        seed_sd: sd of what a seed adds to all placements alike, which is in no difference between
-            them; NaN where placements have different seeds.
-    """
-
-    counts: Values
-    variance: float
-    degrees: float
+    counts: Values  # seeds of every placement, shape (n,)
+    variance: float  # of one seed's value; NaN without degrees of freedom
+    degrees: float  # its degrees of freedom
+    # sd of what a seed adds to all placements alike, which is in no difference between them; NaN
+    # where placements have different seeds
     seed_sd: float = float("nan")
 
     @classmethod

@@ -16,8 +16,7 @@ from training.typical_objects import TypicalObject
 PointRange = tuple[float, float, float, float, float, float]
 """x, y, z of the lowest corner, then of the highest, metres."""
 
-Rows = Sequence[Tensor]
-"""Rows of every frame of a batch."""
+Rows = Sequence[Tensor]  # rows of every frame of a batch
 
 Build = Callable[[Sequence[str], str, PointRange | None, Sequence[TypicalObject]], "Detector"]
 """A network of some classes, by the name of a preset, see `build_detector`."""
@@ -25,35 +24,22 @@ Build = Callable[[Sequence[str], str, PointRange | None, Sequence[TypicalObject]
 
 @dataclass(frozen=True)
 class Selection:
-    """Which boxes of a frame are its detections.
+    """Which boxes of a frame are its detections."""
 
-    Attributes:
-        score: lowest score kept.
-        nms: largest IoU from above of two detections.
-        pre: only the so many best boxes take part in the suppression (NMS_PRE_MAXSIZE).
-        post: at most so many are kept (NMS_POST_MAXSIZE).
-    """
-
-    score: float = 0.1
-    nms: float = 0.01
-    pre: int = 4096
-    post: int = 500
+    score: float = 0.1  # lowest score kept
+    nms: float = 0.01  # largest IoU from above of two detections
+    pre: int = 4096  # only the so many best boxes take part in the suppression (NMS_PRE_MAXSIZE)
+    post: int = 500  # at most so many are kept (NMS_POST_MAXSIZE)
 
 
 def fitted_range(
     own: PointRange, sensor_height: float, wanted: PointRange | None, cell: Sequence[float] = ()
 ) -> PointRange:
-    """The range of a network in its own frame, `sensor_height` above the ground.
+    """The range of a network in its frame: its `own`, or what is `wanted` in the ego frame, metres.
 
-    A network in a sensor's frame keeps its own heights: its weights fit one number of layers and
-    points that are measured from that height.
-
-    Args:
-        own: range of its preset, in its frame, metres.
-        sensor_height: 0 for a network that works in the ego frame.
-        wanted: range in the ego frame that replaces the preset's.
-        cell: edges of the coarsest cell along x, y and, for voxels, z; the far ends of the range
-            move out to a whole number of them.
+    A network whose frame is `sensor_height` above the ground, not 0, keeps its heights, to which
+    its weights belong. Far ends move out to whole numbers of the coarsest cells, whose edges are
+    `cell`, along x, y and, for voxels, z.
     """
     low, high = list(own[:3]), list(own[3:])
     if wanted is not None:
@@ -149,13 +135,6 @@ class Detector(nn.Module, ABC):
 
 def builder(network: Callable[..., Detector], presets: Mapping[str, Any]) -> Build:
     """The function `build` of a network's module: its presets with anchors of typical objects."""
-
-    def build(
-        classes: Sequence[str],
-        preset: str,
-        point_range: PointRange | None,
-        typical: Sequence[TypicalObject],
-    ) -> Detector:
-        return network(classes, presets[preset].with_typical(typical), point_range)
-
-    return build
+    return lambda classes, preset, point_range, typical: network(
+        classes, presets[preset].with_typical(typical), point_range
+    )

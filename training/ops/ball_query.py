@@ -7,9 +7,8 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
+from training.ops import grouping
 from training.ops.grouping import first_hits, padded_with_first
-
-_CHUNK = 1 << 24  # distances that the torch path holds at once
 
 
 def ball_query(
@@ -125,7 +124,7 @@ def _query_torch(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Ten
     high = len(rising)
     while high and rising[high - 1]:
         width = rising[high - 1]
-        low = max(high - max(1, _CHUNK // width), bisect_left(rising, (width + 1) // 2))
+        low = max(high - max(1, grouping.CHUNK // width), bisect_left(rising, (width + 1) // 2))
         columns, own = torch.arange(width, device=xyz.device), order[low:high]
         rows = (starts[low:high, None] + columns).clamp_max_(len(xyz) - 1)
         dx, dy, dz = (new_xyz[own, axis, None] - xyz[:, axis][rows] for axis in range(3))

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from training.ops import rotated_iou
+from training.ops.grouping import chunks
 
-_CHUNK = 1 << 24  # pairs whose distance is looked at at once
 _CLIPPED = 1 << 19  # pairs that are clipped at once
 
 
@@ -25,10 +25,10 @@ def iou_3d(a: Tensor, b: Tensor) -> Tensor:
 def _iou_torch(a: Tensor, b: Tensor) -> Tensor:
     a, b = checked(a), checked(b)
     out = a.new_zeros(len(a), len(b))
-    step = max(1, _CHUNK // max(1, len(b)))
-    for low in range(0, len(a), step):
-        row, column = near(a[low : low + step], b).nonzero(as_tuple=True)
-        out[low + row, column] = pair_iou(a[low + row], b[column], three_d=True)
+    for own in chunks(len(a), len(b)):
+        row, column = near(a[own], b).nonzero(as_tuple=True)
+        row = own.start + row
+        out[row, column] = pair_iou(a[row], b[column], three_d=True)
     return out
 
 

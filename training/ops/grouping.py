@@ -1,7 +1,17 @@
-"""The common end of the neighbour searches: the first hits of each place, and their features."""
+"""What the searches share: portions, the first hits of each place, and their features."""
+
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
+
+CHUNK = 1 << 24  # pairs that the torch paths hold at once
+
+
+def chunks(rows: int, pairs: int) -> Iterator[slice]:
+    """Portions of so many rows, each of which has so many pairs."""
+    step = max(1, CHUNK // max(1, pairs))
+    return (slice(low, low + step) for low in range(0, rows, step))
 
 
 def group(features: Tensor, idx: Tensor) -> Tensor:

@@ -5,9 +5,7 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.grouping import group
-
-_CHUNK = 1 << 24  # distances that the torch path holds at once
+from training.ops.grouping import chunks, group
 
 
 def three_nn(
@@ -88,9 +86,7 @@ def _nearest_numba(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, T
 def _nearest_torch(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, Tensor]:
     distances = unknown.new_empty(len(unknown), near)
     idx = torch.empty(len(unknown), near, dtype=torch.int64, device=unknown.device)
-    step = max(1, _CHUNK // len(known))
-    for low in range(0, len(unknown), step):
-        own = slice(low, low + step)
+    for own in chunks(len(unknown), len(known)):
         dx, dy, dz = (unknown[own, axis, None] - known[:, axis] for axis in range(3))
         squared, idx[own] = (dx * dx + dy * dy + dz * dz).topk(near, dim=1, largest=False)
         distances[own] = squared.sqrt()

@@ -4,9 +4,8 @@ import torch
 from torch import Tensor
 
 from training.ops.box_overlap import checked, near, pair_iou
+from training.ops.grouping import chunks
 from training.ops.rotated_iou import unsuppressed
-
-_CHUNK = 1 << 24  # pairs that the torch path looks at at once
 
 
 def nms(
@@ -38,14 +37,12 @@ def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
     count = len(boxes)
     overlaps = torch.zeros(count, count, dtype=torch.bool, device=boxes.device)
     size = boxes[:, 3] * boxes[:, 4]
-    step = max(1, _CHUNK // max(1, count))
-    for low in range(0, count, step):
-        own = slice(low, low + step)
+    for own in chunks(count, count):
         smaller, larger = torch.minimum(size[own, None], size), torch.maximum(size[own, None], size)
         # Their quotient is at least the IoU; the slack is for rounding.
         alike = smaller >= (threshold - 1e-9) * larger
-        row, column = (near(boxes[own], boxes) & alike).triu(low + 1).nonzero(as_tuple=True)
-        row = low + row
+        row, column = (near(boxes[own], boxes) & alike).triu(own.start + 1).nonzero(as_tuple=True)
+        row = own.start + row
         overlaps[row, column] = pair_iou(boxes[row], boxes[column], three_d=False) > threshold
     kept = torch.ones(count, dtype=torch.bool, device=boxes.device)
     while True:

@@ -5,9 +5,9 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
+from training.ops.grouping import chunks
 
 MARGIN = 1e-5  # a point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel
-_CHUNK = 1 << 24  # pairs that the torch path holds at once
 _CELLS = 64  # cells along each side of the square around all boxes
 
 
@@ -82,12 +82,9 @@ def _first_box_numba(points: Tensor, boxes: Tensor) -> Tensor:
 
 def _first_box_torch(points: Tensor, boxes: Tensor) -> Tensor:
     out = torch.full((len(points),), -1, dtype=torch.int64, device=points.device)
-    if len(boxes) == 0:
-        return out
-    step = max(1, _CHUNK // len(boxes))
-    for low in range(0, len(points), step):
-        inside = inside_boxes(points[low : low + step], boxes).t()
-        out[low : low + step] = torch.where(inside.any(dim=1), inside.int().argmax(dim=1), -1)
+    for own in chunks(len(points), len(boxes)) if len(boxes) else ():
+        inside = inside_boxes(points[own], boxes).t()
+        out[own] = torch.where(inside.any(dim=1), inside.int().argmax(dim=1), -1)
     return out
 
 

@@ -3,10 +3,8 @@
 import torch
 from torch import Tensor
 
-from training.ops.grouping import first_hits, group
+from training.ops.grouping import chunks, first_hits, group
 from training.ops.points_in_boxes import inside_boxes
-
-_CHUNK = 1 << 24  # pairs that are looked at at once
 
 
 def roipoint_pool(
@@ -23,9 +21,7 @@ def roipoint_pool(
     large[:, 3:6] += extra
     idx = torch.zeros(len(boxes), samples, dtype=torch.int64, device=points.device)
     found = torch.zeros(len(boxes), dtype=torch.int64, device=points.device)
-    step = max(1, _CHUNK // max(1, len(points)))
-    for low in range(0, len(boxes), step):
-        own = slice(low, low + step)
+    for own in chunks(len(boxes), len(points)):
         idx[own], found[own] = first_hits(inside_boxes(points.detach(), large[own]), samples)
     turn = torch.arange(samples, device=points.device) % found.clamp_min(1)[:, None]
     idx, empty = idx.gather(1, turn), found == 0

@@ -5,9 +5,7 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.grouping import first_hits, padded_with_first
-
-_CHUNK = 1 << 22  # voxels that the torch path looks up at once
+from training.ops.grouping import chunks, first_hits, padded_with_first
 
 
 def voxel_query(
@@ -22,16 +20,10 @@ def voxel_query(
 ) -> tuple[Tensor, Tensor]:
     """For each new point the first S occupied voxels, in their order, around its own and close by.
 
-    Args:
-        max_range: most steps between the voxels along z, y, x.
-        radius: largest distance of the centres, metres.
-        xyz: centres of the occupied voxels, (N, 3), finite.
-        coordinates: their frame, z, y, x, (N, 4) int64, rows sorted and all different.
-        shape: voxels of the grid along z, y, x.
-        new_xyz: points, (M, 3), finite.
-        new_coordinates: frame, z, y, x of their voxels, (M, 4) int64; they may lie outside.
-
-    Returns rows and which new points have no neighbour, as `ball_query` does.
+    At most `max_range` steps away along z, y, x, and their centres `radius` metres. The occupied
+    voxels have finite centres `xyz` (N, 3), and frame, z, y, x (N, 4) int64, rows sorted and all
+    different, in a grid of `shape` voxels along z, y, x; new points (M, 3) have theirs alike, which
+    may lie outside. Returns rows and which new points have no neighbour, as `ball_query` does.
     """
     search = _query_numba if xyz.is_cpu else _query_torch
     voxels, places = (xyz.detach(), coordinates, shape), (new_xyz.detach(), new_coordinates)
@@ -92,9 +84,7 @@ def _query_torch(
     steps = [torch.arange(-reach, reach + 1, device=xyz.device) for reach in max_range]
     offsets = torch.cartesian_prod(*steps)
     keys = _key(coordinates[:, 0], coordinates[:, 1:], shape)
-    chunk = max(1, _CHUNK // len(offsets))
-    for low in range(0, len(new_xyz), chunk):
-        own = slice(low, low + chunk)
+    for own in chunks(len(new_xyz), 4 * len(offsets)):  # a few numbers of each
         around = new_coordinates[own, None, 1:] + offsets
         key = _key(new_coordinates[own, None, 0], around, shape)
         row = torch.searchsorted(keys, key).clamp_max(len(keys) - 1)

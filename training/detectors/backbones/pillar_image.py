@@ -141,16 +141,10 @@ class _Features(torch.autograd.Function):
 
 @njit(cache=True, error_model="numpy")
 def _collect(points, cells, ends, centres, limits, weights, products):
-    """Pillars; adds the products of the four terms of all points to `products`.
+    """Pillars; adds the products of the four terms of all points to `products`, or learns nothing.
 
-    If that is empty, nothing is learnt.
-
-    Args:
-        points: of frame after frame, shape (N, 4); `cells` (N,) of each in its frame.
-        ends: where the frames end.
-        centres: x of every column of pillars, y of every row, and z.
-        limits: points of a pillar, and pillars of a frame.
-        weights: of the four terms, shape (4, C).
+    `points` (N, 4) are of frame after frame, which stop at `ends`, `cells` (N,) those in a frame,
+    `centres` x of every column of pillars, y of every row, and z, `weights` (4, C) of the terms.
 
     Returns their cells as of `PillarBatch`, and numbers of points, (P,); the sums of the offset
     from the centre and of intensity over their points, (P, 4); the largest sum of the four

@@ -55,19 +55,36 @@ class FeaturePropagation(nn.Module):
         return self.mlp.after_first(own + rows)
 
 
+class AbstractionLevels(nn.ModuleList):
+    """Set abstraction to ever fewer places; `channels` are those before and after each level."""
+
+    def __init__(self, inputs: int, levels: Sequence[AbstractionSettings]) -> None:
+        super().__init__()
+        self.places = tuple(level.places for level in levels)
+        self.channels = [inputs]
+        for level in levels:
+            module = SetAbstraction(self.channels[-1], level)
+            self.append(module)
+            self.channels.append(module.outputs)
+
+    def descend(self, xyz: Tensor, counts: Tensor, features: Tensor) -> list[tuple[Tensor, ...]]:
+        """These, and the places of each level, their number in a frame and their features."""
+        found: list[tuple[Tensor, ...]] = [(xyz, counts, features)]
+        for places, module in zip(self.places, self, strict=False):
+            rows, new_counts = furthest_point_sample(*found[-1][:2], places)
+            new_xyz = found[-1][0][rows]
+            found.append((new_xyz, new_counts, module(*found[-1], new_xyz, new_counts)))
+        return found
+
+
 class PointNet2(nn.Module):
-    """Set abstraction to ever fewer places, then propagation back to all points."""
+    """Set abstraction, then propagation back to all points."""
 
     def __init__(self, inputs: int, settings: PointNet2Settings) -> None:
         super().__init__()
-        self.places = tuple(level.places for level in settings.levels)
         self.outputs = settings.propagation[0][-1]
-        self.SA_modules = nn.ModuleList()
-        channels = [inputs]
-        for level in settings.levels:
-            module = SetAbstraction(channels[-1], level)
-            self.SA_modules.append(module)
-            channels.append(module.outputs)
+        self.SA_modules = AbstractionLevels(inputs, settings.levels)
+        channels = self.SA_modules.channels
         below = [*(mlp[-1] for mlp in settings.propagation[1:]), channels[-1]]
         self.FP_modules = nn.ModuleList(
             FeaturePropagation(*sizes)
@@ -76,13 +93,7 @@ class PointNet2(nn.Module):
 
     def forward(self, xyz: Tensor, counts: Tensor, features: Tensor) -> Tensor:
         """Features (N, outputs) of points xyz (N, 3), `counts` (B,) a frame, with `features`."""
-        levels = [(xyz, counts, features)]
-        for places, module in zip(self.places, self.SA_modules, strict=True):
-            xyz, counts, features = levels[-1]
-            rows, new_counts = furthest_point_sample(xyz, counts, places)
-            new_xyz = xyz[rows]
-            features = module(xyz, counts, features, new_xyz, new_counts)
-            levels.append((new_xyz, new_counts, features))
+        levels = self.SA_modules.descend(xyz, counts, features)
         features = levels[-1][2]
         for level in reversed(range(len(self.FP_modules))):
             module = self.FP_modules[level]

@@ -36,7 +36,7 @@ class AnchorHead(nn.Module):
     """Three 1 × 1 convolutions; `anchors` (ny, nx, K, 7) are those of `anchor_grid`."""
 
     anchors: Tensor
-    __call__: Callable[[Tensor], HeadOutput]
+    __call__: Callable[..., HeadOutput]
 
     def __init__(self, inputs: int, classes: Sequence[AnchorClass], anchors: Tensor) -> None:
         super().__init__()

@@ -150,11 +150,8 @@ def assign_targets(
 def _overlaps(x, y, halves, edges, objects):
     """Largest overlap of each anchor, with which object, and whether it is that one's best.
 
-    Args:
-        x, y: of the anchors by column and by row of the grid, shapes (nx, R) and (ny, R).
-        halves: of their sides along x and y, shape (2, R).
-        edges: lowest x and y, then highest, of all objects, shape (4, M).
-        objects: those that count.
+    Anchors have `x` (nx, R) by column and `y` (ny, R) by row of the grid, and half their sides in
+    `halves` (2, R); `edges` (4, M) are lowest x and y, then highest, of all objects.
     """
     shape = len(y), len(x), x.shape[1]
     best = np.zeros(shape, x.dtype)

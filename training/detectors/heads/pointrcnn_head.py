@@ -10,13 +10,12 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from training.detectors.backbones.pointnet2 import AbstractionSettings
-from training.detectors.backbones.set_abstraction import GlobalAbstraction, SetAbstraction
+from training.detectors.backbones.pointnet2 import AbstractionLevels, AbstractionSettings
+from training.detectors.backbones.set_abstraction import GlobalAbstraction
 from training.detectors.heads.roi_box_coder import turned
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import RowConv1d, RowConv2d, precise, row_layers
 from training.ops.roipoint_pool import roipoint_pool
-from training.ops.sampling import furthest_point_sample
 
 DEPTH_SCALE = 70.0  # a point's distance from the sensor enters as a share of this, metres
 
@@ -49,16 +48,10 @@ class PointRCNNHead(RoiHead):
     def __init__(self, inputs: int, settings: PointRoiSettings) -> None:
         super().__init__(settings)
         self.points, self.margin = settings.points, settings.margin
-        self.places = tuple(level.places for level in settings.levels)
         self.xyz_up_layer = nn.Sequential(*_layers([5, *settings.local]))
         self.merge_down_layer = nn.Sequential(*_layers([settings.local[-1] + inputs, inputs]))
-        self.SA_modules = nn.ModuleList()
-        channels = inputs
-        for level in settings.levels:
-            module = SetAbstraction(channels, level)
-            self.SA_modules.append(module)
-            channels = module.outputs
-        self.SA_modules.append(GlobalAbstraction(channels, settings.mlp))
+        self.SA_modules = AbstractionLevels(inputs, settings.levels)
+        self.SA_modules.append(GlobalAbstraction(self.SA_modules.channels[-1], settings.mlp))
         self.cls_layers, self.reg_layers = (
             row_layers(settings.mlp[-1], settings.hidden, dropout=0.0).append(last)
             for last in (RowConv1d(settings.hidden[-1], 1), RowConv1d(settings.hidden[-1], 7))
@@ -76,12 +69,8 @@ class PointRCNNHead(RoiHead):
         xyz, features = pooled[..., :3], pooled[..., 5:].flatten(0, 1)
         local = self.xyz_up_layer(pooled[..., :5].flatten(0, 1))
         features = self.merge_down_layer(torch.cat([local, features], dim=1))
-        xyz, counts = xyz.flatten(0, 1), rois.new_full((len(pooled),), self.points).long()
-        for places, module in zip(self.places, self.SA_modules, strict=False):
-            rows, new_counts = furthest_point_sample(xyz, counts, places)
-            new_xyz = xyz[rows]
-            features = module(xyz, counts, features, new_xyz, new_counts)
-            xyz, counts = new_xyz, new_counts
+        counts = rois.new_full((len(pooled),), self.points).long()
+        xyz, _, features = self.SA_modules.descend(xyz.flatten(0, 1), counts, features)[-1]
         shape = len(pooled), xyz.shape[0] // len(pooled)
         whole = self.SA_modules[-1](xyz.view(*shape, 3), features.view(*shape, -1))
         return RoiOutput(precise(self.cls_layers(whole)), precise(self.reg_layers(whole)))
