@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.evaluation.asked import Asked
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
+from sweeps.results.run_folder import OF_EVALUATION
 from sweeps.results.trial_results import Cell, with_columns
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.stages import evaluated
@@ -44,7 +45,7 @@ def evaluate_rigs(asked: Asked) -> Worth:
 
 def results_of(found: Worth) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables `results` and `left_out` of a run folder."""
-    return _stack(found, lambda own: own.metrics), _stack(found, lambda own: own.left_out)
+    return _stack(found, "metrics"), _stack(found, "left_out")
 
 
 def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
@@ -55,8 +56,8 @@ def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
     ]
 
 
-def _stack(found: Worth, table: Callable[[Evaluated], pd.DataFrame]) -> pd.DataFrame:
-    tables = [with_columns(table(own), place) for place, own in _trials(found)]
+def _stack(found: Worth, field: str) -> pd.DataFrame:
+    tables = [with_columns(getattr(own, field), place) for place, own in _trials(found)]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -77,16 +78,9 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
     keys = ["split", "scene", "route", "class", "object_id"]
     individuals = objects.merge(test.routes[["frame", "split"]], on="frame").value_counts(keys)
     write_text(folder / "config.yaml", public_yaml({"command": called(), "notes": [*asked.notes]}))
-    results, left_out = results_of(found)
-    for table, rows in (
-        (contract.RESULTS, results),
-        (contract.LEFT_OUT, left_out),
-        (contract.PR_CURVES, _stack(found, lambda own: own.pr_curves)),
-        (contract.DISTANCE, _stack(found, lambda own: own.by_distance)),
-        (contract.SECTOR, _stack(found, lambda own: own.by_sector)),
-        (contract.FOUND, pd.concat([_found(objects, own, place) for place, own in trials])),
-    ):
-        table.write(rows, folder)
+    for table, field in OF_EVALUATION.items():
+        table.write(_stack(found, field), folder)
+    contract.FOUND.write(pd.concat([_found(objects, own, place) for place, own in trials]), folder)
     contract.SURROGATES.write(pd.DataFrame(), folder)
     contract.OBJECTS.write(objects, folder)
     contract.INDIVIDUALS.write(individuals.sort_index().reset_index(name="boxes"), folder)

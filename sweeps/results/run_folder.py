@@ -50,7 +50,7 @@ from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from tracking.run_folders.table import Table
 from training.typical_objects import as_plain
 
-_OF_EVALUATION = {
+OF_EVALUATION = {
     contract.RESULTS: "metrics",
     contract.PR_CURVES: "pr_curves",
     contract.LEFT_OUT: "left_out",
@@ -128,7 +128,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
         (contract.INDIVIDUALS, _once(contract.INDIVIDUALS, axes, individuals)),
         (contract.OBJECTS, objects),
         (contract.FOUND, found),
-        *((own, of_evaluation(field)) for own, field in _OF_EVALUATION.items()),
+        *((own, of_evaluation(field)) for own, field in OF_EVALUATION.items()),
         *((own, of_stage(own, *where)) for own, where in _OF_STAGE.items()),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table(plan.tasks, store, run)),

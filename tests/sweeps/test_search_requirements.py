@@ -73,7 +73,9 @@ HIDDEN = {"name": "a child behind", "where": "un_r158", "at_least": {"points": 1
 HIDDEN |= {"what": {"class": "child", "height": 0.8}}
 
 
-@pytest.mark.parametrize("objective", ["price", ["margin", "price"]])
+@pytest.mark.parametrize(
+    "objective", [["margin", "price"], pytest.param("price", marks=pytest.mark.long)]
+)
 def test_a_requirement_that_no_rig_meets(tmp_path, objective):
     search = {"requirements": [HIDDEN], "objective": objective, "greedy": None}
     models = {"models": {"small": {"name": "vlp16", "price": 1}}, "trials": 6}

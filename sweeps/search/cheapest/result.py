@@ -24,9 +24,8 @@ _UNITS = {"lidars": "LiDARs", "price": "", "power": "W", "height": "m"}
 def proof(problem: Problem, chosen: Chosen) -> str:
     """What is known of all rigs of the grid, a sentence."""
     settings = problem.file.search.cheapest
-    done = {"rigs judged": "judged", "rows": "rows", "cuts": "cuts"}
-    told = ", ".join(f"{name}: {chosen.counts.get(key, 0):,}" for name, key in done.items())
-    work = f"{told}; {chosen.seconds:.0f} s"
+    judged, rows, cuts = (chosen.counts.get(key, 0) for key in ("judged", "rows", "cuts"))
+    work = f"rigs judged: {judged:,}, rows: {rows:,}, cuts: {cuts:,}; {chosen.seconds:.0f} s"
     if chosen.rig is None:
         if chosen.bound == math.inf:
             return f"No rig of the grid meets everything, which is proven ({work})."
