@@ -23,8 +23,7 @@ from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
-from lidarplace.scenes.kitti.folder import part
-from lidarplace.scenes.kitti.read import read_kitti
+from lidarplace.scenes.kitti.read import part, read_kitti
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table

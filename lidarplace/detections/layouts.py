@@ -20,8 +20,7 @@ from lidarplace.scenes.datasets.class_maps import ClassMap
 from lidarplace.scenes.datasets.nuscenes_tables import Table
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.kitti.calibration import STANDARD, camera_to_ego, read_calibration
-from lidarplace.scenes.kitti.folder import frame_name
-from lidarplace.scenes.kitti.read import in_ego, read_labels
+from lidarplace.scenes.kitti.read import frame_name, in_ego, read_labels
 
 CATEGORIES = {
     "barrier": "movable_object.barrier",

@@ -7,8 +7,8 @@ import pandas as pd
 
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.logs.boxes import BOX_COLUMNS, SOURCE
-from lidarplace.scenes.kitti.folder import frame_name
 from lidarplace.scenes.kitti.labels import to_labels
+from lidarplace.scenes.kitti.read import frame_name
 from lidarplace.scenes.kitti.write import write_kitti
 
 LayoutName = Literal["kitti", "parquet"]

@@ -17,16 +17,12 @@ def rows(path):
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\tx", '=cmd|" /C calc"!A0', "-a, b"])
 @pytest.mark.parametrize("dtype", [object, "string", "category"])
 def test_a_text_that_looks_like_a_formula(tmp_path, text, dtype):
-    table = pd.DataFrame(
-        {"placement": pd.Series([text, "line"], dtype=dtype), text: [-1.5, np.nan]}
-    )
+    names = pd.Series([text, "line"], dtype=dtype)
+    table = pd.DataFrame({"placement": names, text: [-1.5, np.nan]})
     before = table.copy()
     write_csv(table, tmp_path / "t.csv")
-    assert rows(tmp_path / "t.csv") == [
-        ["placement", f"'{text}"],
-        [f"'{text}", "-1.5"],
-        ["line", ""],
-    ]
+    expected = [["placement", f"'{text}"], [f"'{text}", "-1.5"], ["line", ""]]
+    assert rows(tmp_path / "t.csv") == expected
     pd.testing.assert_frame_equal(table, before)
 
 

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.class_names import IGNORE
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.files.regular import is_there, regular
 from lidarplace.logs.box_log import BoxLog
@@ -27,11 +28,28 @@ from lidarplace.scenes.kitti.calibration import (
     camera_to_ego,
     read_calibration,
 )
-from lidarplace.scenes.kitti.folder import fault, frame_name, part
 
 SETS = {"train": "train", "val": "test"}  # lists in `ImageSets` -> split of the box log
 STEPS = 2007  # of its HDL-64E, counted in raw sweeps: 2,005 to 2,008
 _NUMBERS = 14  # fields of a line after the type, without the score
+
+
+def frame_name(frame: int) -> str:
+    """The name of the files of a frame, without suffix."""
+    return f"{frame:06d}"
+
+
+def part(folder: Path, name: str) -> Path:
+    """The folder `name` of a data set, which lies in `training` or in `folder` itself."""
+    training = folder / "training"
+    return (training if training.is_dir() else folder) / name
+
+
+def fault(message: str, skipped: list[str] | None) -> None:
+    """Add to what is skipped, if that is asked for; otherwise the first fault is an InputError."""
+    if skipped is None:
+        raise InputError(message)
+    skipped.append(message)
 
 
 def read_kitti(

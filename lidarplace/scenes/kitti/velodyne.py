@@ -12,7 +12,7 @@ from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.clouds.clouds import STEP_M, Crop, PointClouds
 from lidarplace.files.regular import is_there, regular
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
-from lidarplace.scenes.kitti.folder import fault, frame_name, part
+from lidarplace.scenes.kitti.read import fault, frame_name, part
 
 _BYTES = 16  # a point
 

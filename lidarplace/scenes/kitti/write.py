@@ -11,9 +11,8 @@ from lidarplace.clouds.clouds import Clouds
 from lidarplace.files.atomic import replacing
 from lidarplace.logs.boxes import first
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
-from lidarplace.scenes.kitti.folder import frame_name
 from lidarplace.scenes.kitti.labels import label_lines
-from lidarplace.scenes.kitti.read import SETS
+from lidarplace.scenes.kitti.read import SETS, frame_name
 from lidarplace.scenes.kitti.velodyne import write_cloud
 
 NOTHING = "DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10"
