@@ -1,5 +1,7 @@
 """The tables of a search's page, as cells of text."""
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -46,9 +48,7 @@ def rig_table(caption: str, search: SearchResult) -> Table:
 def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
     """What every LiDAR that greedy took added, with its mount; `rays`: `SearchResult.strided`."""
     columns = [
-        Column(
-            str(name), lambda row, name=name: _cell(row[name]), not is_numeric_dtype(greedy[name])
-        )
+        Column(str(name), partial(_cell, name), not is_numeric_dtype(greedy[name]))
         for name in greedy.columns
     ]
     caption = f"Greedy, step by step{f' · as searched, with {rays}' if rays else ''}"
@@ -90,7 +90,8 @@ def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> T
     return Table.of("Means over seeds", rows, columns, wide=True)
 
 
-def _cell(value: Any) -> str:
+def _cell(name: object, row: Mapping[Any, Any]) -> str:
+    value = row[name]
     if isinstance(value, str):
         return value
     if value is None or pd.isna(value):

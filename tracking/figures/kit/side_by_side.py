@@ -42,9 +42,9 @@ def side_by_side(
     plot.update_xaxes(title=axis)
     style.name_rows(plot, rows)
     if odds:
-        place = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
+        right = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
         for row, said in [*enumerate(map(style.text, odds)), (-0.9, "likely to<br>be the best")]:
-            plot.add_annotation(y=row, text=said, font={"size": 11}, **place)
+            plot.add_annotation(y=row, text=said, font={"size": 11}, **right)
         plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
         plot.update_layout(margin={"r": 84})
     return style.legend_below(plot)

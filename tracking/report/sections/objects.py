@@ -169,6 +169,5 @@ def _points_table(own: pd.DataFrame, rings: Bins, label: str) -> Table:
 
     caption = f"Points per object, share of the objects without any in brackets · {label}"
     names = {"mean": "points_mean", "median": "points_median"}
-    of = {"name": slug("points per object", label)}
-    of |= {"data": own.drop(columns="bin").rename(columns=names)}
-    return _by_bin(own, rings, ("mean", "unseen"), cell, caption=caption, **of)
+    data, name = own.drop(columns="bin").rename(columns=names), slug("points per object", label)
+    return _by_bin(own, rings, ("mean", "unseen"), cell, caption=caption, name=name, data=data)
