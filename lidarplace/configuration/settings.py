@@ -114,7 +114,7 @@ def short_for(key: str) -> BeforeValidator:
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = 100
 _short.maxlist = 20
-_LONGEST_KEY = 60
+_LONGEST_KEY, _LONGEST_VALUE = 60, 300
 
 
 def fault(error: ValidationError, place: str | None = None) -> InputError:
@@ -164,7 +164,8 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
 
 def found(value: Any) -> str:
     """A value as Python writes it, cut where it is long."""
-    return _short.repr(value)
+    text = _short.repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
 
 
 def shortened(key: str) -> str:

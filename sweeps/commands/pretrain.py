@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
@@ -13,7 +12,7 @@ import typer
 
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
-from lidarplace.files.atomic import check_replaceable
+from lidarplace.files.atomic import check_replaceable, check_takes_files
 from sweeps.execution.interrupted import interruptible
 from sweeps.options import SetOption
 
@@ -63,7 +62,7 @@ def pretrain(
         sweep = found[0][0]
         check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=out.parent).close()
+        check_takes_files(out.parent)
         with named(", ".join(map(str, configs))):
             task = pretrain_task([training for _, training in found])
             store = store_of(sweep)

@@ -95,8 +95,9 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
     (place / "nothing").symlink_to("gone")
     changed = [word for word in words if word not in line.arguments]
     given = [ascii(text[:40])[1:-1] for word in changed for text in (word, str(Path(word)))]
-    named = (parameter, parameter.upper(), *filter(None, given), *line.arguments)
-    places = (*named, "No such option", "extra argument", "null byte", "is no store", "--", "OUT")
+    given += [str(Path(word).parent) for word in changed if len(Path(word).parts) > 2]
+    named = (parameter, parameter.upper(), *filter(None, given), *line.arguments, "--")
+    places = (*named, "No such option", "extra argument", "null byte", "needs the package", "OUT")
     outcome = outcome_of_line(line, words, places, place)
     shutil.rmtree(place)
     shown = " ".join(repr(word)[:60] for word in words)

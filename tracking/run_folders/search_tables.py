@@ -56,6 +56,7 @@ ROBUSTNESS = Table.of(
     Column("value", "float64", "mean over the draws"),
     Column("worst", "float64", "of the draws"),
     Column("share", "float64", "the value by that of the rig as designed"),
+    key=("rig", "case", "objective"),
 )
 VERIFIED = Table.of(
     "verified",
