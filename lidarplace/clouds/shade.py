@@ -68,7 +68,7 @@ def _end_at_housings(origin, rotation, beams, housings, ends):
         if away - radius > beams.reach:
             continue
         # Rays that may meet the sphere around it, unless they start in it.
-        tangent = math.sqrt(max(away * away - radius * radius, 0.0)) - HAIR * away
+        tangent = math.sqrt(max(float(away * away - radius * radius), 0.0)) - HAIR * away
         least = tangent if away > radius else -np.inf
         into = housing[4:13].copy().reshape(3, 3).T  # from the ego frame to that of the housing
         place, turn = into @ (origin - housing[1:4]), into @ rotation

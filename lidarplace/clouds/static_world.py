@@ -160,8 +160,8 @@ def _bounds(
 ) -> NDArray[np.float64]:
     """As of `Worlds`; `columns` and `boxes` are of its blocks."""
     ends = [slice(0, PATCHES), slice(1, PATCHES + 1)]
-    corners = np.array([ground[:, a, b] for a in ends for b in ends], np.float64)
-    corners = np.kron(corners, np.ones((2, 2))).reshape(4, -1)  # of the columns of each patch
+    patches = np.array([ground[:, a, b] for a in ends for b in ends], np.float64)
+    corners = np.kron(patches, np.ones((2, 2))).reshape(4, -1)  # of the columns of each patch
     bounds = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
     bounds[np.isnan(bounds[:, 0])] = np.inf, -np.inf
     np.minimum.at(bounds[:, 0], columns, boxes[:, 5])

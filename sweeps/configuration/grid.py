@@ -19,9 +19,10 @@ from lidarplace.configuration.settings import found, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import ConfigError, check, named, portable, read_named, unknown_key
+from sweeps.configuration.file import ConfigError, check, named, read_named, unknown_key
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
+from sweeps.configuration.whole_paths import portable
 from tracking.findings.groups import ONE_FOR_ALL
 from training.settings import TrainingSettings
 

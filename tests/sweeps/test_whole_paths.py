@@ -4,8 +4,8 @@ import yaml
 from search_files import write_search
 from small_log import write_sweep
 
-from sweeps.configuration.file import portable
 from sweeps.configuration.grid import read_sweep
+from sweeps.configuration.whole_paths import portable
 from sweeps.search.problem.problem import read_problem
 
 RAYS = "azimuth_deg,elevation_deg\n" + "".join(f"{a},-5\n" for a in range(0, 360, 5))

@@ -19,11 +19,12 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
-from sweeps.configuration.file import ConfigError, check, named, portable, read_named
+from sweeps.configuration.file import ConfigError, check, named, read_named
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
 from sweeps.configuration.question import check_dead, check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import PRETRAINED, SearchFile, Tests, TrafficSettings
+from sweeps.configuration.whole_paths import portable
 from sweeps.execution.memory import check_memory
 from sweeps.plan.named_files import outside_of
 from sweeps.plan.plan import make_plan
