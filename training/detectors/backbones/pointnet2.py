@@ -67,12 +67,15 @@ class AbstractionLevels(nn.ModuleList):
             self.append(module)
             self.channels.append(module.outputs)
 
-    def descend(self, xyz: Tensor, counts: Tensor, features: Tensor) -> list[tuple[Tensor, ...]]:
+    def descend(
+        self, xyz: Tensor, counts: Tensor, features: Tensor
+    ) -> list[tuple[Tensor, Tensor, Tensor]]:
         """These, and the places of each level, their number in a frame and their features."""
-        found: list[tuple[Tensor, ...]] = [(xyz, counts, features)]
+        found = [(xyz, counts, features)]
         for places, module in zip(self.places, self, strict=False):
-            rows, new_counts = furthest_point_sample(*found[-1][:2], places)
-            new_xyz = found[-1][0][rows]
+            xyz, counts, _ = found[-1]
+            rows, new_counts = furthest_point_sample(xyz, counts, places)
+            new_xyz = xyz[rows]
             found.append((new_xyz, new_counts, module(*found[-1], new_xyz, new_counts)))
         return found
 
