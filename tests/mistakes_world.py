@@ -47,6 +47,12 @@ tracking.run_folders.sweep_json tracking.run_folders.sweep_tables
 tracking.findings.best_placement tracking.statistics.power training training.detectors.contract
 training.ops.sparse_conv
 """
+TESTS = """
+tests.lidarplace.company_table tests.lidarplace.selection.test_exposure
+tests.lidarplace.studio.rigs tests.lidarplace.test_kitti_read tests.lidarplace.test_real_clouds
+tests.lidarplace.test_recorded tests.lidarplace.test_sensors_fit tests.lidarplace.test_static_world
+"""
+"""Modules of tests, of which cases say the name before each of theirs."""
 CAR = {"frame": 3, "class": "Car", "x": 9.0, "y": 1.0, "z": 0.8} | {
     "length": 4.5, "width": 1.8, "height": 1.6, "yaw": 0.1
 }  # fmt: skip
@@ -176,4 +182,5 @@ def names() -> Mapping[str, object]:
     modules = map(import_module, MODULES.split())
     found = {name: value for module in modules for name, value in vars(module).items()}
     found |= {name: getattr(lidarplace, name) for name in lidarplace.__all__} | vars(math)
+    found |= {name.rpartition(".")[2]: import_module(name) for name in TESTS.split()}
     return found | {"np": np, "pd": pd, "Path": Path} | globals()

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from small_exposures import greedy, upper_bound
 
 from lidarplace import (
     PAPER_PLACEMENTS,
@@ -13,6 +12,7 @@ from lidarplace import (
 )
 from lidarplace.pog.selection import Exposure, Limits
 from tests.lidarplace.random_grids import random_grids
+from tests.lidarplace.selection.small_exposures import greedy, upper_bound
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
@@ -104,16 +104,3 @@ def test_covered_voxels_need_no_amounts(grids):
     exposure = Exposure.of_candidates(grids, WEIGHTS, CANDIDATES, "covered_entropy")
     assert exposure.amounts.strides == (0,)
     assert exposure.voxels.dtype == np.uint32
-
-
-@pytest.mark.parametrize(
-    ("weights", "options", "message"),
-    [
-        ({"Tram": 1.0}, {}, "weights has 'Tram', but the classes are Car, Pedestrian"),
-        ({"Car": -1.0}, {}, "the weight of Car must be finite and >= 0, found -1.0"),
-        (WEIGHTS, {"azimuth_stride": 0}, "azimuth_stride must be at least 1"),
-    ],
-)
-def test_bad_input(grids, weights, options, message):
-    with pytest.raises(ValueError, match=message):
-        Exposure.of_candidates(grids, weights, CANDIDATES, **options)
