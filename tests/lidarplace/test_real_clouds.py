@@ -120,38 +120,3 @@ def test_clouds_in_another_frame_are_refused_and_leave_nothing(tmp_path, shift):
     with refused(r"of the points around a box are outside of it, in the median of \d+ boxes"):
         count_real_points(log_of(), *clouds, tmp_path / "kept")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
-
-
-def test_a_frame_a_turn_away_is_refused(tmp_path):
-    cloud = on_sides(log_of(6))
-    with refused("are the clouds in another frame"):
-        turned = write(tmp_path, cloud.assign(x=cloud["y"], y=-cloud["x"]))
-        count_real_points(log_of(6), *turned)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"ring": 16}, "rings of top beyond the beams of its model; expected 0 to 15, found 16"),
-        ({"lidar": 2}, "lidar: point of a LiDAR that is not in the rig; expected top, left"),
-        ({"lidar": "roof"}, "expected top, left, or their numbers from 0, found roof"),
-    ],
-)
-def test_clouds_of_another_rig_are_refused(tmp_path, change, message):
-    with refused(message, "3.parquet"):
-        count_real_points(log_of(), *write(tmp_path, on_sides(log_of()).assign(**change)))
-
-
-def test_lidars_are_known_in_all_clouds_of_a_scene_or_in_none(tmp_path):
-    clouds = write(tmp_path, on_sides(log_of()))
-    write(tmp_path, on_sides(log_of()).drop(columns="lidar"), "4.parquet")
-    with refused("column lidar is in some clouds of the scene and not in others", "4.parquet"):
-        count_real_points(log_of(), *clouds)
-
-
-def test_a_folder_without_clouds_is_refused(tmp_path):
-    with refused("no cloud of any frame; expected files named by frame numbers, such as SCENE/3"):
-        count_real_points(log_of(), tmp_path, EGO)
-    with refused("clouds in the frame of a LiDAR need a rig of one LiDAR"):
-        write(tmp_path, on_sides(log_of()))
-        count_real_points(log_of(), tmp_path)

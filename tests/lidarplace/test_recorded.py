@@ -70,17 +70,6 @@ def test_recorded_clouds_are_found_by_frame_and_cut(tmp_path):
         np.testing.assert_array_equal(found.lidar(i), lidar[inside])
 
 
-def test_what_was_not_recorded_or_twice_is_named(tmp_path):
-    record(tmp_path / "a", 1)
-    with pytest.raises(ValueError, match="no cloud of frame 2, and of 1 more"):
-        recorded_clouds(tmp_path, np.array([1, 2, 3]), WIDE)
-    with pytest.raises(ValueError, match=r"a: clouds of \[-100.* were recorded; \[-101"):
-        recorded_clouds(tmp_path, np.array([1]), (-101.0, *WIDE[1:]))
-    record(tmp_path / "b", 2, 1)
-    with pytest.raises(ValueError, match="b: frame 1 is in another folder"):
-        recorded_clouds(tmp_path, np.array([2]), WIDE)
-
-
 @pytest.mark.parametrize("name", ["data", "offsets", "counts", "frames", "crop", "step"])
 def test_every_byte_of_recorded_clouds_counts(tmp_path, name):
     record(tmp_path / "route", 1, 2)
@@ -92,29 +81,3 @@ def test_every_byte_of_recorded_clouds_counts(tmp_path, name):
         np.save(tmp_path / "route" / f"{name}.npy", changed)
         with suppress(ValueError):  # refused: offsets that do not fit the data
             assert clouds_digest(tmp_path) != before, place
-
-
-@pytest.mark.parametrize(
-    ("name", "array", "message"),
-    [
-        ("step", np.ones((1, 1)), "step.npy: must hold float64, 0 axes; found float64, shape"),
-        ("counts", np.ones((1, 2)), "counts.npy: must hold int32, 2 axes; found float64"),
-        ("offsets", np.array([0, 10**9]), "data.npy: shape .* does not fit the other arrays"),
-        ("offsets", np.array([5, 0]), "offsets.npy: shape"),
-        ("crop", np.ones(3), "crop.npy: shape .3,. does not fit"),
-        ("frames", np.array([{}], dtype=object), "frames.npy: is no array of NumPy: Object arrays"),
-    ],
-)
-def test_an_array_that_does_not_fit_is_named(tmp_path, name, array, message):
-    record(tmp_path / "route", 1)
-    np.save(tmp_path / f"route/{name}.npy", array)
-    with pytest.raises(ValueError, match=message):
-        recorded_clouds(tmp_path, np.array([1]), WIDE)
-
-
-def test_a_damaged_cloud_names_its_frame(tmp_path):
-    record(tmp_path / "route", 1)
-    data = np.load(path := tmp_path / "route/data.npy")
-    np.save(path, np.zeros_like(data))
-    with pytest.raises(ValueError, match="cloud of frame 1 is damaged: "):
-        recorded_clouds(tmp_path, np.array([1]), WIDE)
