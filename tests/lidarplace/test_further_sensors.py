@@ -266,18 +266,3 @@ def test_what_the_catalogue_holds_can_be_built_and_has_a_source():
         settings = kind(z=1.0, model=name)
         assert settings.built() is not None
         assert "http" in settings.source
-
-
-@pytest.mark.parametrize(
-    ("kind", "key", "value", "told"),
-    [
-        (CameraSettings, "model", "a2d2_frnt", "no camera is called 'a2d2_frnt'"),
-        (RadarSettings, "model", "a2d2_front_camera", "no radar is called"),
-        (CameraSettings, "fov_deg", (190.0, 20.0), r"expected angles within \(0, 180\)"),
-        (CameraSettings, "intrinsic", ((0.0, 0.0, 1.0),) * 3, "expected focal lengths > 0"),
-        (RadarSettings, "elevation_deg", (3.0, 3.0), "with min < max"),
-    ],
-)
-def test_cameras_and_radars_that_cannot_be(kind, key, value, told):
-    with pytest.raises(ValueError, match=told):
-        kind(z=1.0, **{key: value})

@@ -126,19 +126,3 @@ def test_drives_follow_each_other():
     rows = [("a", 0, 5.0), ("b", 1, np.nan), ("a", 0, 5.5), ("b", 1, np.nan), ("b", 2, 9.0)]
     frames = pd.DataFrame(rows, [9, 8, 7, 6, 5], ["scene", "route", "timestamp_s"])
     assert (clock(frames) / 1e9).tolist() == [0.0, 1.5, 0.5, 1.6, 2.6]
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--images"], "--all-around and --images: apply to KITTI's layout only, not to FILE.mcap"),
-        (["--recorded"], "clouds/line: no recorded clouds"),
-    ],
-)
-def test_wrong_options_are_one_line(options, told, tmp_path, log):
-    out = tmp_path / "a.mcap"
-    line = [str(tmp_path / "log"), str(out), "--placement", "line", *options]
-    done = CliRunner().invoke(app, line)
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert told in done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["log"], "nothing is left behind"

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount, Placement, Roi
-from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.raycast import GROUND, NOTHING, cast
@@ -261,19 +260,6 @@ def test_worlds_are_kept_in_a_log(rebuilt, tmp_path):
     other = replace(bare, frames=bare.frames.assign(frame=bare.frames["frame"] + 100))
     moved = replace(other, boxes=bare.boxes.assign(frame=bare.boxes["frame"] + 100))
     assert join_logs([bare, moved]).world["a"] is bare.world["a"]
-
-
-def test_a_world_needs_poses_and_a_rig():
-    simulated, _ = drive()
-    clouds = collect(simulated, [0, 1], RIG.placement, AROUND)
-    four = Placement("four", [Mount(0, 0, 1 + n) for n in range(4)], lidar=Lidar.paper())
-    for message, change in (
-        ("poses", {"frames": simulated.frames.drop(columns="ego_x")}),
-        ("needs the rig", {"rigs": {}}),
-        ("other LiDARs", {"rigs": {"a": RecordedRig(("a", "b", "c", "d"), four)}}),
-    ):
-        with pytest.raises(InputError, match=message):
-            static_worlds(replace(simulated, **change), [clouds])
 
 
 def test_keys_name_cells():
