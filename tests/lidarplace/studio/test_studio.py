@@ -63,8 +63,6 @@ def test_without_a_lidar_nothing_is_seen(tmp_path):
     assert studio.view.objects(None)["points"].tolist() == [0]
     assert len(studio.view.cloud(None, 1000).points) == 0
     assert studio.too_little("an adult").share == 1.0
-    with pytest.raises(ValueError, match="no LiDAR works"):
-        studio.plot()
 
 
 def test_what_a_frame_shows(studio):
@@ -142,12 +140,6 @@ requirements:
     assert studio.too_little("somebody near") is None
 
 
-def test_a_requirement_that_cannot_be_is_told_at_the_start(tmp_path):
-    text = "requirements: [{name: far, where: {x: [0, 9]}, what: Car, at_least: {points: 1}}]"
-    with pytest.raises(ValueError, match=r"rigs.yaml: requirements 'far': where: has no end"):
-        studio_of(tmp_path, text)
-
-
 def test_two_in_one_place_are_told_and_not_measured_and_a_lidar_snaps_onto_its_zone(studio):
     studio.pose(1, x=0.1, y=0.6)
     assert studio.placement is None
@@ -168,10 +160,6 @@ def test_several_rigs_stand_side_by_side(studio):
     studio.copy_rig("other")
     assert [rig.name for rig in studio.rigs] == ["roof", "left handed", "other"]
     assert studio.numbers(rig=studio.begun) != studio.numbers()
-    with pytest.raises(ValueError, match="a name of its own"):
-        studio.copy_rig("roof")
-    with pytest.raises(ValueError, match="no rig 'x'"):
-        studio.choose("x")
 
 
 @settings(max_examples=25, derandomize=True)
@@ -332,8 +320,6 @@ def test_why_an_object_is_not_seen(tmp_path):
     (free,) = studio.why_unseen("car 2")
     assert "stopped by car 0" in hidden.text
     assert free.returned == table["points"]["car 2"]
-    with pytest.raises(ValueError, match="no object 'car 9'"):
-        studio.why_unseen("car 9")
     studio.pose(0, pitch=-60.0)
     (away,) = studio.why_unseen("car 0")
     assert away.aimed == 0
@@ -389,9 +375,6 @@ def test_improving_finds_more_within_the_limits(studio):
     assert not studio.violations()
     assert studio.undo()
     assert studio.rig.pose(0)["pitch"] == -30.0
-    studio.enable(0, False)
-    with pytest.raises(ValueError, match="does not work"):
-        studio.improve(0)
 
 
 def test_one_more_goes_where_it_finds_most(studio):
@@ -423,10 +406,6 @@ def test_the_best_place_is_within_the_limits_or_there_is_none(tmp_path):
     studio = studio_of(tmp_path, far)
     studio.add_best()
     assert (studio.rig.mounts[0].position == [0, 0, 2]).all()
-    with pytest.raises(ValueError, match="no pose was found"):
-        studio.add_best()
-    with pytest.raises(ValueError, match="no object counts"):
-        studio_of(tmp_path, far, (90.0, 1.0)).add_best()
     free = studio_of(tmp_path, "")
     free.add_best("at128")  # looks forward alone, and there the car is
     assert free.numbers().mean_recall > 0
