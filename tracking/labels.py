@@ -9,7 +9,7 @@ import numpy as np
 from lidarplace.base.metrics import EVERY_IOU, METRICS
 from lidarplace.pog.surrogates.table import SURROGATES
 
-DASH = "–"  # what stands where there is no number
+DASH = "–"  # in place of a missing number
 
 
 def digits(value: float, form: str) -> str:

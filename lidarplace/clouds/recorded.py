@@ -106,7 +106,7 @@ def recorded_clouds(
 ) -> PointClouds:
     """The clouds of `frames` (F,) within `crop`, its faces included; `folder` is of one placement,
     each folder in it of `lidarplace.clouds.clouds.write_clouds`. Points are kept of `lidars`, by
-    their place in the counts, ascending; None: all. Raises ValueError: there is no such folder, a
+    their place in the counts, ascending; None: all. Raises ValueError: the folder is missing, a
     frame is missing or duplicate, or less than `crop` was recorded."""
     place: dict[int, tuple[PointClouds, int]] = {}
     for path in _parts(folder):

@@ -30,7 +30,7 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays in a `.npz` file by name, in the order of the file.
-    Raises ValueError: the file cannot be read, is no such file, or a damaged one."""
+    Raises ValueError: the file cannot be read, has another format, or is damaged."""
     with reading(path):
         try:
             with np.load(regular(path), allow_pickle=False) as arrays:

@@ -19,7 +19,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
     """The table in a Parquet file, or its rows of these frames; others are never all in memory.
-    Raises ValueError: the file cannot be read, or is no such table."""
+    Raises ValueError: the file cannot be read, or has another format."""
     # Whatever type the column has: numbers stored as text are checked later.
     rows = None if frames is None else pc.field("frame").cast("int64").isin(frames)
     with reading(path):
@@ -82,7 +82,7 @@ def _as_text(cell: object) -> object:
 
 def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
     """These columns of the table in a Feather file, and those of `optional` that it has.
-    Raises ValueError: the file cannot be read, is no such table, or lacks a column."""
+    Raises ValueError: the file cannot be read, has another format, or lacks a column."""
     with reading(path):
         try:
             with regular(path).open("rb") as file:

@@ -11,8 +11,8 @@ FEW_GROUND_TRUTHS = 200
 FEW_FRAMES = 20
 """Of training or test: below it a detector learns little, and AP hangs on a few scenes."""
 FEW_POG_FRAMES = 10  # below it one frame changes a probability by more than a tenth
-MANY_PLACEMENTS = 20  # from here on the number of placements is no reason for caution
-LEAST_P = 0.001  # a p-value that can become smaller than this is no reason for caution
+MANY_PLACEMENTS = 20  # so many, or more, need no caution about their number
+LEAST_P = 0.001  # if p can become smaller than this, no caution is needed
 
 
 def cautions(run: RunFolder) -> list[str]:

@@ -54,7 +54,7 @@ class Table:
 
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
         """Which row of `other` the tokens in column `name` point at; (rows,), int64. Raises
-        ValueError if `other` has no such row, or two."""
+        ValueError if `other` lacks a row, or has two for a token."""
         index = pd.Index(other.columns["token"], dtype=object)
         if (twice := first(index.duplicated())) is not None:
             raise ValueError(f"{other.row(twice)}: is there twice")
@@ -83,8 +83,8 @@ def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
 
 
 def read_table(path: Path, names: Sequence[str]) -> Table:
-    """Columns `token` and `names` of a table. Raises ValueError if there is no such file, or it is
-    no JSON list of objects with these columns."""
+    """Columns `token` and `names` of a table. Raises ValueError if the file is missing, or not
+    a JSON list of objects with these columns."""
     names = ("token", *names)
     # Rows become tuples while they are read: all columns as dicts would take half as much again.
     try:

@@ -96,7 +96,7 @@ def _found(folder: Path, name: str) -> Path:
 
 
 def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
-    """The table in a Parquet or a CSV file; `texts` are columns in which `007` is no number. Raises
+    """The table in a Parquet or a CSV file; `texts` are columns in which `007` stays text. Raises
     ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path}: must end in {' or '.join(SUFFIXES)}")
