@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -122,17 +123,20 @@ def imported(path: Path) -> set[str]:
             assert node.level == 0, f"{path}: relative import"
             of = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
             names |= {full if full in MODULES else str(node.module) for full in of.values()}
-        elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
+        elif isinstance(node, ast.Call) and "import_module" in vars(node.func).values():
             names |= {path.value for path in node.args[:1] if isinstance(path, ast.Constant)}
     return names
 
 
-IMPORTS = {module: imported(path) for module, path in MODULES.items()}
+@cache
+def imports() -> dict[str, set[str]]:
+    """Module -> what it imports."""
+    return {module: imported(path) for module, path in MODULES.items()}
 
 
 @pytest.mark.parametrize("package", sorted(OWN))
 def test_no_package_imports_upwards(package):
-    for module, names in IMPORTS.items():
+    for module, names in imports().items():
         roots = {name.partition(".")[0] for name in names}
         if module.partition(".")[0] == package:
             assert roots & OWN <= ALLOWED[package], module
@@ -164,7 +168,7 @@ def test_no_room_imports_upwards(folder):
     floors = floors_of(folder)
     assert floors.keys() - {"__init__"} == set(inside.values()) - {"__init__"}
     for module, own in inside.items():
-        for name in IMPORTS[module]:
+        for name in imports()[module]:
             other = room(name, folder)
             if other in floors and other != own:
                 assert floors[other] < floors[own], f"{module} imports {name}"
@@ -172,7 +176,7 @@ def test_no_room_imports_upwards(folder):
 
 def test_nobody_imports_a_plug_in():
     """It may import every room of lidarplace: it is on no floor."""
-    for module, names in IMPORTS.items():
+    for module, names in imports().items():
         if not module.startswith(PLUGINS):
             assert not {name for name in names if name.startswith(PLUGINS)}, module
 
@@ -190,7 +194,7 @@ def test_what_scripts_import_of_ours_is_there():
 
 
 def test_no_modules_import_each_other():
-    ours = {module: names & MODULES.keys() for module, names in IMPORTS.items()}
+    ours = {module: names & MODULES.keys() for module, names in imports().items()}
     TopologicalSorter(ours).prepare()  # raises an error that names a circle
 
 
