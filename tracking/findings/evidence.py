@@ -195,10 +195,11 @@ def _short_training(run: RunFolder, group: Group) -> Iterator[Weakness]:
     still = [share for share in fell if share > STILL_FALLING]
     if still:
         took = sum(still) / len(still)
+        of = "" if len(still) == len(fell) else f" of {len(still)} of {len(fell)} trials"
         yield Weakness(
             "training",
             (*run.classes, "all"),
-            f"a short training (the last epoch still lowered the loss by {100 * took:.0f} %)",
+            f"a short training (the last epoch{of} still lowered the loss by {100 * took:.0f} %)",
             f"Training was short: in {len(still)} of {len(fell)} trials the last epoch still "
             f"lowered the loss by more than {100 * STILL_FALLING:g} %. A longer training may rank "
             "differently.",
