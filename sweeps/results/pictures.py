@@ -41,22 +41,17 @@ def maps(trials: Sequence[Trial], store: Store) -> Maps:
     """The maps of the trials' placements."""
     pog = store.load(trials[0].pog)
     grids = grids_of(pog)
-    found = Maps({name: pog.from_above[name] for name in grids}, {}, {}, {}, {})
+    found = Maps({name: pog.from_above[name] for name in grids}, {}, {})
     for trial in trials:
         point = trial.grid_point.point
         covered = coverage(trial.grid_point.rig, point.voxel_roi(), point.surrogate.method)
-        above, side = uncovered(grids.values(), covered)
         found.coverage[point.placement] = covered.mean(axis=2, dtype=np.float32)
-        found.coverage_side[point.placement] = covered.mean(axis=1, dtype=np.float32)
-        found.residual[point.placement] = above
-        found.residual_side[point.placement] = side
+        found.residual[point.placement] = uncovered(grids.values(), covered)
     return found
 
 
-def uncovered(
-    grids: Collection[OccupancyGrid], covered: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Entropy of what is not covered, nats: summed over z, shape (nx, ny), and over y, (nx, nz).
+def uncovered(grids: Collection[OccupancyGrid], covered: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Entropy of what is not covered, nats: summed over z, shape (nx, ny).
 
     A layer at a time: an array of all voxels is as large as a machine's memory may be.
     """
@@ -64,8 +59,7 @@ def uncovered(
         np.where(hit, 0.0, sum(grid.entropy_of_count[grid.counts[i]] for grid in grids))
         for i, hit in enumerate(covered)
     )
-    above, side = zip(*((layer.sum(axis=1), layer.sum(axis=0)) for layer in layers), strict=True)
-    return np.array(above, np.float32), np.array(side, np.float32)
+    return np.array([layer.sum(axis=1) for layer in layers], np.float32)
 
 
 def grounds(plan: Plan, trials: Sequence[Trial], store: Store) -> Grounds:

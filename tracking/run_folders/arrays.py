@@ -93,23 +93,19 @@ _PLANE = axes(None, None)
 class Maps(ArrayFile):
     """What lies around the vehicle and what placements cover of it, over the ROI.
 
-    From above is by columns of voxels, shape (nx, ny); from the side, seen along y, by rows of
-    voxels, shape (nx, nz). All are float32. Older run folders have no residual entropy and nothing
-    from the side.
+    By columns of voxels, shape (nx, ny), float32. Older run folders have no residual entropy.
 
     Attributes:
         pog: by class, the entropy in nats, from above.
-        coverage, coverage_side: by placement, the covered share, in [0, 1].
-        residual, residual_side: by placement, the entropy of all classes that no beam covers, nats.
+        coverage: by placement, the covered share, in [0, 1].
+        residual: by placement, the entropy of all classes that no beam covers, nats.
     """
 
     FILE: ClassVar[str] = "maps.npz"
 
     pog: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
     coverage: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
-    coverage_side: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
     residual: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
-    residual_side: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
 
     def _check(self, path: Path) -> None:
         super()._check(path)

@@ -90,8 +90,8 @@ def _maps(problem: Problem, found: Found) -> UnseenMaps:
     }
     pog, unseen = {}, {}
     for name, grid in found.grids.items():
-        pog[name] = uncovered([grid], np.broadcast_to(np.False_, roi.shape))[0]
-        unseen[name] = {rig: uncovered([grid], own)[0] for rig, own in covered.items()}
+        pog[name] = uncovered([grid], np.broadcast_to(np.False_, roi.shape))
+        unseen[name] = {rig: uncovered([grid], own) for rig, own in covered.items()}
     return UnseenMaps(pog, unseen)
 
 
