@@ -133,9 +133,9 @@ def _panel(package: str, left: int, top: int, width: int, height: int) -> list[s
             if is_folder(f"{package}.{name}"):
                 inner = [name, *_inner(f"{package}.{name}")]
                 label = inner[0] if len(inner) == 1 else f"{inner[0]}: {' '.join(inner[1:])}"
-                size = LINE * len(label) + 18
+                size = LINE * len(label) + 24
                 parts.append(_rect(x, y, size, ROW - 5, "#dbeafe"))
-                parts.append(_text(x + 9, y + 16, label, 13))
+                parts.append(_text(x + size / 2, y + 16, label, 13, anchor="middle"))
                 x += size + 8
         files = " ".join(n for n in floor if not is_folder(f"{package}.{n}"))
         parts.append(_text(x + 2, y + 16, files, 12, "#57606a"))
