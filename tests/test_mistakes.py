@@ -75,7 +75,7 @@ def test_a_sweep(changes, world):
         read_sweep(path)
     line = str(error.value).removeprefix(f"{path}: ")
     check(changes, line)
-    assert error.value.key is None or line.startswith(f"{error.value.key}: ")
+    assert not error.value.key or line.startswith(f"{error.value.key}: ")
 
 
 @pytest.mark.parametrize("changes", cases("search "))

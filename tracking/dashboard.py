@@ -7,6 +7,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import PORT
 from lidarplace.command_line.port import free_port
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
@@ -84,7 +85,9 @@ def _tracking(where: str) -> tuple[str, str | None]:
         about = [path / name for name in ("sweep.json", "search.json")]
         there = [file for file in about if file.is_file()]
         if not there:
-            raise ValueError(f"{where}: neither sweep.json nor search.json is there, so no results")
+            raise InputError(
+                "neither sweep.json nor search.json is there, so no results", place=where
+            )
         known = read_result_file(there[0], _About)
         uri, name = absolute_uri(known.tracking_uri), known.name
     else:
@@ -92,7 +95,7 @@ def _tracking(where: str) -> tuple[str, str | None]:
     database = sqlite_file(uri)
     if database is not None and not (database.is_file() and database.stat().st_size):
         said = "is an empty file" if database.is_file() else "no such database"
-        raise ValueError(f"{database}: {said}; a sweep makes runs/mlflow.db")
+        raise InputError(f"{said}; a sweep makes runs/mlflow.db", place=database)
     return uri, name
 
 

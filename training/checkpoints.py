@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import regular
 from training.detectors.detector import Detector
@@ -61,9 +62,9 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     if odd := [key for key in own if not _is_plain(found[key], own[key])]:
         key, kind = odd[0], "floats" if own[odd[0]].is_floating_point() else "integers"
         more = f", and so are {len(odd) - 1} more" * (len(odd) > 1)
-        raise ValueError(
-            f"checkpoint {path}: {key} must be a dense tensor of {kind}, found "
-            f"{_kind(found[key])}{more}"
+        raise InputError(
+            f"checkpoint {path}: {key} must be a dense tensor of {kind}",
+            found=f"{_kind(found[key])}{more}",
         )
     found = _in_our_layout(own, found)
     if broken := [key for key, value in found.items() if not torch.isfinite(value).all()]:
@@ -202,9 +203,10 @@ def _check_sums(path: Path, data: bytes) -> None:
     except Exception as error:  # a damaged archive raises almost anything
         raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: {error}") from error
     if unpacked > len(data):
-        raise ValueError(
-            f"{path} is no checkpoint: expected what torch.save writes, not compressed, found "
-            f"{unpacked:,} bytes in a file of {len(data):,}"
+        raise InputError(
+            f"{path} is no checkpoint",
+            expected="what torch.save writes, not compressed",
+            found=f"{unpacked:,} bytes in a file of {len(data):,}",
         )
     if name is not None:
         raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: CRC-32 of {name}")

@@ -11,6 +11,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.logs.boxes import CLASSES, check_boxes
 from training.augment import Augmentation
@@ -94,7 +95,7 @@ def finetune(
         ArithmeticError: the loss or its gradient is no longer a finite number; names the frames.
     """
     if len(clouds) == 0:
-        raise ValueError("training needs at least one frame, found none")
+        raise InputError("training needs at least one frame", found="none")
     typical = _typical(classes, ground_truth, settings, typical)
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, METRICS, Overlaps, iou_of
 from lidarplace.logs.boxes import GEOMETRY, check_boxes
 from lidarplace.logs.plausible import check_yaw
@@ -204,10 +205,12 @@ def _stack(tables: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFra
 def _check_detections(detections: pd.DataFrame) -> None:
     check_boxes(detections, "detections")
     if "score" not in detections.columns:
-        raise ValueError(f"detections: no column score; found {list(detections.columns)}")
+        raise InputError("no column score", key="detections", found=list(detections.columns))
     if bad := int((~np.isfinite(detections["score"].to_numpy(np.float64))).sum()):
-        raise ValueError(
-            f"detections: every box needs a finite score, found NaN or infinity in {bad} row(s)"
+        raise InputError(
+            "every box needs a finite score",
+            key="detections",
+            found=f"NaN or infinity in {bad} row(s)",
         )
 
 

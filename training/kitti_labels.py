@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.plausible import check_yaw
 from lidarplace.scenes.kitti.labels import LABEL_COLUMNS
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
@@ -28,13 +29,13 @@ def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> p
     columns = ("frame", *LABEL_COLUMNS, *more)
     missing = [name for name in columns if name not in table.columns]
     if missing:
-        raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(table.columns)}")
+        raise InputError(f"no column {', '.join(missing)}", place=source, found=list(table.columns))
     of_label = table[["frame", *(name for name in LABEL_COLUMNS if name != "class")]]
     regions = table["class"].str.lower().to_numpy(str) == "dontcare"
     bad = ~np.isfinite(of_label.to_numpy(np.float64)).all(axis=1) & ~regions
     bad |= ~np.isfinite(table[list(more)].to_numpy(np.float64)).all(axis=1)
     if bad.any():
-        raise ValueError(f"{source}: row {int(np.argmax(bad))} has a number that is not finite")
+        raise InputError(f"row {int(np.argmax(bad))} has a number that is not finite", place=source)
     check_yaw(table["rotation_y"], source)
     return table
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import (
     Angle,
     ClassName,
@@ -115,5 +116,5 @@ class TrainingSettings(Settings):
     def _scales(self) -> "TrainingSettings":
         low, high = self.scaling
         if not 0 < low <= high:
-            raise ValueError(f"scaling needs 0 < low <= high, found {self.scaling}")
+            raise InputError("scaling needs 0 < low <= high", found=self.scaling)
         return self

@@ -1,25 +1,49 @@
 """The error of a user's mistake: its parts as attributes, its line from them."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import PurePath
+
 
 class InputError(ValueError):
     """A mistake in what was given, one line: `PLACE: KEY: PROBLEM; expected X, found Y; FIX`.
 
     `place` is a file, an option or a row, `key` a column, or a path in nested settings, `fix` what
-    to do. What is unknown is None; `problem` is the whole line if all of it is.
+    to do. All are strings, empty where unknown.
     """
 
     def __init__(
         self,
-        problem: str,
+        problem: str = "",
         *,
-        place: str | None = None,
-        key: str | None = None,
-        expected: str | None = None,
-        found: str | None = None,
-        fix: str | None = None,
+        place: str | PurePath = "",
+        key: str = "",
+        expected: object = "",
+        found: object = "",
+        fix: str = "",
     ) -> None:
-        self.problem, self.place, self.key = problem, place, key
-        self.expected, self.found, self.fix = expected, found, fix
-        both = [f"{word} {one}" for word, one in (("expected", expected), ("found", found)) if one]
-        where = ": ".join(part for part in (place, key, problem) if part)
-        super().__init__("; ".join(part for part in (where, ", ".join(both), fix) if part))
+        self.problem, self.place, self.key, self.fix = problem, str(place), key, fix
+        self.expected, self.found = str(expected), str(found)
+        pair = (("expected", self.expected), ("found", self.found))
+        both = ", ".join(f"{word} {text}" for word, text in pair if text)
+        parts = (both, fix) if not problem else (problem, both, fix)
+        what = "; ".join(part for part in parts if part)
+        super().__init__(": ".join(part for part in (self.place, key, what) if part))
+
+
+@contextmanager
+def at(place: str | PurePath, error: type[InputError] = InputError) -> Iterator[None]:
+    """Put `place` in front of a ValueError of the block, which becomes an `error`; parts stay."""
+    try:
+        yield
+    except InputError as inner:
+        raise error(
+            inner.problem,
+            place=f"{place}: {inner.place}" if inner.place else place,
+            key=inner.key,
+            expected=inner.expected,
+            found=inner.found,
+            fix=inner.fix,
+        ) from None
+    except ValueError as inner:
+        raise error(str(inner), place=place) from None

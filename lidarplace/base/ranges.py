@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from numbers import Integral
 
+from lidarplace.base.errors import InputError
+
 
 @dataclass(frozen=True)
 class Range:
@@ -15,12 +17,12 @@ class Range:
         """Raise ValueError that says `what` the value is, unless it is in the range; NaN is not."""
         if not self.low <= value <= self.high:
             allowed = f"{self.low:,} and {self.high:,}"
-            raise ValueError(f"{what} must be within {allowed}, found {value}")
+            raise InputError(f"{what} must be within {allowed}", found=value)
 
     def check_whole(self, what: str, value: int) -> None:
         """As `check`; a number that is no integer is refused, too."""
         if not isinstance(value, Integral):
-            raise ValueError(f"{what} must be a whole number, found {value!r}")
+            raise InputError(f"{what} must be a whole number", found=repr(value))
         self.check(what, value)
 
 

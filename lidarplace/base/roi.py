@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
+
 Interval = tuple[float, float]
 
 MOST_CELLS = 10**9
@@ -20,7 +22,7 @@ def _interval(axis: str, found: Any) -> Interval:
     try:
         low, high = (float(value) for value in found if not isinstance(value, str))
     except (TypeError, ValueError):
-        raise ValueError(f"ROI {axis} is (min, max) in metres, found {found!r}") from None
+        raise InputError(f"ROI {axis} is (min, max) in metres", found=repr(found)) from None
     return low, high
 
 
@@ -46,14 +48,14 @@ class Roi:
 
     def __post_init__(self) -> None:
         if not isinstance(self.resolution, int | float | np.number):
-            raise ValueError(f"resolution is a length in metres, found {self.resolution!r}")
+            raise InputError("resolution is a length in metres", found=repr(self.resolution))
         if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise ValueError(f"resolution must be a positive length, found {self.resolution}")
+            raise InputError("resolution must be a positive length", found=self.resolution)
         for axis in "xyz":
             low, high = _interval(axis, getattr(self, axis))
             object.__setattr__(self, axis, (low, high))
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
-                raise ValueError(f"ROI {axis} needs min < max, found [{low}, {high}]")
+                raise InputError(f"ROI {axis} needs min < max", found=f"[{low}, {high}]")
             cells = (high - low) / self.resolution
             if not cells <= MOST_CELLS:
                 raise ValueError(

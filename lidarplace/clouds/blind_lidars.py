@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.convex import span
@@ -48,10 +49,11 @@ def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
     """Raise ValueError for the first of `blind_lidars`."""
     for number in blind_lidars(rig, roi, vehicle):
         x, y, z = rig.mounts[number].position.tolist()
-        raise ValueError(
-            f"{rig.name!r}: LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and nothing "
-            f"below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m); turn or move "
-            "it, extend the ROI, or set allow_blind_lidars: true"
+        raise InputError(
+            f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and nothing below "
+            f"{OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)",
+            key=repr(rig.name),
+            fix="turn or move it, extend the ROI, or set allow_blind_lidars: true",
         )
 
 

@@ -164,7 +164,7 @@ def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame
     else:
         raise ValueError(f"DATA is {coding}; allowed are ascii and binary, which PCL converts to")
     if len(table) != points:
-        raise ValueError(f"POINTS is {points}, found {len(table)}")
+        raise InputError(f"POINTS is {points}", found=len(table))
     return table
 
 

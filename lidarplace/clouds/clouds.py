@@ -19,6 +19,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 from lidarplace.files.arrays import read_npy
 from lidarplace.files.atomic import replacing
@@ -85,10 +86,10 @@ class PointClouds:
             planes = np.empty(_BYTES * len(points), np.uint8)
             bad = _pack(np.asarray(points, np.float32), origin, step, planes)
             if bad >= 0:
-                raise ValueError(
+                raise InputError(
                     f"point {bad} of a cloud must lie between {origin.tolist()} and "
-                    f"{(origin + 65535 * step).tolist()}, intensity in [0, 1]; "
-                    f"found {points[bad].tolist()}"
+                    f"{(origin + 65535 * step).tolist()}, intensity in [0, 1]",
+                    found=points[bad].tolist(),
                 )
             packed += codec.compress(planes, asbytes=True)
             ends.append(len(packed))
@@ -214,9 +215,10 @@ def read_clouds(folder: Path) -> PointClouds:
     }
     for name, good in fits.items():
         if not good:
-            raise ValueError(
-                f"{folder / name}.npy: shape {getattr(clouds, name).shape} does not fit the other "
-                f"arrays of {frames} frames, or has wrong values"
+            raise InputError(
+                f"shape {getattr(clouds, name).shape} does not fit the other arrays of "
+                f"{frames} frames, or has wrong values",
+                key=f"{folder / name}.npy",
             )
     return clouds
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
 from lidarplace.clouds.clouds import Crop, PointClouds, as_kept
 from lidarplace.clouds.droplets import scatter_back
@@ -89,10 +90,10 @@ class SimulatedClouds:
         vehicle: Vehicle | None = None,
     ) -> None:
         if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
-            raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
+            raise InputError("crop needs x0 < x1, y0 < y1, z0 < z1", found=crop)
         lidars, mounts = placement.lidars, placement.mounts
         if len(mounts) > 256:
-            raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(mounts)}")
+            raise InputError("a cloud holds at most 256 LiDARs", found=len(mounts))
         self.frames = np.asarray(frames, np.int64)
         self._surroundings = Surroundings(log, seed)
         self._placement, self._errors = placement, errors

@@ -7,6 +7,7 @@ from inspect import unwrap
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point
 from lidarplace.clouds.convex import fill_corners
 from lidarplace.clouds.shapes import BODY, Parts, between, bricks, own_body
@@ -41,7 +42,7 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
         number, what = int(held.argmax()), "body, which the key vehicle describes"
         if isinstance(vehicle, BendingVehicle):
             what = "body, or on or in the way of its trailer; expected a place on the tractor"
-        raise ValueError(
-            f"{rig.name!r}: LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's "
-            f"{what}"
+        raise InputError(
+            f"LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's {what}",
+            key=repr(rig.name),
         )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop, PointClouds, read_clouds
 from lidarplace.configuration.record import read_record
 from lidarplace.files.regular import is_there
@@ -37,7 +38,7 @@ def check_rig(folder: Path, placement: Placement) -> None:
     recorded = read_record(path, _Rig, "record of a rig")
     mounts, own = ([astuple(mount) for mount in rig.mounts] for rig in (recorded, placement))
     if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
-        raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
+        raise InputError(f"clouds of other mounts than those of {placement.name}", place=path)
     for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
         for key in (item.name for item in fields(asked)):
             # What it hid of others and what it lost was recorded, whatever is known of it.
@@ -46,7 +47,7 @@ def check_rig(folder: Path, placement: Placement) -> None:
             found, value = getattr(model, key), getattr(asked, key)
             if not _alike(found, value):
                 was, wanted = reprlib.repr(found), reprlib.repr(value)
-                raise ValueError(f"{path}: LiDAR {n} was one with {key} {was}, not {wanted}")
+                raise InputError(f"LiDAR {n} was one with {key} {was}, not {wanted}", place=path)
 
 
 def _alike(found: Any, value: Any) -> bool:
@@ -89,14 +90,16 @@ def check_lidars(
         missing -= set(clouds.frames.tolist())
         counts = clouds.counts
         if counts.shape[1] != len(rig.names):
-            raise ValueError(
-                f"{path}: points of {counts.shape[1]} LiDARs; expected {len(rig.names)}, "
-                f"{', '.join(rig.names)}; convert the log from clouds that name each point's LiDAR"
+            raise InputError(
+                f"points of {counts.shape[1]} LiDARs",
+                place=path,
+                expected=f"{len(rig.names)}, {', '.join(rig.names)}",
+                fix="convert the log from clouds that name each point's LiDAR",
             )
         points += counts.sum(axis=0)
     for name, count in zip(rig.names, points.tolist(), strict=True):
         if name in names and count == 0:
-            raise ValueError(f"{folder}: no point of LiDAR {name} in any cloud")
+            raise InputError(f"no point of LiDAR {name} in any cloud", place=folder)
     if missing:
         raise ValueError(_no_cloud(folder, sorted(missing)))
 
@@ -112,12 +115,13 @@ def recorded_clouds(
     for path in _parts(folder):
         part = read_clouds(path)
         if not ((part.crop[:3] <= crop[:3]).all() and (part.crop[3:] >= crop[3:]).all()):
-            raise ValueError(
-                f"{path}: clouds of {part.crop.tolist()} were recorded; {list(crop)} is asked for"
+            raise InputError(
+                f"clouds of {part.crop.tolist()} were recorded; {list(crop)} is asked for",
+                place=path,
             )
         for index, frame in enumerate(part.frames.tolist()):
             if frame in place:
-                raise ValueError(f"{path}: frame {frame} is in another folder of {folder} too")
+                raise InputError(f"frame {frame} is in another folder of {folder} too", place=path)
             place[frame] = part, index
     missing = [frame for frame in frames.tolist() if frame not in place]
     if missing:
@@ -130,7 +134,9 @@ def recorded_clouds(
             try:
                 points = part[index]
             except (OSError, ValueError) as error:  # of the codec
-                raise ValueError(f"{folder}: cloud of frame {frame} is damaged: {error}") from None
+                raise InputError(
+                    f"cloud of frame {frame} is damaged: {error}", place=folder
+                ) from None
             inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
             lidar = part.lidar(index)
             kept = np.arange(part.counts.shape[1]) if lidars is None else np.array(lidars)
@@ -160,5 +166,5 @@ def clouds_digest(folder: Path) -> str:
 def _parts(folder: Path) -> list[Path]:
     parts = sorted(path.parent for path in folder.glob("*/data.npy"))
     if not parts:
-        raise ValueError(f"{folder}: no recorded clouds")
+        raise InputError("no recorded clouds", place=folder)
     return parts

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.logs.boxes import GEOMETRY
 
@@ -138,7 +139,7 @@ class Shapes:
 def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
     """Draw the shapes of all objects of a box log; needs `object_id`, `class` and sizes."""
     if "object_id" not in boxes.columns:
-        raise ValueError(f"box log: no column object_id; found {list(boxes.columns)}")
+        raise InputError("box log: no column object_id", found=list(boxes.columns))
     codes, unique = pd.factorize(boxes["object_id"], use_na_sentinel=False)
     ids = unique.tolist()
     draws = _drawn(ids, seed, _DRAWS)

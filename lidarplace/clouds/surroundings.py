@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.clouds.shapes import BUILDING, SIGN, Parts, bricks, shapes_of
@@ -50,8 +51,8 @@ class Surroundings:
         placed = [*self._buildings, *self._scenes]
         if missing and placed:
             needy = "buildings need" if self._buildings else "a static world needs"
-            raise ValueError(
-                f"frames: no column {', '.join(missing)}; {needy} the pose of the vehicle"
+            raise InputError(
+                f"no column {', '.join(missing)}; {needy} the pose of the vehicle", key="frames"
             )
         if missing:
             return {}
@@ -62,9 +63,11 @@ class Surroundings:
         bad = ~finite & scenes.isin(placed).to_numpy()
         if bad.any():
             what = "buildings" if self._buildings else "a static world"
-            raise ValueError(
-                f"frames: frame {numbers[int(bad.argmax())]} needs a finite pose of the vehicle, "
-                f"found {poses[bad.argmax()].tolist()}; its scene has {what}"
+            raise InputError(
+                f"frame {numbers[int(bad.argmax())]} needs a finite pose of the vehicle",
+                key="frames",
+                found=poses[bad.argmax()].tolist(),
+                fix=f"its scene has {what}",
             )
         rows = zip(numbers, scenes, poses, finite, strict=True)
         return {n: (scene, pose) for n, scene, pose, there in rows if there}

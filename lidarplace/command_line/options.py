@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.profiles import PROFILES
 
@@ -34,5 +35,5 @@ def crop_of(roi: Sequence[float]) -> Crop:
     for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
         if not -1e4 <= low < high <= 1e4:  # NaN is refused too
             expected = "needs min < max within ±10,000 m"
-            raise ValueError(f"--roi: {axis} {expected}, found {low:g} {high:g}")
+            raise InputError(f"{axis} {expected}", place="--roi", found=f"{low:g} {high:g}")
     return x0, y0, z0, x1, y1, z1

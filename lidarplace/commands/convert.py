@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import say
@@ -406,7 +407,9 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
                 continue
             column = mapping.column(column)
             accept = f"the mapping, or accept the value: accept: [{doubt.check}]"
-        raise ValueError(
-            f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; change "
-            f"{doubt.remedy} of {accept}"
+        raise InputError(
+            doubt.where(rows),
+            place=f"{source}: column {column}",
+            key=doubt.why,
+            fix=f"change {doubt.remedy} of {accept}",
         )

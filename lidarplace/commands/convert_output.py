@@ -12,6 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from lidarplace.base.class_names import counts_of
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import read_clouds
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, known
@@ -61,7 +62,7 @@ def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
     """The rig in a file of mounts, with `lidar` where a mount has no model."""
     if path is None:
         if lidar is not None:
-            raise ValueError("--lidar: is the model of a rig; --rig names its file")
+            raise InputError("is the model of a rig; --rig names its file", place="--lidar")
         return None
     mounted = lidars_in(read_own(path))
     check_lidars(mounted, str(path))
@@ -69,7 +70,7 @@ def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
     for each in mounted:
         own = model(lidar) if each.model is None else each.model.lidar()
         if own is None:
-            raise ValueError(f"{path}: {each.name} has no model; --lidar names one")
+            raise InputError(f"{each.name} has no model; --lidar names one", place=path)
         models.append(own)
     placement = Placement(path.stem, [each.mount for each in mounted], models)
     return RecordedRig(tuple(each.name for each in mounted), placement)
@@ -137,7 +138,9 @@ def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> Box
 
 def _with_world(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> BoxLog:
     if real.clouds is None or not real.kept or out is None:
-        raise ValueError("--world: is built of recorded clouds; --clouds names their folder")
+        raise InputError(
+            "is built of recorded clouds; --clouds names their folder", place="--world"
+        )
     folders = sorted((out / RECORDED).iterdir())
     log = replace(log, world=static_worlds(log, map(read_clouds, folders)))
     cells = sum(len(world.keys) for world in log.world.values())

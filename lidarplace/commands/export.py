@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import typer
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import SEED
 from lidarplace.clouds.clouds import Crop, PointClouds
 from lidarplace.clouds.collect import collect, crop_for
@@ -97,7 +98,9 @@ def export(
             frames = frames[frames["split"] == split]
         if frames.empty:
             found = ", ".join(sorted(set(table.frames["split"]))) or "no frame"
-            raise ValueError(f"{log}: no frame of split {split or 'train or test'}; found {found}")
+            raise InputError(
+                f"no frame of split {split or 'train or test'}", place=log, found=found
+            )
         chosen = replace(table, frames=frames)
         kept = crop_for(crop[::3], crop[1::3], crop[2::3], rig, how.misaligned_heights)
         if recorded:

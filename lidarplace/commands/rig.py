@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
+from lidarplace.base.errors import InputError
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
@@ -107,7 +108,7 @@ def rig(
             found = read_own(source)
         lidars = [each.moved(*start) for each in found] if reads else found
         if not reads and only:
-            raise ValueError("--only: applies only when reading another tool's file")
+            raise InputError("applies only when reading another tool's file", place="--only")
         check_lidars(lidars, str(source))
         lidars = _with_models(lidars, {"lidar": lidar, "camera": camera, "radar": radar})
         if reads:
@@ -127,12 +128,14 @@ def rig(
 def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
     found = known.origin if origin is None else origin
     if found is None:
-        raise ValueError(
-            f"{path}: unknown origin of its vehicle frame; set it in our ego frame, which is on "
-            "the ground under the centre: --origin -1.4 0 0.3 for a rear axle"
+        raise InputError(
+            "unknown origin of its vehicle frame",
+            place=path,
+            fix="set it in our ego frame, which is on the ground under the centre: "
+            "--origin -1.4 0 0.3 for a rear axle",
         )
     if not all(abs(value) <= 100 for value in found):
-        raise ValueError(f"--origin: must be within 100 m, found {' '.join(map(str, found))}")
+        raise InputError("must be within 100 m", place="--origin", found=" ".join(map(str, found)))
     return found
 
 

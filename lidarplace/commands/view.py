@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import FRAME
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.profiles import PROFILES
@@ -60,7 +61,7 @@ def view(
         names = placement or DEFAULT
         if len(names) > MOST_PLACEMENTS:
             most = f"at most {MOST_PLACEMENTS} placements, found {len(names)}"
-            raise ValueError(f"--placement: a page shows {most}")
+            raise InputError(f"a page shows {most}", place="--placement")
         rigs = [how.placement(named_placement(name, how.lidar)) for name in names]
         table = read_box_log(log)
         try:

@@ -65,9 +65,11 @@ class MaskSettings(Settings):
     def _build(self) -> MaskSettings:
         for row in self.shares:
             if not math.isclose(len(row) * self.azimuth_deg, 360.0, rel_tol=1e-6):
-                raise ValueError(
-                    f"shares: expected {360 / self.azimuth_deg:.6g} for bins of "
-                    f"{self.azimuth_deg:g} degrees, found {len(row)}"
+                raise InputError(
+                    key="shares",
+                    expected=f"{360 / self.azimuth_deg:.6g} for bins of "
+                    f"{self.azimuth_deg:g} degrees",
+                    found=len(row),
                 )
         self.mask  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
@@ -123,9 +125,10 @@ class CorrectionFile(Settings):
         Raises ValueError: there is no such unit, or its beams are not those of `lidar`.
         """
         if unit is not None and unit not in self.lidars:
-            raise ValueError(
-                f"unit: no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}; "
-                f"expected one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}"
+            raise InputError(
+                f"no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}",
+                key="unit",
+                expected=f"one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}",
             )
         own = UnitSettings() if unit is None else self.lidars[unit]
         elevations = own.elevations_deg and tuple(map(math.radians, own.elevations_deg))
@@ -139,9 +142,10 @@ class CorrectionFile(Settings):
             raise ValueError(f"unit {unit}: has beams that turn, and the LiDAR has a pattern")
         for table in (own.elevations_deg, own.offsets_m):
             if table is not None and len(table) != lidar.beams:
-                raise ValueError(
-                    f"unit {unit}: expected {lidar.beams} beams as the LiDAR has, "
-                    f"found {len(table)}"
+                raise InputError(
+                    key=f"unit {unit}",
+                    expected=f"{lidar.beams} beams as the LiDAR has",
+                    found=len(table),
                 )
         mask = None if own.mask is None else own.mask.mask
         return replace(lidar, correction=replace(self.of_all, mask=mask), **known)

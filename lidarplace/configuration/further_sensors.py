@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Self
 import yaml
 from pydantic import Field, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.settings import (
@@ -63,9 +64,10 @@ class FurtherSensorSettings(PoseSettings):
             return data
         known = {n: own for n, own in further_catalogue().items() if own["kind"] == cls.KIND}
         if name not in known:
-            raise ValueError(
-                f"model: no {cls.KIND} is called {name!r}{did_you_mean(name, known)}; expected "
-                f"{', '.join(known)}"
+            raise InputError(
+                f"no {cls.KIND} is called {name!r}{did_you_mean(name, known)}",
+                key="model",
+                expected=", ".join(known),
             )
         return {key: own for key, own in known[name].items() if key in cls.model_fields} | data
 
@@ -99,9 +101,11 @@ class CameraSettings(FurtherSensorSettings):
         if self.fov_deg is not None and self.intrinsic is not None and self.model is None:
             raise ValueError("fov_deg and intrinsic: set only one of the two")
         if self.fov_deg is not None and not all(0 < angle < 180 for angle in self.fov_deg):
-            raise ValueError(f"fov_deg: expected angles within (0, 180), found {self.fov_deg}")
+            raise InputError(key="fov_deg", expected="angles within (0, 180)", found=self.fov_deg)
         if self.intrinsic is not None and not min(self.intrinsic[0][0], self.intrinsic[1][1]) > 0:
-            raise ValueError("intrinsic: expected focal lengths > 0, such as [[1260, 0, 800], …]")
+            raise InputError(
+                "expected focal lengths > 0, such as [[1260, 0, 800], …]", key="intrinsic"
+            )
         return self
 
     def built(self) -> Camera | None:
@@ -133,8 +137,8 @@ class RadarSettings(FurtherSensorSettings):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         if self.elevation_deg is not None and not self.elevation_deg[0] < self.elevation_deg[1]:
-            raise ValueError(
-                f"elevation_deg: expected [min, max] with min < max, found {self.elevation_deg}"
+            raise InputError(
+                key="elevation_deg", expected="[min, max] with min < max", found=self.elevation_deg
             )
         return self
 
@@ -159,8 +163,10 @@ def further_sensors(
     for own, mount, (where, number) in zip(every, mounts, places, strict=True):
         model, name = own.built(), own.name or number
         if model is None:
-            raise ValueError(f"{where}: field of view: unknown; expected model, or {own.NEEDED}")
+            raise InputError(
+                "field of view: unknown", place=where, expected=f"model, or {own.NEEDED}"
+            )
         if name in found:
-            raise ValueError(f"{where}.name: duplicate name {name!r}; rename one")
+            raise InputError(f"duplicate name {name!r}", key=f"{where}.name", fix="rename one")
         found[name] = MountedSensor(name, mount, model)
     return tuple(found.values())

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import (
     Amount,
     Aside,
@@ -37,7 +38,7 @@ Pair = tuple[Length, Length]
 def ordered(interval: tuple[float, float]) -> tuple[float, float]:
     """The interval, if its ends are the right way round; else ValueError."""
     if interval[0] > interval[1]:
-        raise ValueError("expected a number, or [min, max] with min <= max")
+        raise InputError(expected="a number, or [min, max] with min <= max")
     return interval
 
 
@@ -96,10 +97,12 @@ class PlaceSettings(Settings):
         if high <= most + NANOMETRE:
             return zone
         if low > most + NANOMETRE:
-            raise ValueError(
-                f"zones.{name}: z from {low:g} m is more than the standoff, {self.standoff:g} m, "
-                f"above the vehicle's body, {top:g} m there; write z up to {most:g}, or with a "
-                f"rack standoff: {math.ceil(100 * (high - top) - NANOMETRE) / 100:g}"
+            raise InputError(
+                f"z from {low:g} m is more than the standoff, {self.standoff:g} m, above the "
+                f"vehicle's body, {top:g} m there",
+                key=f"zones.{name}",
+                fix=f"write z up to {most:g}, or with a rack standoff: "
+                f"{math.ceil(100 * (high - top) - NANOMETRE) / 100:g}",
             )
         return replace(zone, z=(low, max(low, most)))
 
@@ -120,7 +123,7 @@ class KeepOutSettings(Settings):
     @model_validator(mode="after")
     def _has_volume(self) -> KeepOutSettings:
         if not all(low < high for low, high in (self.x, self.y, self.z)):
-            raise ValueError("expected [min, max] with min < max along x, y and z")
+            raise InputError(expected="[min, max] with min < max along x, y and z")
         return self
 
 
@@ -158,7 +161,7 @@ class CommonViewSettings(Settings):
             for pair in pairs
         )
         if pairs not in ("all", "chain") and not (listed and pairs):
-            raise ValueError("expected all, chain or pairs of two LiDARs, such as [[1, 2], [2, 3]]")
+            raise InputError(expected="all, chain or pairs of two LiDARs, such as [[1, 2], [2, 3]]")
         return pairs
 
     def asked(self) -> CommonView:
@@ -211,5 +214,5 @@ class MountingErrorSettings(OffsetSettings):
     @model_validator(mode="after")
     def _differ(self) -> MountingErrorSettings:
         if self.vehicle is not None and not self.errors():
-            raise ValueError("vehicle: has no effect without offset or angle_deg")
+            raise InputError("has no effect without offset or angle_deg", key="vehicle")
         return self

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.regular import regular
 from lidarplace.rigs.scan_pattern import ScanPattern
 
@@ -23,7 +24,7 @@ def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
         told = regular(path).stat()
         return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)
     except OSError as error:
-        raise ValueError(f"pattern: {path}: {error.strerror}") from None
+        raise InputError(f"{path}: {error.strerror}", key="pattern") from None
 
 
 @lru_cache(maxsize=8)
@@ -31,25 +32,28 @@ def _read(path: Path, rays_per_frame: int | None, changed: int, size: int) -> Sc
     try:
         table = pd.read_csv(path, nrows=MOST_ROWS + 1, skipinitialspace=True)
     except (ValueError, pd.errors.ParserError) as error:
-        raise ValueError(f"pattern: {path}: no CSV file: {error}") from None
+        raise InputError(f"{path}: no CSV file: {error}", key="pattern") from None
     names = next((names for names in (OURS, LIVOX) if set(names) <= set(table.columns)), None)
     if names is None:
         found = ", ".join(map(str, table.columns[:10]))
-        raise ValueError(
-            f"pattern: {path}: needs columns {' and '.join(OURS)}, or {' and '.join(LIVOX)}; "
-            f"found {found}"
+        raise InputError(
+            f"{path}: needs columns {' and '.join(OURS)}, or {' and '.join(LIVOX)}",
+            key="pattern",
+            found=found,
         )
     if not (rays_per_frame or 1) <= len(table) <= MOST_ROWS:
-        raise ValueError(
-            f"pattern: {path}: needs {rays_per_frame or 1:,} rows, one frame, to {MOST_ROWS:,}; "
-            f"found {len(table):,}"
+        raise InputError(
+            f"{path}: needs {rays_per_frame or 1:,} rows, one frame, to {MOST_ROWS:,}",
+            key="pattern",
+            found=f"{len(table):,}",
         )
     azimuth, other = (_degrees(table, name, path) for name in names)
     elevation = other if names is OURS else 90.0 - other
     for row in np.flatnonzero(np.abs(elevation) > 90.0):
-        raise ValueError(
-            f"pattern: {path}: row {row + 1}: {names[1]} {other[row]:g} is not an elevation "
-            "within ±90 degrees"
+        raise InputError(
+            f"{path}: row {row + 1}: {names[1]} {other[row]:g} is not an elevation within "
+            "±90 degrees",
+            key="pattern",
         )
     rays = rays_per_frame or len(table)
     return ScanPattern(np.radians(azimuth % 360.0), np.radians(elevation), rays)
@@ -59,7 +63,7 @@ def _degrees(table: pd.DataFrame, name: str, path: Path) -> np.ndarray:
     """A column of finite numbers within two turns."""
     angles = pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64)
     for row in np.flatnonzero(~(np.abs(angles) <= 720.0)):
-        raise ValueError(
-            f"pattern: {path}: row {row + 1}: {name} must be degrees, found {table[name][row]}"
+        raise InputError(
+            f"{path}: row {row + 1}: {name} must be degrees", key="pattern", found=table[name][row]
         )
     return angles

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.pose import PoseSettings
@@ -91,11 +92,11 @@ class SweptPlacementSettings(PlacementSettings):
                 f"recorded and {min(others)}: a recorded rig is as it was; set only one of the two"
             )
         if not (self.mounts or self.recorded):
-            raise ValueError(
-                "mounts: is missing; expected mounts, or recorded with names of LiDARs"
+            raise InputError(
+                "is missing", key="mounts", expected="mounts, or recorded with names of LiDARs"
             )
         if len(set(self.recorded)) < len(self.recorded):
-            raise ValueError(f"recorded: each LiDAR once, found {', '.join(self.recorded)}")
+            raise InputError("each LiDAR once", key="recorded", found=", ".join(self.recorded))
         return self
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
@@ -138,8 +139,9 @@ def read_placement_settings(path: Path) -> PlacementSettings:
     """What a placement's file says. Raises OSError and ValueError as `read_placement` does."""
     raw = read_yaml_file(path)
     if isinstance(raw, dict) and "mounts" not in raw:
-        raise ValueError(
-            f"{path}: no key mounts; a placement's file lists its LiDARs, such as "
-            "mounts: [{x: 0, y: 0, z: 2}]"
+        raise InputError(
+            "no key mounts; a placement's file lists its LiDARs, such as mounts: "
+            "[{x: 0, y: 0, z: 2}]",
+            place=path,
         )
     return validated(PlacementSettings, raw, str(path), path.parent)

@@ -5,6 +5,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import BeforeValidator, Field
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import validated
 from lidarplace.files.json_file import read_json
 
@@ -13,7 +14,7 @@ T = TypeVar("T")
 
 def _no_truth(value: object) -> object:
     if isinstance(value, bool):
-        raise ValueError("expected a number")
+        raise InputError(expected="a number")
     return value
 
 

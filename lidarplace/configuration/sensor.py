@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.correction import Offset, is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
@@ -129,9 +130,9 @@ class SensorSettings(Settings):
         sheet = datasheet(name)
         for key in sorted(TURNING & data.keys()):
             if sheet.rosette is not None:
-                raise ValueError(f"{key}: {name} has a pattern of its own and no beams")
+                raise InputError(f"{name} has a pattern of its own and no beams", key=key)
             if key in ("beams", "elevation_deg"):
-                raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
+                raise InputError(f"{name} has its own beams; elevations_deg replaces them", key=key)
         keys = [*ANY]
         if sheet.rosette is None and data.get("pattern") is None:
             keys += ["elevations_deg", "azimuth_deg", "azimuth_steps"]
@@ -150,18 +151,21 @@ class SensorSettings(Settings):
     @model_validator(mode="after")
     def _build(self) -> SensorSettings:
         if self.correction is None and self.unit is not None:
-            raise ValueError("unit: needs correction")
+            raise InputError("needs correction", key="unit")
         if self.pattern is None and self.pattern_rays is not None:
-            raise ValueError("pattern_rays: needs pattern")
+            raise InputError("needs pattern", key="pattern_rays")
         if self.pattern is not None and (keys := sorted(TURNING & self.model_fields_set)):
-            raise ValueError(f"{keys[0]}: a pattern has it for every ray; remove one of the two")
+            raise InputError(
+                "a pattern has it for every ray", key=keys[0], fix="remove one of the two"
+            )
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
             raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
         if beams * self.azimuth_steps > MOST_RAYS:
-            raise ValueError(
-                f"azimuth_steps: found {self.azimuth_steps:,} with {beams:,} beams; expected at "
-                f"most {MOST_RAYS:,} rays, beams times azimuth steps"
+            raise InputError(
+                f"found {self.azimuth_steps:,} with {beams:,} beams",
+                key="azimuth_steps",
+                expected=f"at most {MOST_RAYS:,} rays, beams times azimuth steps",
             )
         self.built  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
@@ -183,7 +187,7 @@ class SensorSettings(Settings):
         try:
             return lidar.corrected(file, self.unit)
         except ValueError as error:
-            raise ValueError(f"correction: {self.correction}: {error}") from None
+            raise InputError(f"{self.correction}: {error}", key="correction") from None
 
     def corrected(self, lidar: Lidar, name: str) -> Lidar:
         """Another LiDAR with the correction of these settings, as its unit `name` if it has one.

@@ -117,10 +117,10 @@ _short.maxlist = 20
 _LONGEST_KEY, _LONGEST_VALUE = 60, 300
 
 
-def fault(error: ValidationError, place: str | None = None) -> InputError:
+def fault(error: ValidationError, place: str = "") -> InputError:
     """The first mistake of an error with its key; `place` is the file that has it."""
     first = error.errors(include_url=False)[0]
-    return InputError(what_is_wrong(first), place=place, key=key_path(first["loc"]) or None)
+    return InputError(what_is_wrong(first), place=place, key=key_path(first["loc"]))
 
 
 def validated(kind: type[T], value: Any, place: str, folder: Path | None = None) -> T:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, validated
 from lidarplace.configuration.yaml import read_yaml_file
@@ -68,7 +69,7 @@ class VehicleSettings(Settings):
     def _possible(self) -> VehicleSettings:
         of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer"}
         if self.mesh is None and of_mesh:
-            raise ValueError(f"{min(of_mesh)}: needs mesh")
+            raise InputError("needs mesh", key=min(of_mesh))
         self.vehicle()
         return self
 
@@ -81,7 +82,7 @@ class VehicleSettings(Settings):
             told = self.mesh.stat()
             return _vehicle(self, told.st_mtime_ns, told.st_size)
         except OSError as error:
-            raise ValueError(f"mesh: {self.mesh}: {error.strerror}") from None
+            raise InputError(f"{self.mesh}: {error.strerror}", key="mesh") from None
         except ModuleNotFoundError as error:
             raise ValueError(f"mesh: {needs(error) or error}") from None
 

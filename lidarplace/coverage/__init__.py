@@ -5,6 +5,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.coverage.bits import Bits, pack, unpack
 from lidarplace.coverage.cone import cone_bits
@@ -19,7 +20,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 def check_method(method: str) -> None:
     """Raise ValueError unless `method` is one of METHODS."""
     if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, found {method!r}")
+        raise InputError(f"method must be one of {', '.join(METHODS)}", found=repr(method))
 
 
 def rays_of(method: Method) -> RayMethod:

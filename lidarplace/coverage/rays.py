@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
 from lidarplace.coverage.bresenham import walk_bresenham
@@ -88,7 +89,7 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
 
     Raises ValueError if the stride is below 1, or none of the steps is in the field of view."""
     if azimuth_stride < 1:
-        raise ValueError(f"azimuth_stride must be at least 1, found {azimuth_stride}")
+        raise InputError("azimuth_stride must be at least 1", found=azimuth_stride)
     return placement.each_lidar(lambda lidar: lidar.thinned(1 / azimuth_stride))
 
 

@@ -75,9 +75,8 @@ class LogFrames:
             if name not in self._numbers:
                 known = [key for key in self._numbers if isinstance(key, type(name))]
                 such = f"a frame of the log, such as {known[-1]}" if known else "a frame"
-                fix = None if SOURCE in self._frames else "`convert` keeps the names of the source"
-                problem = {"place": row(at), "expected": such, "found": str(name), "fix": fix}
-                raise InputError("unknown frame", **problem)
+                fix = "" if SOURCE in self._frames else "`convert` keeps the names of the source"
+                raise InputError("unknown frame", place=row(at), expected=such, found=name, fix=fix)
             found.append(self._numbers[name])
         return np.array(found, np.int64)
 

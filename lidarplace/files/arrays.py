@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 
@@ -22,9 +23,11 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
     try:
         array = np.load(regular(path), mmap_mode="r" if mapped else None, allow_pickle=False)
     except _DAMAGED as error:
-        raise ValueError(f"{path}: is no array of NumPy: {error}") from None
+        raise InputError(f"is no array of NumPy: {error}", place=path) from None
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != ndim:
-        raise ValueError(f"{path}: must hold {np.dtype(dtype)}, {ndim} axes; found {_kind(array)}")
+        raise InputError(
+            f"must hold {np.dtype(dtype)}, {ndim} axes", place=path, found=_kind(array)
+        )
     return array
 
 
@@ -36,15 +39,17 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
             with np.load(regular(path), allow_pickle=False) as arrays:
                 return {name: arrays[name] for name in arrays.files}
         except (*_DAMAGED, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-            raise ValueError(f"{path}: is no file of arrays, or a damaged one: {error}") from None
+            raise InputError(
+                f"is no file of arrays, or a damaged one: {error}", place=path
+            ) from None
         except (AttributeError, TypeError):  # a single array
-            raise ValueError(f"{path}: expected several arrays by name, found one") from None
+            raise InputError(place=path, expected="several arrays by name", found="one") from None
 
 
 def check_numbers(name: str, array: NDArray[Any], ndim: int, path: Path) -> None:
     """Raise ValueError unless an array of `path` holds real numbers and has so many axes."""
     if array.dtype.kind not in "iuf" or array.ndim != ndim:
-        raise ValueError(f"{path}: {name} must hold numbers, {ndim} axes; found {_kind(array)}")
+        raise InputError(f"{name} must hold numbers, {ndim} axes", place=path, found=_kind(array))
 
 
 def _kind(array: Any) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.regular import regular
 
 
@@ -19,7 +20,7 @@ def read_text(path: Path) -> str:
     try:
         return regular(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file: byte {error.start} is not UTF-8") from None
+        raise InputError(f"not a text file: byte {error.start} is not UTF-8", place=path) from None
 
 
 @contextmanager
@@ -28,9 +29,9 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
+        raise InputError("no such file", place=path) from None
     except OSError as error:  # libraries raise it without a number too
-        raise ValueError(f"{path}: cannot be read: {first_line(error)}") from None
+        raise InputError(f"cannot be read: {first_line(error)}", place=path) from None
 
 
 def first_line(error: Exception) -> str:

@@ -4,6 +4,8 @@ import re
 from typing import Any
 from urllib.parse import unquote
 
+from lidarplace.base.errors import InputError
+
 HIDDEN = "***"
 
 # Up to the last @: a password in which @ or / was not escaped must not show its end.
@@ -55,6 +57,8 @@ def secrets_in(url: str) -> list[str]:
 def check_whole(key: str, url: str) -> None:
     """Raise ValueError if a secret was hidden, as in the files that a command leaves."""
     if HIDDEN in secrets_in(url):
-        raise ValueError(
-            f"{key}: {url}: the secret was left out where this was written; give the whole address"
+        raise InputError(
+            f"{url}: the secret was left out where this was written",
+            key=key,
+            fix="give the whole address",
         )

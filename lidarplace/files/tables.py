@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import feather
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import first_line, reading, replacing
 from lidarplace.files.columns import check_columns
 from lidarplace.files.regular import regular
@@ -29,7 +30,7 @@ def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFram
                 return pd.read_parquet(file, filters=rows)
         # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
         except (pa.ArrowException, ValueError, KeyError) as error:
-            raise ValueError(f"{path}: is no Parquet file: {first_line(error)}") from None
+            raise InputError(f"is no Parquet file: {first_line(error)}", place=path) from None
 
 
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
@@ -49,14 +50,16 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
             if not isinstance(table.index, pd.RangeIndex):
                 raise ValueError("line 2 has more fields than the first line has names")
             if table.shape[1] == 1 and (other := re.search(r"\w *([|:/ ]) *\w", head)):
-                raise ValueError(
-                    f"expected columns separated by commas, semicolons or tabs, found {other[1]!r}"
+                raise InputError(
+                    expected="columns separated by commas, semicolons or tabs", found=repr(other[1])
                 )
             return table
         except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: not a CSV file: byte {error.start} is not UTF-8") from None
+            raise InputError(
+                f"not a CSV file: byte {error.start} is not UTF-8", place=path
+            ) from None
         except ValueError as error:  # and its subclasses ParserError and EmptyDataError
-            raise ValueError(f"{path}: not a CSV file: {first_line(error)}") from None
+            raise InputError(f"not a CSV file: {first_line(error)}", place=path) from None
 
 
 def _has_decimal_commas(table: pd.DataFrame) -> bool:
@@ -91,4 +94,4 @@ def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = (
             own = [*columns, *(name for name in optional if name in table.column_names)]
             return pd.DataFrame(table.select(own).to_pandas(ignore_metadata=True))
         except pa.ArrowException as error:
-            raise ValueError(f"{path}: no Feather file: {first_line(error)}") from None
+            raise InputError(f"no Feather file: {first_line(error)}", place=path) from None

@@ -3,6 +3,7 @@
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring, indent
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import read_text, reading, replacing
 
 
@@ -12,15 +13,17 @@ def read_xml(path: Path) -> Element:
     with reading(path):
         text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ValueError(f"{path}: document types are not supported; remove <!DOCTYPE …>")
+        raise InputError("document types are not supported", place=path, fix="remove <!DOCTYPE …>")
     try:
         return fromstring(text.encode())
     except ParseError as error:
         line, column = error.position
         why = str(error).partition(":")[0]
-        raise ValueError(f"{path}: line {line}, column {column + 1}: invalid XML: {why}") from None
+        raise InputError(
+            f"line {line}, column {column + 1}: invalid XML: {why}", place=path
+        ) from None
     except (LookupError, ValueError) as error:  # of an encoding that is declared
-        raise ValueError(f"{path}: invalid XML: {error}") from None
+        raise InputError(f"invalid XML: {error}", place=path) from None
 
 
 def write_xml(path: Path, root: Element) -> None:

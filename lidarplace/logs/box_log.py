@@ -172,9 +172,9 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     buildings = read_buildings(folder)
     if (len(buildings) or world) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         need = "buildings need" if len(buildings) else "a static world needs"
-        raise ValueError(
-            f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; {need} the pose "
-            "of the vehicle"
+        raise InputError(
+            f"no column {', '.join(sorted(missing))}; {need} the pose of the vehicle",
+            place=folder / "frames.parquet",
         )
     return BoxLog(boxes, frames, buildings, rigs, world)
 
@@ -183,7 +183,7 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
     """Raise ValueError for the first box, of `source`, in no frame of the table `name`."""
     if (row := first(~boxes["frame"].isin(frames["frame"]))) is not None:
         problem = f"frame {boxes['frame'].iloc[row]} is not in {name}, which lists every frame"
-        raise ValueError(f"{source}: row {row}: {problem}")
+        raise InputError(problem, place=f"{source}: row {row}")
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:
@@ -222,9 +222,10 @@ def read_frames(folder: Path) -> pd.DataFrame:
         frames[name] = columns.numbers_if_known(frames, name, source)
     frames = _with_texts(frames, ("scene", *([SOURCE] if SOURCE in frames else [])), source)
     if (row := first(frames["frame"].duplicated())) is not None:
-        raise ValueError(
-            f"{source}: row {row}: frame {frames['frame'].iloc[row]} is there twice; a frame has a "
-            "number of its own in the whole log, whatever its scene"
+        raise InputError(
+            f"frame {frames['frame'].iloc[row]} is there twice; a frame has a number of its "
+            "own in the whole log, whatever its scene",
+            place=f"{source}: row {row}",
         )
     return frames
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.boxes import first
 
 MOST_SIZE_M = 50.0  # hardly a vehicle is so long; 4.5 m in centimetres is more
@@ -36,7 +37,9 @@ def implausible(boxes: pd.DataFrame) -> Iterator[str]:
 def check_yaw(yaw: pd.Series, source: str) -> None:
     """Raise ValueError if a finite yaw is over two turns: it is in degrees, or nonsense."""
     if (row := first(np.abs(yaw.to_numpy(np.float64)) > MOST_YAW)) is not None:
-        raise ValueError(
-            f"{source}: row {row}: {yaw.name} is in radians, at most two turns; found "
-            f"{yaw.iloc[row]:g}; are these degrees? numpy.radians converts them"
+        raise InputError(
+            f"{yaw.name} is in radians, at most two turns",
+            place=f"{source}: row {row}",
+            found=f"{yaw.iloc[row]:g}",
+            fix="are these degrees? numpy.radians converts them",
         )

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.arrays import read_npz
 
 CELL_M = 0.2
@@ -95,7 +96,7 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
     arrays, worlds = read_npz(path), {}
     scenes = arrays.get("scenes", np.empty(0, str))
     if "scenes" not in arrays or scenes.dtype.kind != "U" or scenes.ndim != 1:
-        raise ValueError(f"{path}: is no static world of a log")
+        raise InputError("is no static world of a log", place=path)
     for number, scene in enumerate(scenes.tolist()):
         for name, (dtype, shape) in _ARRAYS.items():
             found = arrays.get(f"{number}/{name}")
@@ -103,7 +104,9 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
             if len(lengths) != len(shape) or any(
                 want not in (-1, have) for have, want in zip(lengths, shape, strict=True)
             ):
-                raise ValueError(f"{path}: scene {scene}: {name} is missing or of another shape")
+                raise InputError(
+                    f"{name} is missing or of another shape", place=f"{path}: scene {scene}"
+                )
         world = StaticWorld(**{name: arrays[f"{number}/{name}"] for name in _ARRAYS})
         if not (
             len(world.keys) == len(world.cells)
@@ -112,6 +115,6 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
             and np.isfinite(world.origin).all()
             and not np.isinf(world.heights).any()
         ):
-            raise ValueError(f"{path}: scene {scene}: its arrays do not fit together")
+            raise InputError("its arrays do not fit together", place=f"{path}: scene {scene}")
         worlds[scene] = world
     return worlds

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.field_of_view import View, has_direction, in_view, view_of_sensor, views_of
 from lidarplace.mounting.housing import housings_in, turned
@@ -109,8 +110,8 @@ def check_pairs(asked: CommonView, sensors: int) -> None:
     """Raise ValueError if a rig has not all sensors that are named."""
     most = max(max(pair) for pair in pairs_asked(asked, sensors) or [(0, 0)])
     if most >= sensors:
-        raise ValueError(
-            f"common_view.pairs: unknown sensor; expected 1 to {sensors}, found {most + 1}"
+        raise InputError(
+            "unknown sensor", key="common_view.pairs", expected=f"1 to {sensors}", found=most + 1
         )
 
 

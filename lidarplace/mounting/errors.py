@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.pose import angles
 
@@ -27,8 +28,8 @@ class MountingErrors:
 
     def __post_init__(self) -> None:
         if not (0 <= self.offset < math.inf and 0 <= self.angle < math.inf):
-            raise ValueError(
-                f"mounting errors need finite offset and angle of at least 0, found {self}"
+            raise InputError(
+                "mounting errors need finite offset and angle of at least 0", found=self
             )
 
     def __bool__(self) -> bool:

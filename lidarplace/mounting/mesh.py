@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 
 _LEAF = 4  # triangles
@@ -65,14 +66,14 @@ class Mesh:
             raise ValueError("a mesh needs finite coordinates")
         outside = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
         if outside.any():
-            raise ValueError(
-                f"a triangle of a mesh has vertices {faces[outside][0].tolist()}; expected numbers "
-                f"from 0 to {len(vertices) - 1}"
+            raise InputError(
+                f"a triangle of a mesh has vertices {faces[outside][0].tolist()}",
+                expected=f"numbers from 0 to {len(vertices) - 1}",
             )
         faces = faces.astype(np.int32)
         faces = faces[np.linalg.norm(_area_vectors(vertices[faces]), axis=1) > 0]
         if not len(faces):
-            raise ValueError("a mesh needs triangles that have an area, found none")
+            raise InputError("a mesh needs triangles that have an area", found="none")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import first_line
 from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
@@ -69,14 +70,16 @@ def read_mesh(
         except ModuleNotFoundError:
             raise
         except Exception as error:  # readers of formats raise whatever comes
-            raise ValueError(f"{path}: not a readable mesh: {first_line(error)}") from None
+            raise InputError(f"not a readable mesh: {first_line(error)}", place=path) from None
     for record in told:
         if not _LOOKS.search(record.getMessage()):
-            raise ValueError(f"{path}: is a damaged mesh: {record.getMessage()}")
+            raise InputError(f"is a damaged mesh: {record.getMessage()}", place=path)
     if len(read.faces) > MOST_TRIANGLES:
-        raise ValueError(
-            f"{path}: {len(read.faces):,} triangles; expected at most {MOST_TRIANGLES:,}; simplify "
-            "the mesh"
+        raise InputError(
+            f"{len(read.faces):,} triangles",
+            place=path,
+            expected=f"at most {MOST_TRIANGLES:,}",
+            fix="simplify the mesh",
         )
     turn = np.eye(3) if rotation is None else rotation
     try:
@@ -87,19 +90,22 @@ def read_mesh(
     low, high = mesh.triangles.min(axis=(0, 1)), mesh.triangles.max(axis=(0, 1))
     sides = " by ".join(f"{side:,.3g}" for side in high - low)
     if not SHORTEST_M <= (high - low).max() <= LONGEST_M:
-        raise ValueError(
-            f"{path}: is {sides} m; a vehicle has {SHORTEST_M:g} to {LONGEST_M:g} m; scale is the "
-            "metres of a unit of the file, 0.001 for millimetres"
+        raise InputError(
+            f"is {sides} m; a vehicle has {SHORTEST_M:g} to {LONGEST_M:g} m; scale is the "
+            "metres of a unit of the file, 0.001 for millimetres",
+            place=path,
         )
     if low[2] < -DEEPEST_M:
-        raise ValueError(
-            f"{path}: is {sides} m and reaches {-low[2]:.3g} m under the ground; origin is where "
-            "the file's origin is in the ego frame, and roll_deg: 90 turns a file whose y axis "
-            "points up"
+        raise InputError(
+            f"is {sides} m and reaches {-low[2]:.3g} m under the ground; origin is where the "
+            "file's origin is in the ego frame, and roll_deg: 90 turns a file whose y axis "
+            "points up",
+            place=path,
         )
     if np.abs([low[:2], high[:2]]).max() > LONGEST_M:
-        raise ValueError(
-            f"{path}: is up to {np.abs([low[:2], high[:2]]).max():,.3g} m from the middle of the "
-            "vehicle; origin is where the file's origin is in the ego frame"
+        raise InputError(
+            f"is up to {np.abs([low[:2], high[:2]]).max():,.3g} m from the middle of the "
+            "vehicle; origin is where the file's origin is in the ego frame",
+            place=path,
         )
     return mesh

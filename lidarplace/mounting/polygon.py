@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator
 from itertools import combinations, pairwise
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
 
 Vertex = tuple[float, float]
@@ -23,10 +24,10 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
     Raises ValueError for no vertex, one that is not finite, or edges that cross or touch."""
     rounded = [(round(float(x), GRID_DIGITS), round(float(y), GRID_DIGITS)) for x, y in vertices]
     if not rounded:
-        raise ValueError("a polygon needs at least one vertex, found none")
+        raise InputError("a polygon needs at least one vertex", found="none")
     for vertex in rounded:
         if not all(map(math.isfinite, vertex)):
-            raise ValueError(f"a polygon needs finite vertices, found {vertex}")
+            raise InputError("a polygon needs finite vertices", found=vertex)
     result = tuple(a for a, b in _edges(tuple(rounded)) if a != b) or (rounded[0],)
     first, last = min(result), max(result)
     length = math.dist(first, last)
@@ -35,9 +36,9 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
     clash = _clash(result)
     if clash:
         (a, b), (c, d) = clash
-        raise ValueError(
-            "a polygon needs edges that meet at their ends only, "
-            f"found {a} to {b} and {c} to {d} in contact"
+        raise InputError(
+            "a polygon needs edges that meet at their ends only",
+            found=f"{a} to {b} and {c} to {d} in contact",
         )
     return result
 

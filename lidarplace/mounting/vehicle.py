@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.mesh import Mesh, depths
 from lidarplace.mounting.zone import Zone, position
@@ -42,16 +43,17 @@ class Vehicle:
         if boxes.size == 0:
             boxes = np.empty((0, 2, 3))
         if boxes.ndim != 3 or boxes.shape[1:] != (2, 3):
-            raise ValueError(
-                f"vehicle {self.name!r}: boxes need a lower and an upper corner (x, y, z) each, "
-                f"shape (n, 2, 3), found shape {boxes.shape}"
+            raise InputError(
+                f"vehicle {self.name!r}: boxes need a lower and an upper corner (x, y, z) "
+                "each, shape (n, 2, 3)",
+                found=f"shape {boxes.shape}",
             )
         bad = ~(np.isfinite(boxes).all(axis=(1, 2)) & (boxes[:, 0] <= boxes[:, 1]).all(axis=1))
         if bad.any():
             number = int(bad.argmax())
-            raise ValueError(
-                f"vehicle {self.name!r}: box {number} needs finite corners, the lower one first, "
-                f"found {boxes[number].tolist()}"
+            raise InputError(
+                f"vehicle {self.name!r}: box {number} needs finite corners, the lower one first",
+                found=boxes[number].tolist(),
             )
         object.__setattr__(self, "boxes", boxes)
 

@@ -12,6 +12,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point
 from lidarplace.base.roi import Interval
 from lidarplace.mounting.polygon import NANOMETRE, Polygon, above_x_axis, nearest, polygon, sections
@@ -48,8 +49,8 @@ class Zone:
         low, high = (float(height) for height in self.z)
         object.__setattr__(self, "z", (low, high))
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            raise ValueError(
-                f"zone {self.name!r}: z needs finite low <= high, found [{low}, {high}]"
+            raise InputError(
+                f"zone {self.name!r}: z needs finite low <= high", found=f"[{low}, {high}]"
             )
 
     @classmethod
@@ -70,7 +71,7 @@ def position(zone: Zone, u: float, v: float, w: float) -> tuple[float, float, fl
     Onto the zone. x grows with u over the zone's length; y grows with v over its width at that x,
     without the gaps where the polygon is not convex; z grows with w."""
     if not all(0 <= share <= 1 for share in (u, v, w)):
-        raise ValueError(f"shares must lie within [0, 1], found {(u, v, w)}")
+        raise InputError("shares must lie within [0, 1]", found=(u, v, w))
     x, widths = _section(zone, _between(zone.x, u))
     ends = _ends(widths)
     i = bisect_left(ends, v, lo=1) - 1
@@ -117,7 +118,7 @@ def grid(zone: Zone, step: float) -> NDArray[np.float64]:
     across it at that x. So no part is too narrow for a candidate, and a zone that is symmetric to
     the plane y = 0 has symmetric candidates. Boundaries are included where they are a multiple."""
     if not (math.isfinite(step) and step > 0):
-        raise ValueError(f"zone {zone.name!r}: step must be a positive length, found {step}")
+        raise InputError(f"zone {zone.name!r}: step must be a positive length", found=step)
     heights = _levels(zone.z, step)
     points = []
     for level in _levels(zone.x, step):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import read_text, write_text
 
 CELL_M = 0.2
@@ -123,7 +124,7 @@ def read_curves(path: Path) -> DetectionCurves:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise ValueError(f"{path}: {key + ': ' if key else ''}{first['msg']}") from None
+        raise InputError(f"{key + ': ' if key else ''}{first['msg']}", place=path) from None
 
 
 def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
 from lidarplace.mounting.mesh import depths, distances
 from lidarplace.mounting.slices import meets_slices, slices_of
@@ -37,17 +38,19 @@ class Area:
             y = (min(self.y)[0], max(high for _, high in self.y))
         if self.distance is not None:
             if not len(vehicle.extents):
-                raise ValueError(
-                    "where.distance: is from the vehicle's body, and the vehicle has none"
+                raise InputError(
+                    "is from the vehicle's body, and the vehicle has none", key="where.distance"
                 )
             low, high = vehicle.extents[:, 0].min(axis=0), vehicle.extents[:, 1].max(axis=0)
             far = self.distance[1]
             x = max(x[0], low[0] - far), min(x[1], high[0] + far)
             y = max(y[0], low[1] - far), min(y[1], high[1] + far)
         if not all(map(math.isfinite, (*x, *y))):
-            raise ValueError("where: has no end; name a distance, or both x and y (or lanes)")
+            raise InputError(
+                "has no end", key="where", fix="name a distance, or both x and y (or lanes)"
+            )
         if x[0] > x[1] or y[0] > y[1]:
-            raise ValueError("where: is empty: no place is within all of its limits")
+            raise InputError("is empty: no place is within all of its limits", key="where")
         return (float(x[0]), float(x[1])), (float(y[0]), float(y[1]))
 
     def holds(
@@ -89,14 +92,14 @@ def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
     sides = area.sides(vehicle)
     numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]
     if math.prod(numbers) > MOST_POSITIONS:
-        raise ValueError(
-            f"step: {step:g} m makes {math.prod(numbers):,} positions, allowed are "
-            f"{MOST_POSITIONS:,}"
+        raise InputError(
+            f"{step:g} m makes {math.prod(numbers):,} positions, allowed are {MOST_POSITIONS:,}",
+            key="step",
         )
     x, y = (np.linspace(*side, number) for side, number in zip(sides, numbers, strict=True))
     held = area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():
-        raise ValueError("where: is empty: no place is within all of its limits")
+        raise InputError("is empty: no place is within all of its limits", key="where")
     return Positions(x, y, held)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
@@ -46,16 +47,17 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
     positions = grid_over(requirement.area, vehicle, requirement.step)
     points = positions.points
     if len(points) * placed.headings > MOST_OBJECTS:
-        raise ValueError(
-            f"what: {placed.headings} headings at {len(points):,} positions, allowed are "
-            f"{MOST_OBJECTS:,} objects"
+        raise InputError(
+            f"{placed.headings} headings at {len(points):,} positions, allowed are "
+            f"{MOST_OBJECTS:,} objects",
+            key="what",
         )
     boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
     boxes = _outside(vehicle, boxes, placed, points)
     free = ~np.isnan(boxes[:, :, 0]).all(axis=0)
     if not free.any():
-        raise ValueError(
-            "where: lies inside the vehicle: at each position the object would be within it"
+        raise InputError(
+            "lies inside the vehicle: at each position the object would be within it", key="where"
         )
     held = positions.held.copy()
     held[held] = free
@@ -81,8 +83,9 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
     sides = (*requirement.area.sides(vehicle), requirement.heights)
     numbers = [max(1, math.ceil((high - low) / step - 1e-9)) for low, high in sides]
     if math.prod(numbers) > MOST_VOXELS:
-        raise ValueError(
-            f"step: {step:g} m makes {math.prod(numbers):,} voxels, allowed are {MOST_VOXELS:,}"
+        raise InputError(
+            f"{step:g} m makes {math.prod(numbers):,} voxels, allowed are {MOST_VOXELS:,}",
+            key="step",
         )
     # What does not fit is spread over both sides, so that symmetry stays; the bottom stays, too.
     dx, dy, dz = (n * step - (high - low) for (low, high), n in zip(sides, numbers, strict=True))
@@ -91,7 +94,7 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
     x, y = roi.centres(0), roi.centres(1)
     held = requirement.area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():
-        raise ValueError("where: is empty: no place is within all of its limits")
+        raise InputError("is empty: no place is within all of its limits", key="where")
     if voxels_in_body(vehicle, roi)[held].all():
-        raise ValueError("where: lies inside the vehicle")
+        raise InputError("lies inside the vehicle", key="where")
     return Laid(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
 from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.errors import MountingErrors
@@ -85,9 +86,11 @@ def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
     there are too many sets."""
     dead = min(dead, sensors)
     if (sets := math.comb(sensors, dead)) > MOST_DEAD:
-        raise ValueError(
-            f"too many cases; expected at most {MOST_DEAD:,} sets of {dead} dead sensors, found "
-            f"{sets:,} of {sensors} sensors; lower sensors_dead"
+        raise InputError(
+            "too many cases",
+            expected=f"at most {MOST_DEAD:,} sets of {dead} dead sensors",
+            found=f"{sets:,} of {sensors} sensors",
+            fix="lower sensors_dead",
         )
     return list(combinations(range(sensors), dead))
 

@@ -15,6 +15,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.sectors import SECTORS, bounds_of
 from lidarplace.configuration.mounting import CommonViewSettings, OffsetSettings
 from lidarplace.configuration.settings import (
@@ -96,9 +97,11 @@ class WhereSettings(Settings):
     def _one_way(self) -> WhereSettings:
         others = self.model_fields_set - {"preset", "z"}
         if self.preset is not None and others:
-            raise ValueError(f"preset: excludes other keys; remove {', '.join(sorted(others))}")
+            raise InputError(
+                "excludes other keys", key="preset", fix=f"remove {', '.join(sorted(others))}"
+            )
         if self.lanes is not None and self.y is not None:
-            raise ValueError("lanes: exclude y; remove one of the two")
+            raise InputError("exclude y", key="lanes", fix="remove one of the two")
         return self
 
     def area(self, vehicle: Vehicle) -> Area:
@@ -189,15 +192,19 @@ class AtLeastSettings(Settings):
         if not named or len(of_lidars) > 1:
             raise ValueError("set one of points, cells, probability and coverage, pixels or reach")
         if "coverage" in named and (len(named) > 1 or self.kinds > 1):
-            raise ValueError("coverage: applies to LiDARs only; remove pixels, reach and kinds")
+            raise InputError(
+                "applies to LiDARs only", key="coverage", fix="remove pixels, reach and kinds"
+            )
         if self.kinds > len(named):
-            raise ValueError(
-                f"kinds: expected at most {len(named)}, as many as have a measure (a measure of "
-                f"LiDARs, pixels, reach), found {self.kinds}"
+            raise InputError(
+                key="kinds",
+                expected=f"at most {len(named)}, as many as have a measure (a measure of "
+                "LiDARs, pixels, reach)",
+                found=self.kinds,
             )
         if (self.sensors or self.kinds) < self.kinds:
-            raise ValueError(
-                f"sensors: expected at least kinds, {self.kinds}, found {self.sensors}"
+            raise InputError(
+                key="sensors", expected=f"at least kinds, {self.kinds}", found=self.sensors
             )
         return self
 
@@ -324,20 +331,24 @@ class RequirementSettings(Settings):
             others = self.model_fields_set - {"name", "common_view"}
             if others:
                 named = sorted(str(type(self).model_fields[own].alias or own) for own in others)
-                raise ValueError(f"common_view: excludes other keys; remove {', '.join(named)}")
+                raise InputError(
+                    "excludes other keys", key="common_view", fix=f"remove {', '.join(named)}"
+                )
             return self
         assert self.at_least is not None
         assert self.where is not None
         if self.at_least.measure == "coverage":
             if self.what is not None or "share" in self.model_fields_set:
-                raise ValueError("at_least: coverage counts all voxels; remove what and for")
+                raise InputError(
+                    "coverage counts all voxels", key="at_least", fix="remove what and for"
+                )
             return self
         if "z" in self.where.model_fields_set:
-            raise ValueError("where.z: applies to coverage only; an object is on the ground")
+            raise InputError("applies to coverage only; an object is on the ground", key="where.z")
         if self.what is None:
-            raise ValueError(f"what: missing; {self.at_least.measure} need an object")
+            raise InputError(f"missing; {self.at_least.measure} need an object", key="what")
         if self.at_least.probability is not None and self.what.object_class is None:
-            raise ValueError("what: a probability needs a class, which has a detection curve")
+            raise InputError("a probability needs a class, which has a detection curve", key="what")
         return self
 
     def not_of(self, lidar: Lidar) -> tuple[str, str] | None:
@@ -375,7 +386,7 @@ class RequirementSettings(Settings):
 def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[RequirementSettings, ...]:
     names = [requirement.name for requirement in requirements]
     if len(set(names)) < len(names):
-        raise ValueError(f"duplicate names; found {', '.join(names)}")
+        raise InputError("duplicate names", found=", ".join(names))
     return requirements
 
 
@@ -386,7 +397,7 @@ def _of_presets(value: Any) -> Any:
     found: list[Any] = []
     for own in [value] if isinstance(value, str) else value:
         if isinstance(own, str) and own not in PRESETS:
-            raise ValueError(f"no preset {own!r}; expected one of {', '.join(PRESETS)}")
+            raise InputError(f"no preset {own!r}", expected=f"one of {', '.join(PRESETS)}")
         found += preset_file(own).requirements if isinstance(own, str) else (own,)
     return found
 

@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import validated
@@ -76,7 +77,7 @@ def check_possible(lidar: Lidar, where: str) -> None:
         ("offsets_m", lidar.offsets, "CARLA's LiDARs have none; set it to null"),
     ):
         if value is not None:
-            raise ValueError(f"{where}: {key}: {fix}")
+            raise InputError(fix, place=where, key=key)
 
 
 _Positive = Annotated[Number, Field(gt=0)]
@@ -120,7 +121,9 @@ def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     carrying = [each for each in objects if any(o.type == BLUEPRINT for o in each.on_it)]
     if len(carrying) > 1:
         listed = ", ".join(each.id for each in carrying)
-        raise ValueError(f"{path}: several vehicles have LiDARs: {listed}; leave one in the file")
+        raise InputError(
+            f"several vehicles have LiDARs: {listed}", place=path, fix="leave one in the file"
+        )
     sensors = [o for each in carrying for o in each.on_it if o.type == BLUEPRINT]
     names = named_like([sensor.id for sensor in sensors], only, str(path))
     chosen = [sensor for sensor in sensors if sensor.id in names]
@@ -137,9 +140,10 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
     for other, count in zip(parts, steps, strict=True):
         known = (round(count), other.range, other.horizontal_fov)
         if known != (round(steps[0]), first.range, first.horizontal_fov):
-            raise ValueError(
-                f"{where}: {other.id} is in the same place and no part of it: azimuth steps, range "
-                "or horizontal_fov differ"
+            raise InputError(
+                f"{other.id} is in the same place and no part of it: azimuth steps, range or "
+                "horizontal_fov differ",
+                place=where,
             )
     elevations = [
         o.lower_fov + i * (o.upper_fov - o.lower_fov) / max(o.channels - 1, 1)
@@ -167,14 +171,15 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
     sensors = []
     for each in lidars_in(lidars):
         if each.model is None:
-            raise ValueError(f"{each.name}: no LiDAR model; --lidar names one of the catalogue")
+            raise InputError("no LiDAR model; --lidar names one of the catalogue", key=each.name)
         lidar = each.model.lidar()
         check_possible(lidar, each.name)
         low, high = lidar.azimuth
         if abs(low + high) > 1e-9:
-            raise ValueError(
-                f"{each.name}: azimuth_deg is [{math.degrees(low):g}, {math.degrees(high):g}]; "
-                "CARLA's LiDARs are symmetric to the x axis"
+            raise InputError(
+                f"azimuth_deg is [{math.degrees(low):g}, {math.degrees(high):g}]; CARLA's "
+                "LiDARs are symmetric to the x axis",
+                key=each.name,
             )
         place = asdict(each.mount)
         for angle in ("roll", "pitch", "yaw"):

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from lidarplace.rig_files.carla import read_carla, write_carla
 from lidarplace.rig_files.mounted import MountedLidar, Vector
 from lidarplace.rig_files.nuscenes import read_nuscenes_rig, write_nuscenes_rig
@@ -44,9 +45,9 @@ def format_of(path: Path, name: str | None) -> RigFormat:
     """The format of that name, or the one that a file is known by; ValueError if there is none."""
     if name is not None:
         if name not in FORMATS:
-            raise ValueError(f"--format {name}: expected one of {', '.join(FORMATS)}")
+            raise InputError(place=f"--format {name}", expected=f"one of {', '.join(FORMATS)}")
         return FORMATS[name]
     for known in FORMATS.values():
         if path.name.endswith(known.suffixes or "\n"):
             return known
-    raise ValueError(f"{path}: name its format: --format {'|'.join(FORMATS)}")
+    raise InputError(f"name its format: --format {'|'.join(FORMATS)}", place=path)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.record import Number
 from lidarplace.configuration.sensor import SensorSettings
@@ -73,9 +74,11 @@ def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> li
     for pattern in patterns:
         own = [name for name in names if fnmatchcase(name.lower(), pattern.lower())]
         if not own:
-            raise ValueError(
-                f"{source}: no LiDAR is called {pattern}; found {', '.join(names) or 'none'}; "
-                "--only says which"
+            raise InputError(
+                f"no LiDAR is called {pattern}",
+                place=source,
+                found=", ".join(names) or "none",
+                fix="--only says which",
             )
         found |= {*own}
     return [name for name in names if name in found]
@@ -84,11 +87,11 @@ def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> li
 def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
     """Raise ValueError if there is no LiDAR, or two sensors have one name."""
     if not lidars_in(lidars):
-        raise ValueError(f"{source}: no LiDAR")
+        raise InputError("no LiDAR", place=source)
     names = [lidar.name for lidar in lidars]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise ValueError(f"{source}: duplicate sensor name {twice[0]}; names must differ")
+        raise InputError(f"duplicate sensor name {twice[0]}; names must differ", place=source)
 
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -137,17 +140,18 @@ def lidars_of(joints: Sequence[Joint], only: Sequence[str], source: str) -> list
     holds: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in holds:
-            raise ValueError(f"{source}: frame {joint.child} has two parents")
+            raise InputError(f"frame {joint.child} has two parents", place=source)
         holds[joint.child] = joint
     roots = list(dict.fromkeys(j.parent for j in joints if j.parent not in holds))
     base = BASE if BASE in holds or BASE in roots else roots[0] if len(roots) == 1 else None
     if base is None:
         listed = ", ".join(roots) or "none, because the frames form a cycle"
-        raise ValueError(f"{source}: no frame {BASE}, and not one root; found {listed}")
+        raise InputError(f"no frame {BASE}, and not one root", place=source, found=listed)
     if not only:
-        raise ValueError(
-            f"{source}: no LiDARs selected; name them with --only (* matches any text); found "
-            f"{', '.join(holds)}"
+        raise InputError(
+            "no LiDARs selected; name them with --only (* matches any text)",
+            place=source,
+            found=", ".join(holds),
         )
     names = named_like(list(holds), only, source)
     return [_placed(name, base, holds, source) for name in names]
@@ -158,10 +162,10 @@ def _placed(name: str, base: str, holds: Mapping[str, Joint], source: str) -> Mo
     frame, steps = name, 0
     while frame != base:
         if frame not in holds or steps > len(holds):
-            raise ValueError(f"{source}: frame {name} does not hang from {base}")
+            raise InputError(f"frame {name} does not hang from {base}", place=source)
         joint = holds[frame]
         if joint.moves:
-            raise ValueError(f"{source}: frame {name} hangs from a joint that is {joint.moves}")
+            raise InputError(f"frame {name} hangs from a joint that is {joint.moves}", place=source)
         position = joint.position + joint.rotation @ position
         matrix = joint.rotation @ matrix
         frame, steps = joint.parent, steps + 1

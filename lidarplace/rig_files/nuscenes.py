@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
@@ -52,9 +53,10 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
     found = Counter(channels[by_name[name]] for name in chosen)
     for name in chosen:
         if (number := found[channel := channels[by_name[name]]]) > 1:
-            raise ValueError(
-                f"{rows.path}: {channel} has {number} different calibrations; choose one, such as "
-                f"--only {name}"
+            raise InputError(
+                f"{channel} has {number} different calibrations",
+                place=rows.path,
+                fix=f"choose one, such as --only {name}",
             )
     rig = []
     for row in (by_name[name] for name in chosen):

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.xml import read_xml, write_xml
 from lidarplace.rig_files.mounted import (
     BASE,
@@ -39,14 +40,14 @@ def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     is none, or frames are not of a vehicle."""
     root = read_xml(path)
     if root.tag != "launch":
-        raise ValueError(f"{path}: is no XML launch file: its root is {root.tag}, not launch")
+        raise InputError(f"is no XML launch file: its root is {root.tag}, not launch", place=path)
     nodes = [
         node
         for node in root.iter("node")
         if node.get("pkg") == "tf2_ros" and PUBLISHER in (node.get("exec"), node.get("type"))
     ]
     if not nodes:
-        raise ValueError(f"{path}: no node {PUBLISHER} of tf2_ros")
+        raise InputError(f"no node {PUBLISHER} of tf2_ros", place=path)
     joints = [_joint(node, f"{path}: transform {n}") for n, node in enumerate(nodes)]
     return lidars_of(joints, only, str(path))
 
@@ -54,20 +55,20 @@ def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
 def _joint(node: Element, where: str) -> Joint:
     text = node.get("args", "")
     if "$(" in text or node.get("if") or node.get("unless"):
-        raise ValueError(f"{where}: $(…), if and unless are not supported; expand them")
+        raise InputError("$(…), if and unless are not supported", place=where, fix="expand them")
     try:
         words = shlex.split(text)
     except ValueError as error:
-        raise ValueError(f"{where}: args: {error}: {text!r}") from None
+        raise InputError(f"{error}: {text!r}", place=where, key="args") from None
     given = _by_name(words, where)
     for name in FRAMES:
         if name not in given:
-            raise ValueError(f"{where}: no --{name} in {text!r}")
+            raise InputError(f"no --{name} in {text!r}", place=where)
     numbers = {n: _number(n, word, where) for n, word in given.items() if n not in FRAMES}
     position = np.array([numbers.get(name, 0.0) for name in PLACE])
     quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
     if not math.hypot(*quaternion) > 0:
-        raise ValueError(f"{where}: the rotation is a quaternion of length 0")
+        raise InputError("the rotation is a quaternion of length 0", place=where)
     if set(given) & set(QUATERNION):
         matrix = Rotation.from_quat(quaternion).as_matrix()
     else:
@@ -80,18 +81,19 @@ def _by_name(words: Sequence[str], where: str) -> dict[str, str]:
     """Arguments by name; both ways to write them."""
     if not any(word.startswith("--") for word in words):
         if len(words) not in BY_ORDER:
-            raise ValueError(
-                f"{where}: expected x y z yaw pitch roll or x y z qx qy qz qw, and two frames; "
-                f"found {len(words)} arguments"
+            raise InputError(
+                place=where,
+                expected="x y z yaw pitch roll or x y z qx qy qz qw, and two frames",
+                found=f"{len(words)} arguments",
             )
         return dict(zip(BY_ORDER[len(words)], words, strict=True))
     allowed = (*PLACE, *ANGLES, *QUATERNION, *FRAMES)
     given = dict(zip(words[::2], words[1::2], strict=False))
     for name in given:
         if not name.startswith("--") or name[2:] not in allowed:
-            raise ValueError(f"{where}: found {name}; allowed are --{', --'.join(allowed)}")
+            raise InputError(f"found {name}; allowed are --{', --'.join(allowed)}", place=where)
     if len(words) % 2:
-        raise ValueError(f"{where}: {words[-1]} has no value")
+        raise InputError(f"{words[-1]} has no value", place=where)
     return {name[2:]: word for name, word in given.items()}
 
 
@@ -99,7 +101,7 @@ def _number(name: str, word: str, where: str) -> float:
     with suppress(ValueError):
         if math.isfinite(value := float(word)):
             return value
-    raise ValueError(f"{where}: {name} must be a finite number, found {word!r}")
+    raise InputError(f"{name} must be a finite number", place=where, found=repr(word))
 
 
 def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.xml import read_xml, write_xml
 from lidarplace.rig_files.mounted import (
     BASE,
@@ -26,9 +27,9 @@ def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     xacro, or its frames are none of a vehicle."""
     root = read_xml(path)
     if root.tag != "robot":
-        raise ValueError(f"{path}: not a URDF: its root is {root.tag}, not robot")
+        raise InputError(f"not a URDF: its root is {root.tag}, not robot", place=path)
     if any("xacro" in str(element.tag) for element in root.iter()):
-        raise ValueError(f"{path}: contains xacro; run xacro, and pass its output")
+        raise InputError("contains xacro", place=path, fix="run xacro, and pass its output")
     joints = [_joint(element, path) for element in root.iterfind("joint")]
     return lidars_of(joints, only, str(path))
 
@@ -45,7 +46,7 @@ def _joint(element: Element, path: Path) -> Joint:
 def _link(joint: Element, name: str, where: str) -> str:
     for found in joint.iterfind(f"{name}[@link]"):
         return found.attrib["link"]
-    raise ValueError(f"{where}: no {name} with a link")
+    raise InputError(f"no {name} with a link", place=where)
 
 
 def _vector(origin: Element | None, key: str, where: str) -> NDArray[np.float64]:
@@ -55,7 +56,7 @@ def _vector(origin: Element | None, key: str, where: str) -> NDArray[np.float64]
         values = np.array([float(word) for word in text.split()])
         if values.shape == (3,) and np.isfinite(values).all():
             return values
-    raise ValueError(f"{where}: {key} must be 3 finite numbers, found {text!r}")
+    raise InputError(f"{key} must be 3 finite numbers", place=where, found=repr(text))
 
 
 def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
+
 OTHER = "other"  # class of a factor for objects of all classes without one of their own
 
 MOST_FACTOR = 10.0  # beyond, the recording and its simulation are not of one rig
@@ -31,12 +33,13 @@ class Mask:
         object.__setattr__(self, "shares", rows)
         object.__setattr__(self, "edges", tuple(map(float, self.edges)))
         if len(rows) != len(self.edges) + 1:
-            raise ValueError(
-                f"expected {len(self.edges) + 1} rows of shares for {len(self.edges)} "
-                f"elevations between them, found {len(rows)}"
+            raise InputError(
+                expected=f"{len(self.edges) + 1} rows of shares for {len(self.edges)} "
+                "elevations between them",
+                found=len(rows),
             )
         if len(lengths := sorted({len(row) for row in rows})) > 1 or not rows[0]:
-            raise ValueError(f"rows need equally many shares, at least one, found {lengths}")
+            raise InputError("rows need equally many shares, at least one", found=lengths)
         if any(not low < high for low, high in pairwise(self.edges)):
             raise ValueError("elevations between rows must rise")
         if not all(0 <= share <= 1 for row in rows for share in row):
@@ -74,14 +77,14 @@ class Correction:
         object.__setattr__(self, "factor", pairs)
         for name, share in pairs:
             if not 0 <= share <= MOST_FACTOR:
-                raise ValueError(
-                    f"factor of {name}: must be within [0, {MOST_FACTOR:g}], found {share}"
+                raise InputError(
+                    f"factor of {name}: must be within [0, {MOST_FACTOR:g}]", found=share
                 )
         if len(dict(pairs)) < len(pairs):
-            raise ValueError("factor: each class once, found one twice")
+            raise InputError("each class once", key="factor", found="one twice")
         if self.distance is not None and not LEAST_DISTANCE <= self.distance < math.inf:
-            raise ValueError(
-                f"distance must be finite and at least {LEAST_DISTANCE:g} m, found {self.distance}"
+            raise InputError(
+                f"distance must be finite and at least {LEAST_DISTANCE:g} m", found=self.distance
             )
 
     def __repr__(self) -> str:

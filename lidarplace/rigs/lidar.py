@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import InstanceOf
 from pydantic.json_schema import SkipJsonSchema
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import AZIMUTH_STEPS
 from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, datasheet, metres
 from lidarplace.rigs.correction import Correction
@@ -96,8 +97,8 @@ class Lidar:
         elevations: Iterable[float] = self.elevations
         if self.pattern is not None:
             if self.azimuth_steps != 1:
-                raise ValueError(
-                    f"a LiDAR with a pattern has 1 azimuth step, found {self.azimuth_steps}"
+                raise InputError(
+                    "a LiDAR with a pattern has 1 azimuth step", found=self.azimuth_steps
                 )
             elevations = self.pattern.of_frame(self.frame)[1]
             object.__setattr__(self, "azimuth", self.pattern.field_of_view)
@@ -105,31 +106,31 @@ class Lidar:
         if not self.elevations:
             raise ValueError("a LiDAR needs at least one beam")
         if self.pattern is None and not all(abs(e) <= math.pi / 2 for e in self.elevations):
-            raise ValueError(
-                f"elevations must lie within [-pi/2, pi/2] radians, found {self.elevations}"
+            raise InputError(
+                "elevations must lie within [-pi/2, pi/2] radians", found=self.elevations
             )
         self._check_offsets()
         AZIMUTH_STEPS.check_whole("azimuth_steps", self.azimuth_steps)
         if not self.range > 0:
-            raise ValueError(f"range must be positive, found {self.range}")
+            raise InputError("range must be positive", found=self.range)
         if not (self.range_noise >= 0 and 0 <= self.drop_off < 1):
-            raise ValueError(
-                "range_noise must be >= 0 and drop_off within [0, 1), "
-                f"found {self.range_noise} and {self.drop_off}"
+            raise InputError(
+                "range_noise must be >= 0 and drop_off within [0, 1)",
+                found=f"{self.range_noise} and {self.drop_off}",
             )
         if not 0 <= self.min_range < self.range:
-            raise ValueError(f"min_range must be within [0, range), found {self.min_range}")
+            raise InputError("min_range must be within [0, range)", found=self.min_range)
         if self.range_10 is None and self.range_80 is not None:
             raise ValueError("range_80 needs range_10")
         if self.range_10 is not None and not 0 < self.range_10 <= (self.range_80 or math.inf):
-            raise ValueError(
-                "range_10 must be positive and not beyond range_80, "
-                f"found {self.range_10} and {self.range_80}"
+            raise InputError(
+                "range_10 must be positive and not beyond range_80",
+                found=f"{self.range_10} and {self.range_80}",
             )
         if not (self.wavelength > 0 and 0 <= self.extinction < math.inf and 0 < self.window <= 1):
-            raise ValueError(
-                "wavelength must be positive, extinction finite and >= 0, window within (0, 1], "
-                f"found {self.wavelength}, {self.extinction} and {self.window}"
+            raise InputError(
+                "wavelength must be positive, extinction finite and >= 0, window within (0, 1]",
+                found=f"{self.wavelength}, {self.extinction} and {self.window}",
             )
         if self.falloff == 0 and (self.extinction > 0 or self.window < 1):
             raise ValueError(
@@ -139,13 +140,13 @@ class Lidar:
         if self.size is not None:
             object.__setattr__(self, "size", tuple(map(float, self.size)))
             if len(self.size) != 3 or not all(0 < side < math.inf for side in self.size):
-                raise ValueError(f"size needs length, width and height > 0, found {self.size}")
+                raise InputError("size needs length, width and height > 0", found=self.size)
         low, high = map(float, self.azimuth)
         object.__setattr__(self, "azimuth", (low, high))
         if not (math.isfinite(low) and math.isfinite(high) and 0 < high - low <= FULL_TURN):
-            raise ValueError(
-                "azimuth needs finite min < max, at most one turn of 2 pi radians, "
-                f"found ({low}, {high})"
+            raise InputError(
+                "azimuth needs finite min < max, at most one turn of 2 pi radians",
+                found=f"({low}, {high})",
             )
         if self.fired_steps < 1:
             raise ValueError(
@@ -161,11 +162,11 @@ class Lidar:
             expected = (
                 "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
             )
-            raise ValueError(f"offsets: expected {expected}, found {len(self.offsets)}")
+            raise InputError(key="offsets", expected=expected, found=len(self.offsets))
         if not all(abs(offset) <= MOST_OFFSET for offset in self.offsets):
-            raise ValueError(
-                f"offsets must be within ±{MOST_OFFSET:g} m, found "
-                f"{min(self.offsets):g} to {max(self.offsets):g}"
+            raise InputError(
+                f"offsets must be within ±{MOST_OFFSET:g} m",
+                found=f"{min(self.offsets):g} to {max(self.offsets):g}",
             )
 
     def __repr__(self) -> str:
@@ -200,7 +201,7 @@ class Lidar:
         `limits` are other attributes, such as `range`.
         """
         if beams < 1:
-            raise ValueError(f"beams must be at least 1, found {beams}")
+            raise InputError("beams must be at least 1", found=beams)
         low, high = azimuth_deg
         return cls(
             tuple(np.radians(np.linspace(*elevation_deg, beams))),
@@ -346,7 +347,7 @@ class Lidar:
         step that is left is in the field of view.
         """
         if not 0 < share <= 1:
-            raise ValueError(f"share must be within (0, 1], found {share}")
+            raise InputError("share must be within (0, 1]", found=share)
         if share == 1:
             return self
         if self.pattern is not None:

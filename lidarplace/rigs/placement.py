@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point, span
 from lidarplace.base.plotting import Plottable
 from lidarplace.base.ranges import ANGLE
@@ -39,7 +40,7 @@ class Mount:
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in astuple(self)):
-            raise ValueError(f"a mount needs finite coordinates and angles, found {astuple(self)}")
+            raise InputError("a mount needs finite coordinates and angles", found=astuple(self))
         for name in _POSE:
             value = float(getattr(self, name))
             if name not in "xyz":
@@ -100,29 +101,31 @@ class Placement(Plottable):
         where = f"placement {self.name!r}"
         mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
         if not all(isinstance(mount, Mount) for mount in mounts):
-            raise ValueError(f"{where}: mounts is a list of Mount(…), found {self.mounts!r}")
+            raise InputError("mounts is a list of Mount(…)", place=where, found=repr(self.mounts))
         object.__setattr__(self, "mounts", mounts)
         if not self.mounts:
             raise ValueError(f"{where} has no LiDAR")
         if not isinstance(self.lidar, Lidar):
             models = tuple(self.lidar)
             if not all(isinstance(model, Lidar) for model in models):
-                raise ValueError(
-                    f"{where}: lidar is a Lidar, or a list of them, found {self.lidar!r}"
+                raise InputError(
+                    "lidar is a Lidar, or a list of them", place=where, found=repr(self.lidar)
                 )
             if len(models) != len(self.mounts):
-                raise ValueError(
-                    f"{where}: expected one LiDAR model or one for each of {len(self.mounts)} "
-                    f"mounts, found {len(models)}"
+                raise InputError(
+                    place=where,
+                    expected=f"one LiDAR model or one for each of {len(self.mounts)} mounts",
+                    found=len(models),
                 )
             # Rigs that are alike shall be equal.
             object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
         object.__setattr__(self, "dead", tuple(self.dead))
         for (i, a), (j, b) in combinations(enumerate(self.mounts), 2):
             if (a.x, a.y, a.z) == (b.x, b.y, b.z):
-                raise ValueError(
-                    f"{where}: LiDARs {i} and {j} are both at {point(a.x, a.y, a.z)}; two LiDARs "
-                    "cannot sit in one place"
+                raise InputError(
+                    f"LiDARs {i} and {j} are both at {point(a.x, a.y, a.z)}; two LiDARs "
+                    "cannot sit in one place",
+                    place=where,
                 )
 
     def __repr__(self) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.rigs.placement import Placement
 
@@ -27,16 +28,19 @@ class RecordedRig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         if len(self.names) != len(self.placement.mounts):
-            raise ValueError(
-                f"rig: {len(self.names)} names for {len(self.placement.mounts)} LiDARs"
+            raise InputError(
+                f"{len(self.names)} names for {len(self.placement.mounts)} LiDARs", key="rig"
             )
         if len(set(self.names)) < len(self.names) or not all(self.names):
-            raise ValueError(f"rig: duplicate or empty name of a LiDAR in {', '.join(self.names)}")
+            raise InputError(
+                f"duplicate or empty name of a LiDAR in {', '.join(self.names)}", key="rig"
+            )
         for name, lidar in zip(self.names, self.placement.lidars, strict=True):
             if lidar.pattern is not None:
-                raise ValueError(
-                    f"rig: LiDAR {name} has a scan pattern; expected beams that turn, because a "
-                    "log's rig.json holds no pattern"
+                raise InputError(
+                    f"LiDAR {name} has a scan pattern",
+                    key="rig",
+                    expected="beams that turn, because a log's rig.json holds no pattern",
                 )
 
     def subset(self, names: Sequence[str]) -> "RecordedRig":
@@ -44,9 +48,9 @@ class RecordedRig:
         or there is none."""
         for name in names:
             if name not in self.names:
-                raise ValueError(
-                    f"unknown LiDAR {name!r} of the recorded rig; expected {', '.join(self.names)}"
-                    f"{did_you_mean(name, self.names)}"
+                raise InputError(
+                    f"unknown LiDAR {name!r} of the recorded rig",
+                    expected=f"{', '.join(self.names)}{did_you_mean(name, self.names)}",
                 )
         kept = [n for n, name in enumerate(self.names) if name in names]
         own = tuple(self.names[n] for n in kept)
@@ -71,9 +75,10 @@ def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
             millimetres = 1000 * np.linalg.norm(a.position - b.position)
             degrees = np.degrees(np.arccos(cosine))
             if millimetres > MOST_MM or degrees > MOST_DEGREES:
-                raise ValueError(
-                    f"{where} have LiDAR {name} in different places; expected at most "
-                    f"{MOST_MM:g} mm and {MOST_DEGREES:g} degrees, found {millimetres:.0f} mm and "
-                    f"{degrees:.1f} degrees; make a log of each"
+                raise InputError(
+                    f"{where} have LiDAR {name} in different places",
+                    expected=f"at most {MOST_MM:g} mm and {MOST_DEGREES:g} degrees",
+                    found=f"{millimetres:.0f} mm and {degrees:.1f} degrees",
+                    fix="make a log of each",
                 )
     return rig

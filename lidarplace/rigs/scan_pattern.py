@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
+
 ENDS = {"azimuths": 2 * math.pi + 1e-9, "elevations": math.pi / 2}
 """Greatest angles, either way, radians."""
 
@@ -38,9 +40,10 @@ class ScanPattern:
                 f"{len(self.azimuths)} azimuths for {len(self.elevations)} elevations of rays"
             )
         if not 1 <= self.rays_per_frame <= len(self.azimuths):
-            raise ValueError(
+            raise InputError(
                 f"rays_per_frame must be within 1 and the {len(self.azimuths):,} rays of the "
-                f"pattern, found {self.rays_per_frame}"
+                "pattern",
+                found=self.rays_per_frame,
             )
 
     def __eq__(self, other: object) -> bool:

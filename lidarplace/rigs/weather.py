@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import wrightomega
 
+from lidarplace.base.errors import InputError
+
 KOSCHMIEDER = -math.log(0.02)  # optical depth where a black object has 2 % of contrast left: 3.912
 GREEN_M = 550e-9  # wavelength for which a visibility is meant, metres
 
@@ -22,9 +24,9 @@ class Weather:
 
     def __post_init__(self) -> None:
         if not self.visibility > 0:
-            raise ValueError(f"visibility must be positive, found {self.visibility}")
+            raise InputError("visibility must be positive", found=self.visibility)
         if not 0 <= self.rain < math.inf:
-            raise ValueError(f"rain must be finite and not negative, found {self.rain}")
+            raise InputError("rain must be finite and not negative", found=self.rain)
 
     def __str__(self) -> str:
         fog = [f"visibility {self.visibility:g} m"] if self.visibility < math.inf else []

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from lidarplace.base.class_names import IGNORE
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
 from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
@@ -75,7 +76,9 @@ class LogScene(Settings):
     @model_validator(mode="after")
     def _of_one_log(self) -> Self:
         if self.test_folder is not None and self.clouds == "recorded":
-            raise ValueError("test_folder: recorded clouds lie in one folder; allowed is null")
+            raise InputError(
+                "recorded clouds lie in one folder; allowed is null", key="test_folder"
+            )
         return self
 
     def __hash__(self) -> int:
@@ -156,7 +159,7 @@ class LogRecording:
         """Read it. Raises as `LogScene.read` does, and if the log is not what it was."""
         if self.scene.digest() != self.digest:
             problem = "the log has changed since the command was given; give the command again"
-            raise ValueError(f"{self.scene.folder}: {problem}")
+            raise InputError(problem, place=self.scene.folder)
         return self.scene.read()
 
 

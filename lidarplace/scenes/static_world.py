@@ -134,9 +134,11 @@ class WorldBuilder:
         shift = place - self._origin
         limits = np.array([HALF_TILES, HALF_TILES, HALF_LEVELS / TILE]) * TILE_M - 2 * REACH_M
         if (np.abs(shift) > limits).any():
-            raise ValueError(
-                f"poses: frame {self._frames} of the scene is {np.abs(shift).max():.4g} m from its "
-                f"first one; expected at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height"
+            raise InputError(
+                f"frame {self._frames} of the scene is {np.abs(shift).max():.4g} m from its "
+                "first one",
+                key="poses",
+                expected=f"at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height",
             )
         self._path.append(shift)
         self._frames += 1

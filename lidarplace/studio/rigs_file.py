@@ -13,6 +13,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
@@ -130,7 +131,7 @@ class RigsFile:
             try:
                 laid.append(lay_out(own.requirement(self.body, curves), self.body))
             except ValueError as error:
-                raise ValueError(f"{self.path}: requirements {own.name!r}: {error}") from None
+                raise InputError(f"requirements {own.name!r}: {error}", place=self.path) from None
         return tuple(laid)
 
     def text_with(self, rigs: Sequence[Rig]) -> str:

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.yaml import read_yaml_file
@@ -138,7 +139,7 @@ class Studio:
     def copy_rig(self, name: str) -> None:
         """Select a copy of the rig under another name. Raises ValueError: it is empty or taken."""
         if not name or name in [rig.name for rig in self.rigs]:
-            raise ValueError(f"a rig needs a name of its own, found {name!r}")
+            raise InputError("a rig needs a name of its own", found=repr(name))
         self._begun[name] = self._begun.get(self.rig.name, self.rig)
         rigs = (*self.rigs, replace(self.rig, name=name))
         with self._editing:
@@ -210,7 +211,7 @@ class Studio:
     def snap(self, number: int) -> None:
         """Move a LiDAR to the nearest point of a zone. Raises ValueError without zones."""
         if not self.file.zones:
-            raise ValueError(f"{self.file.path}: has no zones")
+            raise InputError("has no zones", place=self.file.path)
         mount = self.rig.mounts[number]
         zone = min(self.file.zones, key=lambda z: distance(z, mount.x, mount.y, mount.z))
         x, y = nearest(zone.polygon, mount.x, mount.y)
@@ -369,7 +370,7 @@ class Studio:
         file of that name."""
         before = read_yaml_file(path) if path.exists() else None
         if before is not None and not is_evaluation(before):
-            raise ValueError(f"{path}: is there already and is no evaluation; rename it")
+            raise InputError("is there already and is no evaluation", place=path, fix="rename it")
         rigs = [edits.working(rig) for rig in self.rigs]
         sweep = sweep_of(rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(evaluation_of(sweep, self.file, before)), overwrite=True)

@@ -33,7 +33,7 @@ def rigs_of(trials: Sequence[Trial], store: Store) -> Judged:
         if not store.has(trial.evaluate):
             continue
         if not all(isinstance(task.params, CollectParams) for task in trial.collect_test):
-            raise ConfigError("scene.clouds: which rays made recorded clouds is not known")
+            raise ConfigError("which rays made recorded clouds is not known", key="scene.clouds")
         axes = {k: v for k, v in trial.grid_point.axes.items() if k not in ("detector", "seed")}
         label = [axes.pop("placement", trial.grid_point.point.placement)]
         label += [f"{name}={value}" for name, value in axes.items()]

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.filesize import decimal
 
+from lidarplace.base.errors import InputError
 from lidarplace.command_line.terminal import output, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.store.entries import SWEEPS, Entry, size_of
@@ -60,12 +61,12 @@ def clean(
 
     with checked_input():
         if dry_run and forget:
-            raise ValueError("--forget: cannot be combined with --dry-run")
+            raise InputError("cannot be combined with --dry-run", place="--forget")
         try:
             limit = None if quota is None else TypeAdapter(ByteSize).validate_python(quota)
         except ValidationError:
             expected = "expected a size such as 500MB or 50GB"
-            raise ValueError(f"--quota {quota}: {expected}") from None
+            raise InputError(expected, place=f"--quota {quota}") from None
         opened = _store_of(store)
         with nullcontext() if unlocked or dry_run else opened.exclusive():
             opened.forget(*forget or ())
@@ -89,7 +90,7 @@ def _store_of(name: str) -> Store:
     else:
         opened = open_store(name, Path())
     if not isinstance(opened, RemoteStore) and not (opened.folder / SWEEPS).is_dir():
-        raise ValueError(f"{opened.folder}: not a store; no sweep has stored results there")
+        raise InputError("not a store; no sweep has stored results there", place=opened.folder)
     return opened
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lidarplace.base.errors import InputError
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.verbs import checked_input, new_app, verb
@@ -95,7 +96,9 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
         places = "; ".join(
             ", ".join(f"{key}={value}" for key, value in group.place.items()) for group in every
         )
-        raise ValueError(f"--where {' '.join(where)}: {run.path} has {places or 'no detector'}")
+        raise InputError(
+            f"{run.path} has {places or 'no detector'}", place=f"--where {' '.join(where)}"
+        )
     if rigs is None:
         ranked = ((group, headline_ranking(run, group)) for group in chosen)
         found = compared_failures(run, ranked)
@@ -106,18 +109,19 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
         found = next((own for own in both if own is not None), None)
         named = f"both {first} and {second}"
     if found is None:
-        raise ValueError(f"{run.path}: no detector of one seed was tested under {named}")
+        raise InputError(f"no detector of one seed was tested under {named}", place=run.path)
     return found
 
 
 def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
     names = rigs.split(",")
     if len(names) != 2 or names[0] == names[1]:
-        raise ValueError(f"--rigs {rigs}: expected two placements, such as center,line")
+        raise InputError(place=f"--rigs {rigs}", expected="two placements, such as center,line")
     for name in names:
         if name not in run.placements:
-            raise ValueError(
-                f"--rigs: {run.path} has no placement {name}; it has {', '.join(run.placements)}"
+            raise InputError(
+                f"{run.path} has no placement {name}; it has {', '.join(run.placements)}",
+                place="--rigs",
             )
     return names[0], names[1]
 

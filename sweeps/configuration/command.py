@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler, WrapValidator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration import settings
 from lidarplace.configuration.settings import Count, CountFromOne, FileBeside, Seconds, Settings
@@ -79,13 +80,15 @@ def _checked(judge: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
     if isinstance(judge, (Mapping, CommandJudge)):
         own = CommandJudge.model_validate(judge, context=info.context)
         if own.name in JUDGES:
-            raise ValueError(
-                f"name: {own.name} is a built-in judge; choose another name for the command"
+            raise InputError(
+                f"{own.name} is a built-in judge",
+                key="name",
+                fix="choose another name for the command",
             )
         return own
     if judge not in JUDGES:
         hint = did_you_mean(judge, JUDGES) if isinstance(judge, str) else ""
-        raise ValueError(f"expected {', '.join(JUDGES)}, or a mapping with command{hint}")
+        raise InputError(expected=f"{', '.join(JUDGES)}, or a mapping with command{hint}")
     return judge
 
 

@@ -70,16 +70,18 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
     try:
         raw = read_yaml_file(path)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ConfigError(f"cannot be read: {error.strerror}", place=path) from None
     except YamlError as error:
         raise ConfigError(str(error)) from None
     if not isinstance(raw, dict):
         what = "nothing" if raw is None else type(raw).__name__
-        raise ConfigError(f"{path}: expected a mapping of keys, found {what}")
+        raise ConfigError(place=path, expected="a mapping of keys", found=what)
     unknown = [key for key in raw if key not in model.model_fields]
     for key, (kind, verb) in _VERBS.items():
         if key in unknown:
-            raise ConfigError(f"{path}: {key}: key of {kind}; run this file with {command(verb)}")
+            raise ConfigError(
+                f"key of {kind}", place=path, key=key, fix=f"run this file with {command(verb)}"
+            )
     for key in map(str, unknown):
         raise ConfigError(unknown_key(key, model), place=str(path), key=shortened(key))
     FOLDERS.append(path.parent.resolve())
@@ -99,9 +101,11 @@ def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> 
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
         raise ConfigError(
-            f"{path}: name: without one it is that of the file, and {path.stem!r} cannot be a "
-            "name, which has letters, digits and _.- alone; give another, such as "
-            f"--set name={other}"
+            f"without one it is that of the file, and {path.stem!r} cannot be a name, which "
+            "has letters, digits and _.- alone",
+            place=path,
+            key="name",
+            fix=f"give another, such as --set name={other}",
         )
     return {**raw, "name": raw.get("name", path.stem)}
 
@@ -111,7 +115,7 @@ def split_override(pair: str) -> tuple[str, str]:
     key, equals, text = pair.partition("=")
     if not equals or not key.strip():
         such = f", such as --set {key.strip()}=3" if key.strip() else ""
-        raise ConfigError(f"--set {pair}: expected KEY=VALUE, with = between them{such}")
+        raise ConfigError(place=f"--set {pair}", expected=f"KEY=VALUE, with = between them{such}")
     return key.strip(), text
 
 
@@ -120,19 +124,21 @@ def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]
     try:
         value = parse_yaml(text)
     except YamlError as error:
-        raise ConfigError(f"--set {pair}: the value: {error}") from None
+        raise ConfigError(f"the value: {error}", place=f"--set {pair}") from None
     if key.partition(".")[0] not in model.model_fields:
-        raise ConfigError(f"--set {pair}: {unknown_key(key, model)}")
+        raise ConfigError(unknown_key(key, model), place=f"--set {pair}")
     if key.startswith("grid."):  # its keys are key paths: grid."training.lr"
         grid = raw.setdefault("grid", {})
         if not isinstance(grid, dict):
-            raise ConfigError(f"{path}: grid: expected a mapping, found {grid!r}")
+            raise ConfigError("grid", place=path, expected="a mapping", found=repr(grid))
         grid[key.removeprefix("grid.")] = value
         return
     axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
     for axis in axes:
         if f"{key}.".startswith(f"{axis}."):
-            raise ConfigError(f"--set {pair}: {axis} is an axis of the grid; use grid.{axis}=[…]")
+            raise ConfigError(
+                f"{axis} is an axis of the grid", place=f"--set {pair}", fix=f"use grid.{axis}=[…]"
+            )
     put(raw, key, value, path)
 
 
@@ -142,7 +148,9 @@ def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
     for key in parents:
         inner = data.get(key, {})
         if not isinstance(inner, dict):
-            raise ConfigError(f"{path}: {key_path}: {key} is {inner!r}, not a mapping of keys")
+            raise ConfigError(
+                f"{key} is {inner!r}, not a mapping of keys", place=path, key=key_path
+            )
         data[key] = data = dict(inner)
     data[last] = deepcopy(value)
 
@@ -171,7 +179,7 @@ def check(
             message = unknown_key(str(loc[-1]), _model_at(model, loc[:-1], data))
         else:
             message = _expected_first(what_is_wrong(_plainly(first)))
-        raise ConfigError(message, place=str(path), key=key or None) from None
+        raise ConfigError(message, place=path, key=key) from None
 
 
 def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:

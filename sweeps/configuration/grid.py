@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from lidarplace.base.errors import at
 from lidarplace.base.metrics import METRICS, RANKING
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
@@ -89,7 +90,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     with named(path):
         rigs = Rigs(checked_common.placements, first)
     _check_own_values(own, at_first, rigs, first, path)
-    rungs = _trained_rungs(checked_common, grid, path)
+    with at(path, ConfigError):
+        rungs = _trained_rungs(checked_common, grid)
     # A section in which nothing varies is one object for all points: one log is read once.
     varied = {k.partition(".")[0] for k in (*grid, *(k for _, settings in rungs for k in settings))}
     known = {key: getattr(first, key) for key in own.keys() - varied}
@@ -108,7 +110,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             names = {key: f"promote[{rung}].set.{key}" for key in settings}
             point = check(Point, base, path, names, axes | settings)
             if not settings:  # the full trainings
-                _check_rungs(checked_common, point, path)
+                with at(path, ConfigError):
+                    _check_rungs(checked_common, point)
             with named(f"{path}: {'grid.placement' if 'placement' in grid else 'placement'}"):
                 rig = rigs.of(point)
             plain: Any = point.model_dump(mode="json")
@@ -120,7 +123,7 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
                 axes["judge"] = point.judged_by
             points.append(GridPoint(point, rig, axes, rung, tuple(set_by_rungs)))
     if not points:
-        raise ConfigError(f"{path}: exclude: no point of the grid is left")
+        raise ConfigError("no point of the grid is left", place=path, key="exclude")
     source = portable(raw, path.parent)
     return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs)
 
@@ -143,7 +146,7 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
             if not sweep.common.allow_blind_lidars:
                 check_not_blind(own.rig, own.roi, own.vehicle)
         except ValueError as error:
-            raise ConfigError(f"{path}: placement {error}") from None
+            raise ConfigError(f"placement {error}", place=path) from None
 
 
 def _check_own_values(
@@ -168,44 +171,43 @@ def _has(data: Any, key_path: str) -> bool:
     return True
 
 
-def _trained_rungs(
-    common: Common, grid: Mapping[str, Any], path: Path
-) -> list[tuple[int, dict[str, Any]]]:
+def _trained_rungs(common: Common, grid: Mapping[str, Any]) -> list[tuple[int, dict[str, Any]]]:
     """Rungs that train, by their number, and what they set; at last the full trainings."""
     rungs = []
     for number, rung in enumerate(common.promote):
-        where = f"{path}: promote[{number}].set"
+        where = f"promote[{number}].set"
         for key in rung.set:
             if key in grid:
-                raise ConfigError(f"{where}.{key}: is an axis of the grid")
+                raise ConfigError("is an axis of the grid", key=f"{where}.{key}")
             if key != "judge" and not key.startswith("training."):
                 expected = "judge or a key of training, such as training.epochs"
-                raise ConfigError(f"{where}.{key}: expected {expected}")
+                raise ConfigError(key=f"{where}.{key}", expected=expected)
         refuse_overlaps(rung.set, where, grid, "an axis of the grid")
         if rung.set:
             rungs.append((number, rung.set))
     return [*rungs, (len(common.promote), {})]
 
 
-def _check_rungs(common: Common, point: Point, path: Path) -> None:
+def _check_rungs(common: Common, point: Point) -> None:
     for number, rung in enumerate(common.promote):
-        key = f"{path}: promote[{number}]"
+        key = f"promote[{number}]"
         if rung.by in RANKING and point.detector is None:
-            raise ConfigError(f"{key}.by: {rung.by} needs a detector")
+            raise ConfigError(f"{rung.by} needs a detector", key=f"{key}.by")
         if rung.by not in RANKING and rung.by not in point.surrogate.names:
-            raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
+            raise ConfigError(f"{rung.by} is not among surrogate.names", key=f"{key}.by")
         if rung.by in RANKING and rung.by not in (*METRICS.own, *point.metrics):
-            raise ConfigError(f"{key}.by: {rung.by} is not among metrics")
+            raise ConfigError(f"{rung.by} is not among metrics", key=f"{key}.by")
         own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
         shorter = point.training.model_copy(update=own)
         cheaper = rung.set.get("judge") in ONE_FOR_ALL and point.judge not in ONE_FOR_ALL
         if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
             raise ConfigError(
-                f"{key}.set: these trainings see as many frames as the full ones; "
-                "lower training.epochs or training.frame_share"
+                "these trainings see as many frames as the full ones",
+                key=f"{key}.set",
+                fix="lower training.epochs or training.frame_share",
             )
         if rung.object_class and rung.object_class not in point.classes:
-            raise ConfigError(f"{key}.class: {rung.object_class} is not among classes")
+            raise ConfigError(f"{rung.object_class} is not among classes", key=f"{key}.class")
 
 
 def refuse_overlaps(
@@ -218,9 +220,9 @@ def refuse_overlaps(
     `whose`: which of the two counts would depend on their order. Raises ConfigError."""
     for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
         what = "which is also set" if outer in key_paths else whose
-        raise ConfigError(f"{where}.{inner}: is inside {outer}, {what}")
+        raise ConfigError(f"is inside {outer}, {what}", key=f"{where}.{inner}")
     for outer, inner in _nested(key_paths, others):
-        raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")
+        raise ConfigError(f"has {inner} inside, {whose}", key=f"{where}.{outer}")
 
 
 def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
@@ -239,27 +241,32 @@ def _effort(training: TrainingSettings) -> float:
 def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
-        raise ConfigError(f"{path}: grid: expected a mapping of key paths, found {found(grid)}")
+        raise ConfigError("grid", place=path, expected="a mapping of key paths", found=found(grid))
     for axis, values in grid.items():
         if str(axis).partition(".")[0] not in Point.model_fields:
             problem = unknown_key(str(axis), Point)
-            raise ConfigError(f"{path}: grid.{shortened(str(axis))}: {problem}")
+            raise ConfigError(problem, place=path, key=f"grid.{shortened(str(axis))}")
         if not isinstance(values, list) or not values:
             expected = f"expected a list of at least 1 value, found {found(values)}"
-            raise ConfigError(f"{path}: grid.{axis}: {expected}")
+            raise ConfigError(expected, place=path, key=f"grid.{axis}")
         seen = set()
         for value in values:
             if _key(value) in seen:
-                raise ConfigError(f"{path}: grid.{axis}: duplicate value {found(value)}")
+                raise ConfigError(f"duplicate value {found(value)}", place=path, key=f"grid.{axis}")
             seen.add(_key(value))
-    refuse_overlaps(grid, f"{path}: grid")
+    with at(path, ConfigError):
+        refuse_overlaps(grid, "grid")
     names = [own.get("name", "command") for own in grid.get("judge", ()) if isinstance(own, dict)]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError(f"{path}: grid.judge: duplicate name {found(name)} of commands")
+            raise ConfigError(
+                f"duplicate name {found(name)} of commands", place=path, key="grid.judge"
+            )
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
-        raise ConfigError(f"{path}: grid: {points:,} points; expected at most {MOST_POINTS:,}")
+        raise ConfigError(
+            f"{points:,} points", place=path, key="grid", expected=f"at most {MOST_POINTS:,}"
+        )
     return grid
 
 
@@ -273,22 +280,24 @@ def _key(value: Any) -> Any:
 def _exclusions(rules: Any, grid: Mapping[str, list[Any]], path: Path) -> list[dict[str, set[Any]]]:
     """For every rule the excluded values of its axes, as `_key` has them."""
     if not isinstance(rules, list):
-        raise ConfigError(f"{path}: exclude: expected a list of mappings, found {found(rules)}")
+        raise ConfigError("exclude", place=path, expected="a list of mappings", found=found(rules))
     known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
             expected = f"expected a mapping of axes to values, found {found(rule)}"
-            raise ConfigError(f"{path}: exclude[{i}]: {expected}")
+            raise ConfigError(expected, place=path, key=f"exclude[{i}]")
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
-            place = f"{path}: exclude[{i}].{shortened(str(key))}"
+            where = f"exclude[{i}].{shortened(str(key))}"
             if key not in grid:
                 expected = ", ".join(grid) or "none"
-                raise ConfigError(f"{place}: no axis of the grid; expected {expected}")
+                raise ConfigError("no axis of the grid", place=path, key=where, expected=expected)
             for value in values:
                 if _key(value) not in known[key]:
                     expected = found(grid[key])
-                    raise ConfigError(f"{place}: expected one of {expected}, found {found(value)}")
+                    raise ConfigError(
+                        place=path, key=where, expected=f"one of {expected}", found=found(value)
+                    )
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.own_body import check_mounts
@@ -101,10 +102,12 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
     lidar = file.lidar.lidar()
     taken = sorted(set(file.placements) & set(PAPER_PLACEMENTS))
     if taken:
-        raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")
+        raise InputError(
+            f"{taken[0]!r} is the paper's", key="placements", fix="choose another name"
+        )
     names = file.rigs or tuple(file.placements) or tuple(PAPER_PLACEMENTS)
     if len(set(names)) < len(names):
-        raise ValueError(f"rigs: duplicates; found {', '.join(names)}")
+        raise InputError("duplicates", key="rigs", found=", ".join(names))
     rigs = []
     for name in names:
         if name in file.placements:
@@ -120,9 +123,10 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
                 rigs.append((rig, read_placement_settings(path).further()))
         else:
             known = [*file.placements, *PAPER_PLACEMENTS]
-            raise ValueError(
-                f"rigs: no placement {name!r}{did_you_mean(name, known)}; expected "
-                f"{', '.join(known)}, a FILE.yaml, a run folder"
+            raise InputError(
+                f"no placement {name!r}{did_you_mean(name, known)}",
+                key="rigs",
+                expected=f"{', '.join(known)}, a FILE.yaml, a run folder",
             )
     return rigs
 
@@ -131,9 +135,9 @@ def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> 
     for name, box in zip(keep_out, keep_out_boxes(keep_out), strict=True):
         for number, mount in enumerate(rig.mounts, start=1):
             if depth_in(box[None], np.array([mount.position])).any():
-                raise ValueError(
-                    f"{rig.name!r}: LiDAR {number} at {point(*mount.position)} is inside "
-                    f"keep_out.{name}"
+                raise InputError(
+                    f"LiDAR {number} at {point(*mount.position)} is inside keep_out.{name}",
+                    key=repr(rig.name),
                 )
 
 
@@ -152,7 +156,7 @@ def check_asked(
             try:
                 check_pairs(own.common_view.asked(), len(kinds))
             except ValueError as error:
-                raise ValueError(f"{own.name!r}: {error} in {rig.name!r}") from None
+                raise InputError(f"{error} in {rig.name!r}", key=repr(own.name)) from None
     check_mounts(rig, vehicle)
 
 
@@ -162,7 +166,9 @@ def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) ->
         for number, lidar in enumerate(rig.lidars, start=1):
             if (found := own.not_of(lidar)) is not None:
                 key, told = found
-                raise ValueError(f"{own.name!r}: {key}: LiDAR {number} of {rig.name!r}: {told}")
+                raise InputError(
+                    f"{key}: LiDAR {number} of {rig.name!r}: {told}", key=repr(own.name)
+                )
 
 
 def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.rigs.lidar import Lidar
@@ -23,7 +24,9 @@ class Rigs:
         """Build own placements as the first point has them. Raises ValueError, as `of` does."""
         taken = sorted(set(own) & set(PAPER_PLACEMENTS))
         if taken:
-            raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")
+            raise InputError(
+                f"{taken[0]!r} is the paper's", key="placements", fix="choose another name"
+            )
         self.own = own
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
@@ -59,15 +62,15 @@ class Rigs:
         else:
             known = [*PAPER_PLACEMENTS, *self.own]
             hint = did_you_mean(name, known)
-            raise ValueError(f"no placement {name!r}{hint}; expected one of {', '.join(known)}")
+            raise InputError(f"no placement {name!r}{hint}", expected=f"one of {', '.join(known)}")
         return rig.each_lidar(lambda own: self._in_weather(own, weather))
 
 
 def _subset(scene: Scene, lidar: LidarSettings, names: tuple[str, ...]) -> Placement:
     """LiDARs of the rig that recorded a log, with what `lidar` corrects. Raises ValueError."""
     if not isinstance(scene, LogScene):
-        raise ValueError(
-            f"needs the recorded rig of a log; expected scene.source log, found {scene.source}"
+        raise InputError(
+            "needs the recorded rig of a log", expected="scene.source log", found=scene.source
         )
     subset = scene.rig.subset(names)
     models = zip(subset.names, subset.placement.lidars, strict=True)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS, RANKING, Direction, headline_metric
 from lidarplace.base.registry import OneOf
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
@@ -85,11 +86,11 @@ class ZoneSettings(PlaceSettings):
     def _possible(self) -> ZoneSettings:
         if self.lidars is None:
             if own := self.model_fields_set & _OF_COUNTED_ZONES:
-                raise ValueError(f"{min(own)}: needs `lidars` in the zone")
+                raise InputError("needs `lidars` in the zone", key=min(own))
         elif self.lidars[0] > self.lidars[1]:
-            raise ValueError("lidars: expected a number, or [min, max] with min <= max")
+            raise InputError("expected a number, or [min, max] with min <= max", key="lidars")
         if self.mirrored and any(y < 0 for _, y in self.zone("any").polygon):
-            raise ValueError("mirrored: define only the part left of y = 0")
+            raise InputError("define only the part left of y = 0", key="mirrored")
         return self
 
 
@@ -171,9 +172,9 @@ class ObjectiveSettings(Settings):
                 f"{self.by} is not measured by a detector; allowed are {', '.join(RANKING)}"
             )
         if self.also and not (self.measured and all(part.measured for part in self.parts)):
-            raise ValueError("also: is for values that detectors measure, such as recall")
+            raise InputError("is for values that detectors measure, such as recall", key="also")
         if len({part.best for part in self.parts}) > 1:
-            raise ValueError("also: all values have to be large, or all small")
+            raise InputError("all values have to be large, or all small", key="also")
         return self
 
     @property
@@ -393,41 +394,43 @@ class SearchSettings(Settings):
     def _fits(self) -> SearchSettings:
         low, high = self.lidars
         if not 1 <= low <= high:
-            raise ValueError("lidars: expected a number, or [min, max] with 1 <= min <= max")
+            raise InputError("expected a number, or [min, max] with 1 <= min <= max", key="lidars")
         names = [objective.name for objective in self.objective]
         if len(set(names)) < len(names):
-            raise ValueError(f"objective: duplicates; found {', '.join(names)}")
+            raise InputError("duplicates", key="objective", found=", ".join(names))
         measured = [objective for objective in self.objective if objective.measured]
         if measured and any(o.of_traffic for o in self.objective):
-            raise ValueError("objective: measured values and surrogates cannot be combined")
+            raise InputError("measured values and surrogates cannot be combined", key="objective")
         for name in (o.name for o in measured if not o.judged):
             expected = f"generalist.{name} or pretrained.{name}"
-            raise ValueError(f"objective: expected {expected}, found {name}")
+            raise InputError(key="objective", expected=expected, found=name)
         if measured:
             tests = max(len(self.traffic.search), len(self.traffic.choice))
             if self.over == "worst" and tests * (self.vehicles or 1) == 1:
-                raise ValueError("over: worst needs several kinds of traffic, or vehicles")
+                raise InputError("worst needs several kinds of traffic, or vehicles", key="over")
         else:
             for key in ("traffic", "vehicles", "over"):
                 if getattr(self, key) != type(self).model_fields[key].default:
-                    raise ValueError(f"{key}: applies only to objectives of a generalist")
+                    raise InputError("applies only to objectives of a generalist", key=key)
         if self.adapt is not None:
             if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
-                raise ValueError("adapt: is for an objective that begins with pretrained")
+                raise InputError("is for an objective that begins with pretrained", key="adapt")
             if not measured or self.adapt >= self.trials:
-                raise ValueError(f"adapt: expected fewer than `trials`, found {self.adapt}")
+                raise InputError(key="adapt", expected="fewer than `trials`", found=self.adapt)
             if len(self.models) > 1 or self.counted:
-                raise ValueError("adapt: is for one LiDAR model, and zones that do not count")
+                raise InputError("is for one LiDAR model, and zones that do not count", key="adapt")
         if self.near_start and not self.start:
-            raise ValueError("near_start: name the rigs in `start`")
+            raise InputError("name the rigs in `start`", key="near_start")
         self._check_zones()
         self.further()
         for fixed in self.fixed:
             if fixed.lidar is not None:
-                raise ValueError("fixed: lidar: define it in `models`, and set `model` here")
+                raise InputError("lidar: define it in `models`, and set `model` here", key="fixed")
             if fixed.model is not None and fixed.model not in self.models:
                 known = ", ".join(self.models) or "models"
-                raise ValueError(f"fixed: unknown model {fixed.model!r}; expected one of {known}")
+                raise InputError(
+                    f"unknown model {fixed.model!r}", key="fixed", expected=f"one of {known}"
+                )
         self._check_sampler()
         return self
 
@@ -461,53 +464,70 @@ class SearchSettings(Settings):
         without = [name for name, zone in self.zones.items() if zone.lidars is None]
         if self.counted:
             if without:
-                raise ValueError(f"zones.{without[0]}.lidars: missing; other zones have it")
+                raise InputError("missing; other zones have it", key=f"zones.{without[0]}.lidars")
             if "lidars" in self.model_fields_set:
-                raise ValueError("lidars: the zones say how many there are; say it there alone")
+                raise InputError(
+                    "the zones say how many there are", key="lidars", fix="say it there alone"
+                )
             if self.symmetric:
-                raise ValueError("symmetric: zones with `lidars` need `mirrored`, too")
+                raise InputError("zones with `lidars` need `mirrored`, too", key="symmetric")
             if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
-                raise ValueError("zones: no zone allows a LiDAR")
+                raise InputError("no zone allows a LiDAR", key="zones")
         mountable(self.zones, vehicle_of(self.vehicle))
         known = ", ".join(self.models) or "none: give search.models"
         for name, zone in self.zones.items():
             for model in zone.models or ():
                 if model not in self.models:
-                    raise ValueError(f"zones.{name}.models: no model {model!r}; there are {known}")
+                    raise InputError(
+                        f"no model {model!r}; there are {known}", key=f"zones.{name}.models"
+                    )
         common = {"constraints": self.constraints.common_view}
         common |= {f"requirements {own.name!r}": own.common_view for own in self.requirements}
         for place, view in common.items():
             if view is not None and not isinstance(view.pairs, str):
-                raise ValueError(
-                    f"{place}: common_view.pairs: LiDARs of a search have no fixed numbers; "
-                    f"expected all or chain, found {[list(pair) for pair in view.pairs]}"
+                raise InputError(
+                    "LiDARs of a search have no fixed numbers",
+                    place=place,
+                    key="common_view.pairs",
+                    expected="all or chain",
+                    found=[list(pair) for pair in view.pairs],
                 )
         if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
             unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
             if unknown:
-                raise ValueError(f"models.{unknown[0]}.power: not in the catalogue; set it")
+                raise InputError(
+                    "not in the catalogue", key=f"models.{unknown[0]}.power", fix="set it"
+                )
             if not self.models:
-                raise ValueError("models: define the LiDARs there, so that their power is known")
+                raise InputError(
+                    "define the LiDARs there, so that their power is known", key="models"
+                )
             for own in self.further_settings:
                 if own.power is None:
                     key = "cameras" if own in self.cameras else "radars"
-                    raise ValueError(f"{key}: power of {own.name or key}: is missing; say it")
+                    raise InputError(
+                        f"power of {own.name or key}: is missing", key=key, fix="say it"
+                    )
         if any(o.by == "margin" for o in self.objective) and not self.requirements:
-            raise ValueError("objective: margin needs search.requirements")
+            raise InputError("margin needs search.requirements", key="objective")
 
     def _check_sampler(self) -> None:
         if self.sampler != "cmaes":
             return
         if len(self.objective) > 1:
-            raise ValueError("sampler: cmaes knows one objective; take nsga2, nsga3, tpe or gp")
+            raise InputError(
+                "cmaes knows one objective", key="sampler", fix="take nsga2, nsga3, tpe or gp"
+            )
         own = self.constraints.model_dump().items()
         limits = [k for k, v in own if v is not None and (k, v) != ("distance", 0)]
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
         if limits and not self.objective[0].judged:
-            raise ValueError(
-                f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would search "
-                "infeasible rigs; use tpe, gp, nsga2 or nsga3, or remove the constraints "
-                "(constraints.distance: 0)"
+            raise InputError(
+                f"CMA-ES ignores constraints ({', '.join(limits)}) and would search "
+                "infeasible rigs",
+                key="sampler",
+                fix="use tpe, gp, nsga2 or nsga3, or remove the constraints "
+                "(constraints.distance: 0)",
             )
 
 
@@ -553,5 +573,5 @@ class SearchFile(Common, Point):
     def _is_measured(self) -> SearchFile:
         for part in (part for objective in self.search.objective for part in objective.parts):
             if part.measured and part.by not in (*METRICS.own, *self.metrics):
-                raise ValueError(f"search.objective: {part.by} is not among metrics")
+                raise InputError(f"{part.by} is not among metrics", key="search.objective")
         return self

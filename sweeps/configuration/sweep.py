@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS, RANKING, Direction, Overlaps
 from lidarplace.base.registry import OneOf
 from lidarplace.base.roi import Roi
@@ -69,7 +70,7 @@ class RoiSettings(Settings):
     @classmethod
     def _ordered(cls, interval: tuple[float, float]) -> tuple[float, float]:
         if not interval[0] < interval[1]:
-            raise ValueError("expected [min, max] with min < max")
+            raise InputError(expected="[min, max] with min < max")
         return interval
 
 
@@ -141,7 +142,7 @@ class ClassSettings(Settings):
     @classmethod
     def _strict_first(cls, iou: tuple[float, float] | None) -> Any:
         if iou is not None and not iou[0] > iou[1]:
-            raise ValueError("expected [strict, loose] with strict > loose")
+            raise InputError(expected="[strict, loose] with strict > loose")
         return iou
 
     @property
@@ -211,7 +212,7 @@ class GeneralistSettings(Settings):
         named = isinstance(rigs, (list, tuple)) and all(isinstance(name, str) for name in rigs)
         good = 0 < len(set(rigs)) == len(rigs) if named else type(rigs) is int and rigs >= 1
         if not good:
-            raise ValueError("expected a number from 1, or a list of different placements")
+            raise InputError(expected="a number from 1, or a list of different placements")
         return rigs
 
 
@@ -293,9 +294,10 @@ class Point(Settings):
         ):
             for name in named:
                 if name not in known:
-                    raise ValueError(
-                        f"{key}: {name} is not among classes{did_you_mean(name, known)}, which are "
-                        f"{', '.join(self.classes)}"
+                    raise InputError(
+                        f"{name} is not among classes{did_you_mean(name, known)}, which are "
+                        f"{', '.join(self.classes)}",
+                        key=key,
                     )
         return self
 
@@ -304,21 +306,24 @@ class Point(Settings):
         sides = (self.roi.x, self.roi.y, self.roi.z)
         voxels = math.prod((high - low) / self.surrogate.resolution for low, high in sides)
         if voxels > MOST_VOXELS:
-            raise ValueError(
-                f"surrogate.resolution: {self.surrogate.resolution:g} m divides the ROI into "
-                f"{voxels:.3g} voxels; expected at most {MOST_VOXELS:.3g}"
+            raise InputError(
+                f"{self.surrogate.resolution:g} m divides the ROI into {voxels:.3g} voxels",
+                key="surrogate.resolution",
+                expected=f"at most {MOST_VOXELS:.3g}",
             )
         self.voxel_roi()
         if self.surrogate.mount_draws and not self.mounting_errors.errors():
-            raise ValueError(
-                "surrogate.mount_draws: no mount is off; set mounting_errors, such as "
-                "{offset: 0.01, angle_deg: 0.5}"
+            raise InputError(
+                "no mount is off",
+                key="surrogate.mount_draws",
+                fix="set mounting_errors, such as {offset: 0.01, angle_deg: 0.5}",
             )
         corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
         if isinstance(self.scene, SumoScene) and corner > KEEP_M:
-            raise ValueError(
-                f"roi: simulated traffic is logged up to {KEEP_M:g} m from the vehicle, and the "
-                f"corner of the ROI is {corner:.1f} m away"
+            raise InputError(
+                f"simulated traffic is logged up to {KEEP_M:g} m from the vehicle, and the "
+                f"corner of the ROI is {corner:.1f} m away",
+                key="roi",
             )
         return self
 
@@ -361,7 +366,7 @@ class RaySettings(Settings):
     @classmethod
     def _known(cls, address: str) -> str:
         if not re.fullmatch(r"local|debug|auto|(ray://)?[^\s:/]+:\d+", address):
-            raise ValueError("expected local, debug, auto, HOST:PORT or ray://HOST:PORT")
+            raise InputError(expected="local, debug, auto, HOST:PORT or ray://HOST:PORT")
         return address
 
 
@@ -413,15 +418,18 @@ class Rung(Settings):
     @model_validator(mode="after")
     def _clear(self) -> Rung:
         if self.by in RANKING and not self.set:
-            raise ValueError(f"set: a rung by {self.by} needs shorter trainings than the full ones")
+            raise InputError(
+                f"a rung by {self.by} needs shorter trainings than the full ones", key="set"
+            )
         if self.by not in RANKING and self.set:
-            raise ValueError(
-                f"set: does not apply, because nothing is trained for a rung by {self.by}"
+            raise InputError(
+                f"does not apply, because nothing is trained for a rung by {self.by}", key="set"
             )
         if self.direction is None and self.by in SURROGATES and SURROGATES[self.by].contested:
-            raise ValueError(
-                f"direction: {self.by} is highest for a placement that sees nothing; set maximize "
-                "(as in the paper) or minimize"
+            raise InputError(
+                f"{self.by} is highest for a placement that sees nothing",
+                key="direction",
+                fix="set maximize (as in the paper) or minimize",
             )
         return self
 

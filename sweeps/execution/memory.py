@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.filesize import decimal
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from sweeps.tasks.parameters import CommandParams
 from sweeps.tasks.task import Task
@@ -46,10 +47,12 @@ def check_memory(tasks: Iterable[Task], ray: str) -> None:
     total, _ = machine_memory()
     if largest is not None and ray in ("local", "debug") and voxel_memory(largest) > total:
         roi = _roi_of(largest)
-        raise ValueError(
-            f"surrogate.resolution: {math.prod(roi.shape):.3g} voxels of {roi.resolution:g} m need "
-            f"{decimal(voxel_memory(largest))} of memory ({largest.stage}); expected at most "
-            f"{decimal(total)}, all that this machine has; take larger voxels or a smaller roi"
+        raise InputError(
+            f"{math.prod(roi.shape):.3g} voxels of {roi.resolution:g} m need "
+            f"{decimal(voxel_memory(largest))} of memory ({largest.stage})",
+            key="surrogate.resolution",
+            expected=f"at most {decimal(total)}, all that this machine has",
+            fix="take larger voxels or a smaller roi",
         )
 
 

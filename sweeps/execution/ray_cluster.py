@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.registry import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps import PACKAGES
@@ -34,7 +35,7 @@ _NODES_S = 120.0  # a node unpacks the code and starts a process
 _DECISIVE = ("numpy", "numba", "pandas", "scipy", "torch")
 
 
-class ClusterError(ValueError):
+class ClusterError(InputError):
     """A cluster cannot be joined; one line that says what to mend."""
 
 
@@ -135,7 +136,7 @@ def _join(ray: ModuleType, address: str) -> None:
     where = f"ray.address {address}"
     if address.startswith("ray://"):
         if importlib.util.find_spec("grpc") is None:
-            raise ClusterError(f"{where}: needs grpcio: pip install 'lidarplace[cluster]'")
+            raise ClusterError("needs grpcio: pip install 'lidarplace[cluster]'", place=where)
         hint = (
             "Is it the port of the cluster's client server, does RAY_AUTH_TOKEN or "
             "RAY_AUTH_TOKEN_PATH name its token, and was the head started with "
@@ -154,7 +155,7 @@ def _join(ray: ModuleType, address: str) -> None:
             ray.init(address=address, runtime_env=_cluster_environment(), **_QUIET)
     except (ConnectionError, ray.exceptions.RayError) as error:
         why = _last_line(str(error))
-        raise ClusterError(f"{where}: Ray does not answer: {why}. {hint}") from None
+        raise ClusterError(f"Ray does not answer: {why}. {hint}", place=where) from None
     except RuntimeError as error:
         if "Version mismatch" not in str(error):
             raise
@@ -194,7 +195,7 @@ def _check_port(where: str, address: str) -> None:
     try:
         socket.create_connection((host, int(port)), timeout=_CONNECT_S).close()
     except OSError as error:
-        raise ClusterError(f"{where}: cannot be reached: {error.strerror or error}") from None
+        raise ClusterError(f"cannot be reached: {error.strerror or error}", place=where) from None
 
 
 def _check_head(where: str, address: str) -> None:
@@ -203,16 +204,18 @@ def _check_head(where: str, address: str) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_STATUS_S)
     except subprocess.TimeoutExpired:
-        raise ClusterError(f"{where}: does not answer within {_STATUS_S:.0f} s") from None
+        raise ClusterError(f"does not answer within {_STATUS_S:.0f} s", place=where) from None
     if not done.returncode:
         return
     text = done.stdout + done.stderr
     if "InvalidAuthToken" in text or "AuthenticationError" in text:
         raise ClusterError(
-            f"{where}: the cluster refuses the token; set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN "
-            "or RAY_AUTH_TOKEN_PATH to that of its head"
+            "the cluster refuses the token",
+            place=where,
+            fix="set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN or RAY_AUTH_TOKEN_PATH to that "
+            "of its head",
         )
-    raise ClusterError(f"{where}: is not the head of a Ray cluster: {_last_line(text)}")
+    raise ClusterError(f"is not the head of a Ray cluster: {_last_line(text)}", place=where)
 
 
 def _check_nodes(ray: ModuleType, where: str) -> None:
@@ -226,18 +229,20 @@ def _check_nodes(ray: ModuleType, where: str) -> None:
     try:
         nodes = ray.get(looks, timeout=_NODES_S)
     except ray.exceptions.RayError as error:
-        raise ClusterError(f"{where}: a node cannot work: {_last_line(str(error))}") from None
+        raise ClusterError(f"a node cannot work: {_last_line(str(error))}", place=where) from None
     for name, folder_is_there, versions in nodes:
         if not folder_is_there:
             raise ClusterError(
-                f"{where}: node {name} has no folder {os.getcwd()}; start the sweep in one that "
-                "all nodes share"
+                f"node {name} has no folder {os.getcwd()}",
+                place=where,
+                fix="start the sweep in one that all nodes share",
             )
         for package, there in versions.items():
             if there != own[package]:
                 raise ClusterError(
-                    f"{where}: node {name} has {package} {there}, and this driver {own[package]}; "
-                    "results would depend on the node"
+                    f"node {name} has {package} {there}, and this driver {own[package]}; "
+                    "results would depend on the node",
+                    place=where,
                 )
 
 

@@ -46,7 +46,7 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
             hint, there = did_you_mean(name, counts["train"]), listed(counts["train"])
             why = f"{where}: no box of class {name} in the training frames{hint}; found {there}"
         if none or name not in CLASSES:
-            raise ConfigError(f"classes: {why}")
+            raise ConfigError(why, key="classes")
         said.append(f"{why}.")
     return said
 
@@ -66,6 +66,6 @@ def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[Typ
                 (measured,) = typical_objects(boxes["train"], [name])
             except ValueError as error:
                 hint = f"class_settings.{name}.size names it"
-                raise ConfigError(f"classes: {error}; {hint}") from None
+                raise ConfigError(f"{error}; {hint}", key="classes") from None
         found.append(TypicalObject(name, size or measured.size, measured.bottom))
     return tuple(found)

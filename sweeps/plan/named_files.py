@@ -85,8 +85,10 @@ def generalist_of(point: Point) -> Generalist:
         found = _read_generalist(path)
     if point.detector != found.detector:
         raise ConfigError(
-            f"detector: {path} has weights of another network; expected {found.detector}, "
-            f"found {point.detector}"
+            f"{path} has weights of another network",
+            key="detector",
+            expected=found.detector,
+            found=point.detector,
         )
     return found
 

@@ -80,8 +80,9 @@ def make_plan(sweep: Sweep) -> Plan:
             seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
             hint = ", or name {seed} in judge.command" if seedless else ""
             raise ConfigError(
-                f"grid: '{same.label}' and '{trial.label}' are the same trial, which does not "
-                f"depend on {_difference(same, trial)}; exclude one{hint}"
+                f"'{same.label}' and '{trial.label}' are the same trial, which does not "
+                f"depend on {_difference(same, trial)}; exclude one{hint}",
+                key="grid",
             )
     laid = builder.laid(sweep.points[0].point)
     return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
@@ -372,8 +373,9 @@ class _Builder:
         """The training on many rigs: every frame under some of them, every rig in some frames."""
         if point.lidar.misaligned_heights:
             raise ConfigError(
-                f"judge: {point.judge}: lidar.misaligned_heights crops the clouds of each rig "
-                "differently; expected specialist"
+                f"{point.judge}: lidar.misaligned_heights crops the clouds of each rig differently",
+                key="judge",
+                expected="specialist",
             )
         settings = point.generalist
         rigs = self._training_rigs(point)
@@ -417,18 +419,25 @@ class _Builder:
         scene, lidar = point.scene, point.lidar
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:
-                raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
+                raise ConfigError(
+                    "recorded clouds are as they are", key="lidar", fix="leave the quirks out"
+                )
             if point.mounting_errors.errors() or point.judge in ("generalist", "finetuned"):
                 raise ConfigError(
-                    "scene.clouds: recorded clouds belong to one rig; remove judge and "
-                    "mounting_errors"
+                    "recorded clouds belong to one rig",
+                    key="scene.clouds",
+                    fix="remove judge and mounting_errors",
                 )
             if point.weather != WeatherSettings():
-                raise ConfigError("weather: does not apply to recorded clouds; remove it")
+                raise ConfigError(
+                    "does not apply to recorded clouds", key="weather", fix="remove it"
+                )
             if lidar.cloud_share != 1:
                 raise ConfigError(
-                    f"lidar.cloud_share: does not apply to recorded clouds; expected 1, found "
-                    f"{lidar.cloud_share:g}"
+                    "does not apply to recorded clouds",
+                    key="lidar.cloud_share",
+                    expected="1",
+                    found=f"{lidar.cloud_share:g}",
                 )
             names = self._rigs.recorded(point.placement)
             folder = scene.real_clouds if names else scene.folder / "clouds" / point.placement

@@ -25,14 +25,16 @@ def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
         values = {repr(grid_point.axes[axis]) for grid_point in sweep.points}
         if axis.partition(".")[0] not in _MIXED and len(values) > 1:
             raise ConfigError(
-                f"grid.{axis}: a base is trained for one value, found {', '.join(sorted(values))}; "
-                f"choose with --set 'grid.{axis}=[…]'"
+                "a base is trained for one value",
+                key=f"grid.{axis}",
+                found=", ".join(sorted(values)),
+                fix=f"choose with --set 'grid.{axis}=[…]'",
             )
     found = [trial.finetune for trial in with_detector(plan.trials)]
     trainings = [training for training in found if training is not None]
     if not trainings:
         raise ConfigError(
-            "detector: null or a command trains nothing; name the detector of the base"
+            "null or a command trains nothing", key="detector", fix="name the detector of the base"
         )
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
     params = trainings[0].params
@@ -48,8 +50,10 @@ def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
         values = {repr(getattr(params, name)) for params in every}
         if len(values) > 1:
             raise ConfigError(
-                f"{name}: one network is trained on all configurations; expected the same, found "
-                f"{' and '.join(sorted(values))}"
+                "one network is trained on all configurations",
+                key=name,
+                expected="the same",
+                found=" and ".join(sorted(values)),
             )
     same = {own.name: getattr(every[0], own.name) for own in fields(TrainingParams)}
     params = PretrainParams(

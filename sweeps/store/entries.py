@@ -7,6 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from lidarplace.base.errors import InputError
+
 SWEEPS = "sweeps"
 """Folder next to the stages: one file a sweep, with the keys that the sweep refers to."""
 
@@ -46,7 +48,10 @@ def keys_in(data: bytes, named: object) -> set[str]:
         keys = json.loads(data)
     if isinstance(keys, list):
         return set(keys)
-    raise ValueError(f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again")
+    found = repr(data[:40])
+    raise InputError(
+        place=str(named), expected="a list of keys", found=found, fix="run the sweep again"
+    )
 
 
 def size_of(entries: Iterable[Entry]) -> int:

@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import naming, sync, temporary, unique, write_text
 from lidarplace.files.regular import regular
 from sweeps.store import result_folder as results
@@ -168,7 +169,9 @@ class Store:
         for name in names:
             if name not in known:
                 there = ", ".join(known) or "none"
-                raise ValueError(f"--forget: no sweep {name!r} in {self.shown}; found {there}")
+                raise InputError(
+                    f"no sweep {name!r} in {self.shown}", place="--forget", found=there
+                )
         for name in names:
             self._remove_file(f"{SWEEPS}/{name}.json")
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from fsspec import get_filesystem_class
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import check_takes_files
 from lidarplace.files.secret_urls import check_whole, hide_secrets, public_url
 from sweeps.configuration.file import ConfigError
@@ -29,18 +30,18 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> Stor
         get_filesystem_class(protocol)
     except ImportError as error:
         needed = getattr(error.__cause__, "name", None)
-        raise ValueError(
-            f"store: {protocol}:// needs the package {needed}: pip install {needed}"
+        raise InputError(
+            f"{protocol}:// needs the package {needed}: pip install {needed}", key="store"
         ) from None
     except ValueError:
         shown = public_url(url)
-        raise ValueError(f"store: {shown}: fsspec has no protocol {protocol!r}") from None
+        raise InputError(f"{shown}: fsspec has no protocol {protocol!r}", key="store") from None
     store = RemoteStore((cache or own).absolute(), url.rstrip("/"))
     try:
         store.find(SWEEPS)
     except Exception as error:  # each remote place has errors of its own
         reason = hide_secrets(f"{type(error).__name__}: {error}", url)
-        raise ValueError(f"store: {public_url(url)}: cannot be read: {reason}") from None
+        raise InputError(f"{public_url(url)}: cannot be read: {reason}", key="store") from None
     return store
 
 
@@ -53,7 +54,7 @@ def store_of(sweep: Sweep) -> Store:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     if isinstance(store, RemoteStore) and settings.quota_gb is not None:
-        raise ConfigError("store.quota_gb: applies to folders only; a URL has no lock")
+        raise ConfigError("applies to folders only; a URL has no lock", key="store.quota_gb")
     if store.folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
         said = f"name: the run folder would be the store {store.folder}; choose another name"
         raise ConfigError(said)

@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from sweeps import PACKAGES
 from sweeps.tasks.source import Definition, Source, read_source
 
@@ -111,7 +112,7 @@ class Code:
         elif name in source.imports:
             yield from self._nodes(".".join(filter(None, [source.imports[name], rest])))
         elif name:
-            raise ValueError(f"{path}: there is no {name} in {self._files[module]}")
+            raise InputError(f"there is no {name} in {self._files[module]}", place=path)
         else:
             yield from ((module, own) for own in source.definitions)
             for target in source.imports.values():
@@ -163,7 +164,7 @@ def place_of(package: str) -> Path:
     spec = find_spec(package)
     places = [] if spec is None else [*(spec.submodule_search_locations or ()), spec.origin or ""]
     if not places or not Path(places[0]).exists():
-        raise ValueError(f"{package}: no source files; expected a Python package or module")
+        raise InputError("no source files", place=package, expected="a Python package or module")
     return Path(places[0])
 
 

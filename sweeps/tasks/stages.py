@@ -30,6 +30,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import Overlaps
 from lidarplace.clouds.clouds import Clouds, Frames, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
@@ -235,9 +236,10 @@ def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
 
     if isinstance(params, RecordedParams):
         if clouds_digest(params.folder) != params.digest:
-            raise ValueError(
-                f"{params.folder}: the clouds have changed since the command was given; give the "
-                "command again"
+            raise InputError(
+                "the clouds have changed since the command was given",
+                place=params.folder,
+                fix="give the command again",
             )
         numbers, kept = _frames_of(log, params.split), None
         if params.rig is not None:

@@ -1,8 +1,11 @@
 """The error of a user's mistake."""
 
 import pickle
+from pathlib import Path
 
-from lidarplace.base.errors import InputError
+import pytest
+
+from lidarplace.base.errors import InputError, at
 
 
 def test_its_line_has_the_parts_that_are_known():
@@ -13,3 +16,19 @@ def test_its_line_has_the_parts_that_are_known():
     assert str(InputError("no such file", found="b")) == "no such file; found b"
     sent = pickle.loads(pickle.dumps(error))  # as Ray does
     assert (str(sent), sent.key, sent.found, sent.fix) == (line, "x", "far", "mend it")
+
+
+def test_unknown_parts_are_empty():
+    error = InputError(place=Path("a.csv"), expected="a number", found=None)
+    assert str(error) == "a.csv: expected a number, found None"
+    assert (error.problem, error.key, error.fix) == ("", "", "")
+
+
+def test_a_place_comes_in_front_and_parts_stay():
+    with pytest.raises(InputError) as error, at("grid.yaml"), at("row 3"):
+        raise InputError("far", key="x", expected=1, found=2, fix="mend it")
+    assert str(error.value) == "grid.yaml: row 3: x: far; expected 1, found 2; mend it"
+    assert (error.value.place, error.value.key) == ("grid.yaml: row 3", "x")
+    with pytest.raises(InputError) as error, at(Path("a.csv")):
+        float("far")
+    assert str(error.value) == "a.csv: could not convert string to float: 'far'"

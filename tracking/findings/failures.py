@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.rings import EDGES_M, ring_of
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 from tracking.findings.groups import ONE_FOR_ALL, Group
@@ -222,18 +223,19 @@ def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
             missing = table[column.name].isna()
             known = column.needed or not missing.all()  # else nothing is known of the column
             if known and column.dtype is not None and missing.any():
-                raise ValueError(f"{file}: column {column.name}: a value is missing")
+                raise InputError("a value is missing", place=f"{file}: column {column.name}")
         twice = table.duplicated(keys)
         if twice.any():
-            raise ValueError(f"{file}: duplicate object {table.loc[twice, 'object'].iloc[0]}")
+            raise InputError(f"duplicate object {table.loc[twice, 'object'].iloc[0]}", place=file)
     other = objects.loc[~objects["class"].isin(run.classes), "class"]
     if len(other):
-        raise ValueError(
-            f"{run.path / OBJECTS.file}: column class: found {other.iloc[0]!r}; expected "
-            f"{', '.join(run.classes)}"
+        raise InputError(
+            f"column class: found {other.iloc[0]!r}",
+            place=run.path / OBJECTS.file,
+            expected=", ".join(run.classes),
         )
     unknown = found.loc[~found["object"].isin(objects["object"]), "object"]
     if len(unknown):
-        raise ValueError(
-            f"{run.path / FOUND.file}: object {unknown.iloc[0]} is not in {OBJECTS.file}"
+        raise InputError(
+            f"object {unknown.iloc[0]} is not in {OBJECTS.file}", place=run.path / FOUND.file
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.pog.surrogates.table import SURROGATES
 
 
@@ -101,9 +102,11 @@ def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
     twice = table.duplicated(["placement", columns])
     if twice.any():
         row = table[twice].iloc[0]
-        raise ValueError(
-            f"{source}: placement {row['placement']!r}, class {row['class']!r} has two values for "
-            f"{columns} {row[columns]}; name the axis that separates them in `axes`"
+        raise InputError(
+            f"placement {row['placement']!r}, class {row['class']!r} has two values for "
+            f"{columns} {row[columns]}",
+            place=source,
+            fix="name the axis that separates them in `axes`",
         )
     placement, placements = pd.factorize(table["placement"])
     name, names = pd.factorize(table[columns])
@@ -115,4 +118,4 @@ def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
 def _need(table: pd.DataFrame, columns: list[str], source: str) -> None:
     if missing := [column for column in columns if column not in table.columns]:
         found = ", ".join(map(str, table))
-        raise ValueError(f"{source} has no column {', '.join(missing)}; found {found}")
+        raise InputError(f"{source} has no column {', '.join(missing)}", found=found)

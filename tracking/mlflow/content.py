@@ -9,6 +9,7 @@ from typing import Literal
 
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import EVERY_IOU
 from lidarplace.requirements.tables import worst_cases
 
@@ -29,8 +30,8 @@ class ParentRun:
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w.-]+", self.key):  # MLflow's filters know no escape
-            raise ValueError(
-                f"key of a sweep: may have letters, digits, '_', '-' and '.', found {self.key!r}"
+            raise InputError(
+                "key of a sweep: may have letters, digits, '_', '-' and '.'", found=repr(self.key)
             )
 
 

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from lidarplace.command_line.invocation import command
 from lidarplace.files.secret_urls import check_whole, public_url
 
@@ -11,9 +12,10 @@ def absolute_uri(uri: str) -> str:
     """`uri` with the driver of its database, and a file as an absolute path for later; ValueError
     if MLflow cannot keep runs there."""
     if "://" not in uri or uri.startswith("file:"):
-        raise ValueError(
-            f"MLflow keeps runs in a database or on a server, for example sqlite:///runs/mlflow.db "
-            f"or http://host:5000; found {public_url(uri)!r}"
+        raise InputError(
+            "MLflow keeps runs in a database or on a server, for example "
+            "sqlite:///runs/mlflow.db or http://host:5000",
+            found=repr(public_url(uri)),
         )
     check_whole("tracking.uri", uri)
     # Which driver a plain postgresql:// means depends on the version of SQLAlchemy.

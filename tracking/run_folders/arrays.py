@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.arrays import check_numbers, read_npz
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import is_there
@@ -51,7 +52,7 @@ class ArrayFile:
             for name, kind in kinds.items()
         }
         if missing := [name for name, value in found.items() if value is None]:
-            raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
+            raise InputError(f"{path} has no array {', '.join(missing)}", found=", ".join(arrays))
         whole = cls(**found)
         whole._check(path)
         return whole
@@ -65,11 +66,11 @@ class ArrayFile:
             if "np.str_" not in str(own.type):
                 check_numbers(name, array, len(wanted), path)
             elif array.dtype.kind != "U":
-                raise ValueError(f"{path}: {name} must hold text, found {array.dtype}")
+                raise InputError(f"{name} must hold text", place=path, found=array.dtype)
             pairs = zip(wanted, array.shape, strict=False)
             if array.ndim != len(wanted) or any(n not in (None, size) for n, size in pairs):
                 shape = ", ".join("n" if n is None else str(n) for n in wanted)
-                raise ValueError(f"{path}: {name} must have shape ({shape}), found {array.shape}")
+                raise InputError(f"{name} must have shape ({shape})", place=path, found=array.shape)
 
 
 def _flat(arrays: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -134,11 +135,13 @@ class Frame(ArrayFile):
     def _check(self, path: Path) -> None:
         super()._check(path)
         if len(self.boxes) != len(self.labels):
-            raise ValueError(f"{path}: {len(self.boxes)} boxes, but {len(self.labels)} labels")
+            raise InputError(f"{len(self.boxes)} boxes, but {len(self.labels)} labels", place=path)
         for name in {**self.points, **self.lidar}:
             points, lidar = (len(own.get(name, ())) for own in (self.points, self.lidar))
             if points != lidar:
-                raise ValueError(f"{path}: {points} in points/{name}, but {lidar} in lidar/{name}")
+                raise InputError(
+                    f"{points} in points/{name}, but {lidar} in lidar/{name}", place=path
+                )
 
 
 @dataclass(frozen=True)
@@ -243,6 +246,6 @@ class Grounds(ArrayFile):
         for name, least in self.least.items():
             sides = [axis.get(name.partition("/")[0], ()) for axis in (self.x, self.y)]
             if least.shape != tuple(map(len, sides)):
-                raise ValueError(
-                    f"{path}: least/{name} is not a grid of x and y; its {least.shape}"
+                raise InputError(
+                    f"least/{name} is not a grid of x and y; its {least.shape}", place=path
                 )

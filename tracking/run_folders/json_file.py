@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import regular
@@ -81,7 +82,7 @@ class Triangles(Part):
     def _possible(self) -> Triangles:
         corners = {corner for face in self.faces for corner in face}
         if not corners <= set(range(len(self.vertices))):
-            raise ValueError(f"faces: there are {len(self.vertices)} vertices")
+            raise InputError(f"there are {len(self.vertices)} vertices", key="faces")
         _ = self.mesh  # which has an area
         return self
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.files.atomic import read_text
 from lidarplace.files.regular import is_there
@@ -84,7 +85,7 @@ class SearchFolder:
         path = Path(path)
         if missing := [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]:
             said = f"missing {', '.join(missing)}"
-            raise ValueError(f"{path}: not the run folder of a search; {said}")
+            raise InputError(f"not the run folder of a search; {said}", place=path)
         search = SearchResult.read(path)
         config = path / "config.yaml"
         maps = UnseenMaps.read(path)

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
@@ -102,9 +103,10 @@ class Rig(Part):
     def _as_many(self) -> Rig:
         counts = {len(self.mounts), len(self.models), len(self.zones)}
         if len(counts) > 1 or not self.mounts:
-            raise ValueError(
-                "needs one model and one zone a mount, found "
-                f"{len(self.mounts)} mounts, {len(self.models)} models, {len(self.zones)} zones"
+            raise InputError(
+                "needs one model and one zone a mount",
+                found=f"{len(self.mounts)} mounts, {len(self.models)} models, "
+                f"{len(self.zones)} zones",
             )
         return self
 
@@ -239,14 +241,14 @@ class SearchResult(ResultFile):
     @model_validator(mode="after")
     def _consistent(self) -> SearchResult:
         if not self.objectives:
-            raise ValueError("objectives: needs at least one, found none")
+            raise InputError("needs at least one", key="objectives", found="none")
         for name in filter(None, (*self.best, self.baseline)):
             if name not in self.rigs:
-                raise ValueError(f"rigs: has no {name!r}, which best or baseline names")
+                raise InputError(f"has no {name!r}, which best or baseline names", key="rigs")
             missing = [o.name for o in self.objectives if np.isnan(self.rigs[name].value(o))]
             # The baseline may lack a value: that of LiDARs without a price.
             if missing and name in self.best:
-                raise ValueError(f"rigs: {name!r} has no value of {', '.join(missing)}")
+                raise InputError(f"{name!r} has no value of {', '.join(missing)}", key="rigs")
         return self
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS
 from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import command
@@ -84,7 +85,7 @@ class RunFolder:
                 "configuration"
             )
         if missing:
-            raise ValueError(f"{path}: not a run folder; missing {', '.join(missing)}")
+            raise InputError(f"not a run folder; missing {', '.join(missing)}", place=path)
         sweep = SweepResult.read(path)
         trials = TRIALS.read(path)
         # An axis over placements, detectors or seeds is one of the fixed columns already.
@@ -97,9 +98,10 @@ class RunFolder:
             names = tables[table.name]["placement"]
             unknown = names[~names.isin(sweep.placements)]
             if len(unknown):
-                raise ValueError(
-                    f"{path / sweep.FILE}: placements: has no {unknown.iloc[0]!r}, which is in "
-                    f"{table.file}"
+                raise InputError(
+                    f"has no {unknown.iloc[0]!r}, which is in {table.file}",
+                    place=path / sweep.FILE,
+                    key="placements",
                 )
         # Names of plug-ins are known from here on, as those of ours are.
         for name in tables[SURROGATES.name]["surrogate"].unique():
@@ -108,9 +110,10 @@ class RunFolder:
             METRICS.get(str(name))
         found = tables[RESULTS.name].columns
         if missing_axes := [axis for axis in axes if axis not in found]:
-            raise ValueError(
+            raise InputError(
                 f"{path / RESULTS.file} has no column {', '.join(missing_axes)}, an axis of "
-                f"{TRIALS.file}; found {', '.join(map(str, found))}"
+                f"{TRIALS.file}",
+                found=", ".join(map(str, found)),
             )
         return cls(
             path=path,

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import replacing
 from lidarplace.files.columns import check_columns, integers
 from lidarplace.files.regular import is_there
@@ -46,14 +47,17 @@ class Column:
             "text": pd.api.types.infer_dtype(known) in ("string", "categorical"),
         }
         if not good[_WANTED[self.dtype]]:
-            raise ValueError(
-                f"{file}: column {self.name} must hold {_WANTED[self.dtype]}, found "
-                f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
+            raise InputError(
+                f"column {self.name} must hold {_WANTED[self.dtype]}",
+                place=file,
+                found=f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}",
             )
         if self.dtype == "int64":
             integers(column.fillna(0).to_frame(), self.name, str(file))
         if self.finite and not np.isfinite(known.to_numpy(np.float64)).all():
-            raise ValueError(f"{file}: column {self.name} must hold finite numbers, found infinity")
+            raise InputError(
+                f"column {self.name} must hold finite numbers", place=file, found="infinity"
+            )
 
     def plain(self, column: pd.Series) -> pd.Series:
         """Whole numbers as int64 unless some are missing; numbers that are not of a NumPy type, or
@@ -137,7 +141,7 @@ class Table:
             return
         if not table.columns.is_unique:
             twice = table.columns[table.columns.duplicated()][0]
-            raise ValueError(f"{file}: duplicate column {twice}")
+            raise InputError(f"duplicate column {twice}", place=file)
         check_columns(list(table.columns), self._needed, str(file))
         for column in self.columns:
             if column.name in table:
@@ -155,4 +159,4 @@ class Table:
             row, said = int(again.argmax()), found.astype(str)
             first = int((said == said.iloc[row]).all(axis=1).to_numpy().argmax())
             what = ", ".join(f"{name} {value}" for name, value in said.iloc[row].items())
-            raise ValueError(f"{file}: rows {first} and {row} are both of {what}")
+            raise InputError(f"rows {first} and {row} are both of {what}", place=file)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from lidarplace.base.errors import InputError
 from tracking.statistics import Values
 
 COEFFICIENTS = ("pearson", "spearman", "kendall")
@@ -36,7 +37,7 @@ def scores(values: Values, coefficient: str) -> Values:
         # The mean of equal numbers may be off by a rounding: such a rest is no spread.
         rounding = 1e-13 * np.abs(sample).sum(axis=-1)
     else:
-        raise ValueError(f"coefficient must be one of {COEFFICIENTS}, found {coefficient!r}")
+        raise InputError(f"coefficient must be one of {COEFFICIENTS}", found=repr(coefficient))
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > rounding[..., None], length, np.nan)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from lidarplace.base.errors import InputError
 from tracking.statistics.coefficients import LARGEST_EXACT, smallest_p
 
 ALPHA = 0.05
@@ -26,11 +27,11 @@ def power(rho: float, n: int, coefficient: str = "pearson", reliability: float =
     is that of the mean over seeds, whose noise hides some of the correlation `rho`.
     """
     if not (-1 <= rho <= 1 and 0 <= reliability <= 1):
-        raise ValueError(
-            f"rho must be in [-1, 1] and reliability in [0, 1], found {rho} and {reliability}"
+        raise InputError(
+            "rho must be in [-1, 1] and reliability in [0, 1]", found=f"{rho} and {reliability}"
         )
     if coefficient not in ("pearson", "spearman"):
-        raise ValueError(f"coefficient must be pearson or spearman, found {coefficient!r}")
+        raise InputError("coefficient must be pearson or spearman", found=repr(coefficient))
     if n < 3 or smallest_p(n) > ALPHA:
         return 0.0
     if coefficient == "pearson":

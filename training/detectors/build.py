@@ -44,12 +44,12 @@ def build(
     if preset not in (None, *PRESETS):
         raise ValueError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
     if own is not None and preset not in (None, own):
-        raise ValueError(f"{name} has preset {own!r}, found {preset!r}")
+        raise InputError(f"{name} has preset {own!r}", found=repr(preset))
     if point_range is not None and not all(
         -math.inf < low < high < math.inf
         for low, high in zip(point_range[:3], point_range[3:], strict=True)
     ):
-        raise ValueError(f"point_range needs finite low < high on every axis, found {point_range}")
+        raise InputError("point_range needs finite low < high on every axis", found=point_range)
     # torch takes seconds to import, and who only evaluates does not need it.
     from training.detectors.detector import Detector
     from training.device import settle_vector_math
@@ -73,9 +73,11 @@ def build(
 def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> None:
     """Raise ValueError unless these are different names of classes whose size is known."""
     if isinstance(classes, str):
-        raise ValueError(f"classes is a list of names, found {classes!r}; write [{classes!r}]")
+        raise InputError(
+            "classes is a list of names", found=repr(classes), fix=f"write [{classes!r}]"
+        )
     if not classes or len(set(classes)) < len(classes):
-        raise ValueError(f"classes must be different names, at least one, found {list(classes)}")
+        raise InputError("classes must be different names, at least one", found=list(classes))
     for name in classes:
         if (fault := fault_of_name(name)) is not None:
             raise ValueError(fault)

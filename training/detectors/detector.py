@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from lidarplace.base.errors import InputError
 from training.typical_objects import TypicalObject
 
 PointRange = tuple[float, float, float, float, float, float]
@@ -99,7 +100,7 @@ class Detector(nn.Module, ABC):
         known = range(1, len(self.classes) + 1)
         strange = {label for item in labels for label in item.tolist()} - set(known)
         if strange:
-            raise ValueError(f"labels must be 1 to {len(self.classes)}, found {sorted(strange)}")
+            raise InputError(f"labels must be 1 to {len(self.classes)}", found=sorted(strange))
         return [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
 
     @abstractmethod

@@ -7,6 +7,7 @@ from itertools import count
 import torch
 from torch import Tensor
 
+from lidarplace.base.errors import InputError
 from training.detectors.backbones.backbone_2d import Backbone2d
 from training.detectors.backbones.sparse_backbone import STRIDE, VoxelBackBone8x, encoded_height
 from training.detectors.backbones.voxels import VoxelGrid, voxelise
@@ -66,7 +67,7 @@ class VoxelDetector(Detector):
         if layers < 1:
             least = next(cells for cells in count(1) if encoded_height(cells + 1) >= 1) * height
             found = f"{fitted[5] - fitted[2]:g} m"
-            raise ValueError(f"this network needs a range at least {least:g} m high, found {found}")
+            raise InputError(f"this network needs a range at least {least:g} m high", found=found)
         anchors = [preset.anchors[name] for name in self.classes]
         stride = preset.image_stride
         places = anchor_grid(anchors, fitted, (nx // stride, ny // stride), preset.centred_anchors)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 
 
@@ -142,14 +143,13 @@ def checked(boxes: ArrayLike) -> NDArray[np.float64]:
     """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
     array = np.ascontiguousarray(boxes, np.float64)
     if array.ndim != 2 or array.shape[1] != 7:
-        raise ValueError(
-            "boxes must have shape (N, 7): x, y, z, length, width, height, yaw; "
-            f"found {array.shape}"
+        raise InputError(
+            "boxes must have shape (N, 7): x, y, z, length, width, height, yaw", found=array.shape
         )
     if not np.isfinite(array).all():
-        raise ValueError("boxes must be finite numbers, found NaN or infinity")
+        raise InputError("boxes must be finite numbers", found="NaN or infinity")
     if (array[:, 3:6] < 0).any():
-        raise ValueError(f"box sizes must be at least 0, found {array[:, 3:6].min()}")
+        raise InputError("box sizes must be at least 0", found=array[:, 3:6].min())
     return array
 
 
@@ -175,7 +175,7 @@ def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]
     """
     a, b = checked(a), checked(b)
     if len(a) != len(b):
-        raise ValueError(f"pairs need as many boxes on both sides, found {len(a)} and {len(b)}")
+        raise InputError("pairs need as many boxes on both sides", found=f"{len(a)} and {len(b)}")
     return _pair_kernel(a, b, three_d)
 
 

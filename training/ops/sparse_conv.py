@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.autograd.function import FunctionCtx, once_differentiable
 from torch.nn import functional
 
+from lidarplace.base.errors import InputError
 from training.ops.sparse_rules import Rules, Triple, output_shape, strided_rules, submanifold_rules
 
 
@@ -113,7 +114,7 @@ class SubmanifoldConv3d(_SparseConvolution):
 
     def __init__(self, inputs: int, outputs: int, kernel: Triple = (3, 3, 3)) -> None:
         if any(size % 2 == 0 for size in kernel):
-            raise ValueError(f"a submanifold convolution needs an odd kernel, found {kernel}")
+            raise InputError("a submanifold convolution needs an odd kernel", found=kernel)
         super().__init__(inputs, outputs, kernel)
 
     def forward(self, x: SparseTensor) -> SparseTensor:

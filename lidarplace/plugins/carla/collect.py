@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import PointClouds, write_clouds
 from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.clouds.recorded import rig_record
@@ -108,12 +109,13 @@ def _check_same(path: Path, content: Mapping[str, object]) -> None:
         return
     before = read_json(path)
     if not isinstance(before, dict):
-        raise ValueError(f"{path}: must hold keys and values; take another folder")
+        raise InputError("must hold keys and values", place=path, fix="take another folder")
     for key, value in json.loads(json.dumps(content)).items():  # as it comes back
         if before.get(key) != value:
-            raise ValueError(
-                f"{path}: {key} is {before.get(key)}, now {value} is asked for; "
-                "take another folder or another name"
+            raise InputError(
+                f"{key} is {before.get(key)}, now {value} is asked for",
+                place=path,
+                fix="take another folder or another name",
             )
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Self
 import typer
 from pydantic import BeforeValidator, ValidationError, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import PORT, TIMEOUT
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
@@ -51,9 +52,9 @@ class Collection(Settings):
             elif name in PAPER_PLACEMENTS:
                 rigs[name] = PAPER_PLACEMENTS[name].with_lidar(lidar)
             else:
-                raise ValueError(
-                    f"placements: {name} has no mounts; allowed without are "
-                    f"{', '.join(PAPER_PLACEMENTS)}"
+                raise InputError(
+                    f"{name} has no mounts; allowed without are {', '.join(PAPER_PLACEMENTS)}",
+                    key="placements",
                 )
             for own in rigs[name].lidars:
                 check_possible(own, f"placements: {name}")

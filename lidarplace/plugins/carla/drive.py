@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.plugins.carla.server import Actors, load_town, synchronous
 from lidarplace.plugins.carla.settings import CarlaScene, Route
@@ -65,7 +66,7 @@ def _spawn_vehicles(
     models = sorted(library.filter("vehicle.*"), key=lambda model: model.id)
     ego_model = next((model for model in models if model.id == scene.ego), None)
     if ego_model is None:
-        raise ValueError(f"ego: the CARLA server has no blueprint {scene.ego}")
+        raise InputError(f"the CARLA server has no blueprint {scene.ego}", key="ego")
     points = list(world.get_map().get_spawn_points())
     start = starts([(p.location.x, p.location.y) for p in points], route.start + 1, scene, route)
     ego = own.spawn(ego_model, points.pop(start))

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
 from lidarplace.configuration.settings import (
     ClassName,
@@ -84,7 +85,7 @@ class CarlaScene(RouteSettings):
     @classmethod
     def _not_empty(cls, crop: Crop) -> Crop:
         if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
-            raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
+            raise InputError("crop needs x0 < x1, y0 < y1, z0 < z1", found=crop)
         return crop
 
     def plan(self) -> tuple[Route, ...]:

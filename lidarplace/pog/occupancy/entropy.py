@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 
 
@@ -18,9 +19,9 @@ def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
     entropy = np.empty(p.shape)
     bad = _binary_entropy(p.reshape(-1), rest.reshape(-1), entropy.reshape(-1))
     if bad >= 0:
-        raise ValueError(
-            f"p and 1 - p must be within [0, 1] and add up to 1, "
-            f"found {p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}"
+        raise InputError(
+            "p and 1 - p must be within [0, 1] and add up to 1",
+            found=f"{p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}",
         )
     return entropy
 

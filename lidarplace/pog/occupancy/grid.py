@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.class_names import counts_of, listed
+from lidarplace.base.errors import InputError
 from lidarplace.base.plotting import Plottable
 from lidarplace.base.roi import Roi
 from lidarplace.base.suggestions import did_you_mean
@@ -82,9 +83,11 @@ class OccupancyGrid(Plottable):
         `frames`."""
         _check_frames(frames)
         if not isinstance(roi, Roi):
-            raise ValueError(f"roi is a Roi, found {roi!r}")
+            raise InputError("roi is a Roi", found=repr(roi))
         if isinstance(classes, str):
-            raise ValueError(f"classes is a list of names, found {classes!r}; write [{classes!r}]")
+            raise InputError(
+                "classes is a list of names", found=repr(classes), fix=f"write [{classes!r}]"
+            )
         check_boxes(boxes)
         for name in classes:
             _check_class(name, boxes)
@@ -115,14 +118,14 @@ class OccupancyGrid(Plottable):
         parts = iter(parts)
         first = next(parts, None)
         if first is None:
-            raise ValueError("merged() needs at least one grid, found none")
+            raise InputError("merged() needs at least one grid", found="none")
         counts, frames = first.counts.copy(), first.frames
         for part in parts:
             for name in ("roi", "object_class"):
                 expected, found = getattr(first, name), getattr(part, name)
                 if found != expected:
-                    raise ValueError(
-                        f"grids to merge must agree in {name}, found {expected!r} and {found!r}"
+                    raise InputError(
+                        f"grids to merge must agree in {name}", found=f"{expected!r} and {found!r}"
                     )
             frames += part.frames
             _check_frames(frames)
@@ -164,7 +167,7 @@ class OccupancyGrid(Plottable):
 def _check_class(name: str, boxes: pd.DataFrame) -> None:
     """A class that never occurs is empty; one that is neither known nor there is mistyped."""
     if not isinstance(name, str):
-        raise ValueError(f"object_class is the name of a class, found {name!r}")
+        raise InputError("object_class is the name of a class", found=repr(name))
     there = counts_of(boxes["class"])
     if name not in CLASSES and name not in there:
         hint = did_you_mean(name, {*there, *CLASSES})
@@ -173,6 +176,6 @@ def _check_class(name: str, boxes: pd.DataFrame) -> None:
 
 def _check_frames(frames: int) -> None:
     if not isinstance(frames, Integral):
-        raise ValueError(f"frames must be a whole number, found {frames!r}")
+        raise InputError("frames must be a whole number", found=repr(frames))
     if not 1 <= frames < 2**31:  # counts are int32
-        raise ValueError(f"frames must be within 1 and 2**31 - 1, found {frames}")
+        raise InputError("frames must be within 1 and 2**31 - 1", found=frames)

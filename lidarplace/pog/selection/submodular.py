@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.pog.selection.cuts import Cut, highest
 from lidarplace.pog.selection.limits import Limits
 
@@ -205,4 +206,4 @@ def check_weights(weights: Mapping[str, float], classes: Sequence[str]) -> None:
         if name not in classes:
             raise ValueError(f"weights has {name!r}, but the classes are {', '.join(classes)}")
         if not 0 <= weight < np.inf:
-            raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
+            raise InputError(f"the weight of {name} must be finite and >= 0", found=weight)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.coverage import METHODS, Method
 from lidarplace.coverage.cone import sensor_bits
@@ -73,12 +74,12 @@ def accuracy(
     resolution that does not divide the ROI, or a bad box log."""
     for share in frame_shares:
         if not 0 < share <= 1:
-            raise ValueError(f"a share of the frames must be within (0, 1], found {share}")
+            raise InputError("a share of the frames must be within (0, 1]", found=share)
     for steps in azimuth_steps:
         if steps < 1:
-            raise ValueError(f"azimuth steps must be at least 1, found {steps}")
+            raise InputError("azimuth steps must be at least 1", found=steps)
     if not len(frames):
-        raise ValueError("expected at least one frame, found none")
+        raise InputError(expected="at least one frame", found="none")
     finest = min(roi.resolution, *resolutions, roi.resolution)
     rois = [replace(roi, resolution=r) for r in dict.fromkeys((roi.resolution, *resolutions))]
     settings = [(grid_roi, 1) for grid_roi in rois]

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.coverage import Method, check_method, count_covered, covered_bits, rays_of
@@ -67,8 +68,8 @@ def evaluate(
 def check_grid(grid: OccupancyGrid) -> None:
     """Raise ValueError unless it is one."""
     if not isinstance(grid, OccupancyGrid):
-        raise ValueError(
-            f"grid is an OccupancyGrid, as from_boxes counts it, found {reprlib.repr(grid)}"
+        raise InputError(
+            "grid is an OccupancyGrid, as from_boxes counts it", found=reprlib.repr(grid)
         )
 
 
@@ -94,7 +95,7 @@ def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any
     check_grid(grid)
     names = pd.Index([placement.name for placement in placements], name="placement")
     if (twice := names[names.duplicated()]).size:
-        raise ValueError(f"placements need names of their own, found {twice[0]!r} twice")
+        raise InputError("placements need names of their own", found=f"{twice[0]!r} twice")
     found = evaluate_many({grid.object_class: grid}, placements, **options)
     own = [result[grid.object_class] for result in found]
     shown = POG_SURROGATES.among((*SURROGATES.own, *own[0].values))
@@ -117,13 +118,13 @@ def evaluate_classes(
     `seconds` of each class is the common part plus its own, without what depends on the POG alone,
     which is computed with the first placement and kept."""
     if not isinstance(placement, Placement):
-        raise ValueError(
-            "placement is a Placement, such as PAPER_PLACEMENTS['line'], "
-            f"found {reprlib.repr(placement)}"
+        raise InputError(
+            "placement is a Placement, such as PAPER_PLACEMENTS['line']",
+            found=reprlib.repr(placement),
         )
     if isinstance(surrogates, str):
-        raise ValueError(
-            f"surrogates is a list of names, found {surrogates!r}; write [{surrogates!r}]"
+        raise InputError(
+            "surrogates is a list of names", found=repr(surrogates), fix=f"write [{surrogates!r}]"
         )
     _check_names(surrogates)
     check_method(method)
@@ -265,7 +266,7 @@ def common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
     """The ROI of all classes. Raises ValueError if they differ."""
     rois = {grid.roi for grid in grids.values()}
     if len(rois) != 1:
-        raise ValueError(f"the grids must share one ROI, found {len(rois)}")
+        raise InputError("the grids must share one ROI", found=len(rois))
     return rois.pop()
 
 
@@ -288,12 +289,13 @@ def _check_names(surrogates: Collection[str]) -> None:
     for name in surrogates:
         plug_in = SURROGATES.path(name) is not None and not SURROGATES[name].of_objects
         if not plug_in and name not in RAY_SURROGATES.own:
-            raise ValueError(
+            raise InputError(
                 f"surrogates takes {', '.join(RAY_SURROGATES.own)} (the others are always "
-                f"computed) and plug-ins, found {name!r}{did_you_mean(name, RAY_SURROGATES.own)}"
+                "computed) and plug-ins",
+                found=f"{name!r}{did_you_mean(name, RAY_SURROGATES.own)}",
             )
 
 
 def _check_probability(q: float) -> None:
     if not 0 < q <= 1:
-        raise ValueError(f"detection_probability must be within (0, 1], found {q}")
+        raise InputError("detection_probability must be within (0, 1]", found=q)

@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.coverage import Method, coverage, rays_of
 from lidarplace.coverage.rays import log_miss, ray_counts
@@ -77,13 +78,13 @@ def pog_sampling_error(
     `frames` are left out; `surrogates` may be of plug-ins. Raises ValueError: fewer than two blocks
     or resamples, or what `OccupancyGrid.by_class` raises."""
     if resamples < 2:
-        raise ValueError(f"resamples must be at least 2, found {resamples}")
+        raise InputError("resamples must be at least 2", found=resamples)
     of_frame = frame_blocks(frames, blocks)
     lengths = np.bincount(of_frame)
     if len(lengths) < 2:
-        raise ValueError(
-            f"the sampling error needs at least 2 blocks of frames, found {len(lengths)} "
-            f"for {len(frames)} frames"
+        raise InputError(
+            "the sampling error needs at least 2 blocks of frames",
+            found=f"{len(lengths)} for {len(frames)} frames",
         )
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
@@ -158,9 +159,11 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
     their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
     Raises ValueError without a column `frame`, frames or blocks."""
     if "frame" not in frames.columns:
-        raise ValueError(f"the frames table has no column frame; found {list(frames.columns)}")
+        raise InputError("the frames table has no column frame", found=list(frames.columns))
     if blocks < 1 or not len(frames):
-        raise ValueError(f"expected at least 1 block and 1 frame, found {blocks} and {len(frames)}")
+        raise InputError(
+            expected="at least 1 block and 1 frame", found=f"{blocks} and {len(frames)}"
+        )
     keys = [key for key in ("scene", "route") if key in frames.columns]
     route = frames.groupby(keys).ngroup().to_numpy() if keys else np.zeros(len(frames), np.int64)
     result, first = np.empty(len(frames), np.int64), 0

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import Length, Settings, Text
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area
@@ -49,7 +50,9 @@ class PresetFile(Settings):
 def preset_file(name: str) -> PresetFile:
     """What a preset says. Raises ValueError: there is none of that name."""
     if name not in PRESETS:
-        raise ValueError(f"where.preset: found {name!r}; expected one of {', '.join(PRESETS)}")
+        raise InputError(
+            f"found {name!r}", key="where.preset", expected=f"one of {', '.join(PRESETS)}"
+        )
     text = files(__package__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return PresetFile.model_validate(yaml.safe_load(text))
 
@@ -58,7 +61,9 @@ def preset(name: str, vehicle: Vehicle) -> Area:
     """The area of a preset around this vehicle. Raises ValueError: the vehicle has no body."""
     area = preset_file(name).area
     if not len(vehicle.extents):
-        raise ValueError(f"where.preset: {name} needs the vehicle's body, and the vehicle has none")
+        raise InputError(
+            f"{name} needs the vehicle's body, and the vehicle has none", key="where.preset"
+        )
     rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
     front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
     ends = {"front": front, "rear": rear, "left": left, "right": right}

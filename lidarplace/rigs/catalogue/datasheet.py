@@ -10,6 +10,8 @@ from typing import Self
 import yaml
 from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, model_validator
 
+from lidarplace.base.errors import InputError
+
 FRAMES_PER_S = 10
 RATES = (1, 100)  # turns a second
 
@@ -62,9 +64,9 @@ class Datasheet(_Sheet):
     @model_validator(mode="after")
     def _beams_or_rosette(self) -> Self:
         if bool(self.elevations_deg) == (self.rosette is not None):
-            raise ValueError(f"{self.name}: either beams or a rosette")
+            raise InputError("either beams or a rosette", key=self.name)
         if self.rosette is not None and self.points_per_second is None:
-            raise ValueError(f"{self.name}: a rosette needs points_per_second")
+            raise InputError("a rosette needs points_per_second", key=self.name)
         return self
 
     @property
@@ -112,9 +114,10 @@ def _at_rate(sheet: Datasheet, told: str) -> Datasheet:
     """The same LiDAR at another rate, such as "20hz"."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*hz", told.strip().lower())
     if found is None or not RATES[0] <= float(found[1]) <= RATES[1]:
-        raise ValueError(
-            f"rate of {sheet.name}: expected {RATES[0]} to {RATES[1]} Hz, such as "
-            f"{sheet.name}@20hz, found {told!r}"
+        raise InputError(
+            f"rate of {sheet.name}",
+            expected=f"{RATES[0]} to {RATES[1]} Hz, such as {sheet.name}@20hz",
+            found=repr(told),
         )
     if sheet.rosette is not None:
         raise ValueError(f"{sheet.name} has a pattern that does not turn; leave @{told} out")

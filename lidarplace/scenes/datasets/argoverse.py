@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.columns import counts_if_known, integers, numbers, sizes, texts
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_feather
@@ -117,7 +118,7 @@ def _rig(path: Path, lidar: Lidar) -> RecordedRig:
     names = texts(table, "sensor_name", str(path)).tolist()
     for name in LIDARS:
         if names.count(name) != 1:
-            raise ValueError(f"{path}: expected one sensor {name}, found {names.count(name)}")
+            raise InputError(place=path, expected=f"one sensor {name}", found=names.count(name))
     table = table.iloc[[names.index(name) for name in LIDARS]]
     position, quaternion = _transforms(table, path)
     sensors = poses(position - ORIGIN, quaternion, lambda row: f"{path}: {LIDARS[row]}")
@@ -143,7 +144,7 @@ def _sweeps(folder: Path) -> NDArray[np.int64]:
     """Times of the sweeps that are there, in nanoseconds."""
     for path in (paths := sorted(folder.glob("*.feather"))):
         if not path.stem.isdecimal() or int(path.stem) >= 2**63:
-            raise ValueError(f"{path}: a sweep must be named by its time in nanoseconds")
+            raise InputError("a sweep must be named by its time in nanoseconds", place=path)
     return np.array([int(path.stem) for path in paths], np.int64)
 
 
@@ -154,6 +155,6 @@ def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
     position, quaternion = _transforms(table, path)
     index = pd.Index(integers(table, "timestamp_ns", str(path))).get_indexer(pd.Index(time_ns))
     if (row := first(index < 0)) is not None:
-        raise ValueError(f"{path}: no pose at timestamp_ns {time_ns[row]}")
+        raise InputError(f"no pose at timestamp_ns {time_ns[row]}", place=path)
     where = f"{path}: timestamp_ns"
     return poses(position[index], quaternion[index], lambda row: f"{where} {time_ns[row]}")

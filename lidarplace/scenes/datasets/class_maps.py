@@ -70,7 +70,7 @@ def named_class_map(name: str) -> ClassMap | None:
         return None if name == PAPER else OwnNames()
     content = read_yaml_file(path := Path(name))
     if not isinstance(content, dict):
-        raise ValueError(f"{path}: must have lines `category: class`, found {found(content)}")
+        raise InputError("must have lines `category: class`", place=path, found=found(content))
     check_class_map(content, str(path))
     return content
 
@@ -79,9 +79,9 @@ def check_class_map(class_map: ClassMap, source: str = "class map") -> None:
     """Raise ValueError that names the entry, unless categories are text and classes are names."""
     for category, name in class_map.items():
         if not isinstance(category, str):
-            raise ValueError(f"{source}: a category must be text, found {found(category)}")
+            raise InputError("a category must be text", place=source, found=found(category))
         if name != IGNORE and (fault := fault_of_name(name)) is not None:
-            raise ValueError(f"{source}: {category}: {fault}; {IGNORE} leaves its boxes out")
+            raise InputError(f"{fault}; {IGNORE} leaves its boxes out", place=source, key=category)
 
 
 def classify(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
@@ -27,15 +28,15 @@ def drives_in(
     for split in splits:
         if split not in known:
             expected = f"expected one of {', '.join(known)}"
-            raise ValueError(f"--split: unknown split {split!r}; {expected}")
+            raise InputError(f"unknown split {split!r}; {expected}", place="--split")
     usual, drives = [*known][:2], []
     for split in splits or [name for name in usual if (folder / name).is_dir()]:
         paths = sorted((folder / split).glob(pattern))
         if not paths:
-            raise ValueError(f"{(folder / split / pattern).parent}: must hold {each}")
+            raise InputError(f"must hold {each}", place=(folder / split / pattern).parent)
         drives += [(path, known[split]) for path in paths]
     if not drives:
-        raise ValueError(f"{folder}: must hold a folder {' or '.join(usual)}")
+        raise InputError(f"must hold a folder {' or '.join(usual)}", place=folder)
     return drives
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of
 from lidarplace.rigs.lidar import Lidar
@@ -67,7 +68,7 @@ def read_nuscenes(
     names = ("sample_token", "instance_token", "translation", "size", "rotation", "num_lidar_pts")
     box = read_table(folder / "sample_annotation.json", names)
     if not len(box):
-        raise ValueError(f"{box.path}: has no boxes; those of the public test set are secret")
+        raise InputError("has no boxes; those of the public test set are secret", place=box.path)
     frame = frame_of[box.rows_in(sample, "sample_token")]
     boxes = pd.DataFrame(
         {
@@ -81,7 +82,7 @@ def read_nuscenes(
         }
     )
     if (row := first(boxes[POINTS] < 0)) is not None:
-        raise ValueError(f"{box.row(row)}: num_lidar_pts must be at least 0")
+        raise InputError("num_lidar_pts must be at least 0", place=box.row(row))
     rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated())]
     sensors = _poses(folder, "calibrated_sensor", sweep.take(rows), ORIGIN)
     lidar = lidar or replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)
@@ -97,7 +98,7 @@ def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
     is our ego frame of every row. Raises ValueError that names file, row and value."""
     size = box.numbers("size", 3)
     if (row := first((size < 0).any(axis=1))) is not None:
-        raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
+        raise InputError("size must be at least 0", place=box.row(row), found=size[row].tolist())
     pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
     return geometry_of(pose.position, size[:, [1, 0, 2]], pose.yaw)
 
@@ -111,7 +112,7 @@ def _tables(folder: Path, version: str | None) -> Path:
     if len(found) != 1:
         versions = ", ".join(path.name for path in found) or "none"
         text = f"found {versions}{'; name a version' if found else ''}"
-        raise ValueError(f"{folder}: must hold scene.json or one folder v1.0-*, {text}")
+        raise InputError(f"must hold scene.json or one folder v1.0-*, {text}", place=folder)
     return found[0]
 
 
@@ -150,11 +151,11 @@ def _test(
     names, logs = scene.columns["name"], scene.columns["log_token"]
     if not isinstance(test_scenes, float | int):
         if unknown := [name for name in test_scenes if name not in names]:
-            raise ValueError(f"{scene.path}: test scene {unknown[0]!r} is not there")
+            raise InputError(f"test scene {unknown[0]!r} is not there", place=scene.path)
         return np.array([name in test_scenes for name in names], bool)
     if not 0 <= test_scenes <= 1:
         problem = "the share of test recordings must be within 0 and 1"
-        raise ValueError(f"{problem}, found {test_scenes}")
+        raise InputError(problem, found=test_scenes)
     recordings = list(dict.fromkeys(logs[i] for i in order))
     steps = [math.floor(i * test_scenes + 1e-9) for i in range(len(recordings) + 1)]
     test = {log for i, log in enumerate(recordings) if steps[i + 1] > steps[i]}
@@ -176,7 +177,7 @@ def _sweeps(folder: Path, sample: Table) -> Table:
     number = np.bincount(in_sample, minlength=len(sample))
     if (row := first(number != 1)) is not None:
         problem = f"must have one key frame of {LIDAR} in {sweep.path.name}, found {number[row]}"
-        raise ValueError(f"{sample.row(row)}: {problem}")
+        raise InputError(problem, place=sample.row(row))
     return sweep.take(np.argsort(in_sample))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.json_file import read_json
 from lidarplace.logs.boxes import first
 
@@ -50,18 +51,18 @@ class Table:
         for index, value in enumerate(self.columns[name]):
             if not good(value):
                 where = f"{self.path}: row {index}" if name == "token" else self.row(index)
-                raise ValueError(f"{where}: {name} must be {wanted}, found {reprlib.repr(value)}")
+                raise InputError(f"{name} must be {wanted}", place=where, found=reprlib.repr(value))
 
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
         """Which row of `other` the tokens in column `name` point at; (rows,), int64. Raises
         ValueError if `other` lacks a row, or has two for a token."""
         index = pd.Index(other.columns["token"], dtype=object)
         if (twice := first(index.duplicated())) is not None:
-            raise ValueError(f"{other.row(twice)}: is there twice")
+            raise InputError("is there twice", place=other.row(twice))
         rows = index.get_indexer(pd.Index(self.columns[name], dtype=object))
         if (row := first(rows < 0)) is not None:
             token = self.columns[name][row]
-            raise ValueError(f"{self.row(row)}: {name} {token!r} is not in {other.path.name}")
+            raise InputError(f"{name} {token!r} is not in {other.path.name}", place=self.row(row))
         return np.asarray(rows, np.int64)
 
     def take(self, rows: NDArray[np.int64]) -> "Table":
@@ -92,7 +93,7 @@ def read_table(path: Path, names: Sequence[str]) -> Table:
     except KeyError as error:  # of the getter; the file is read once more to say where
         raise ValueError(f"{path}: {_without(error.args[0], read_json(path))}") from None
     if not isinstance(rows, list) or not all(isinstance(row, tuple) for row in rows):
-        raise ValueError(f"{path}: must be a JSON list of objects")
+        raise InputError("must be a JSON list of objects", place=path)
     table = Table(path, {name: [row[i] for row in rows] for i, name in enumerate(names)})
     for name in names:
         if TEXT.fullmatch(name):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.record import read_record
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
@@ -48,11 +49,11 @@ def read_openlabel(
     classes = merged(BOX_LOG, class_map)
     paths = sorted(source.glob("*.json")) if source.is_dir() else [source]
     if not paths:
-        raise ValueError(f"{source}: must hold a file .json for each drive")
+        raise InputError("must hold a file .json for each drive", place=source)
     for name in test:
         if name not in [path.stem for path in paths]:
             listed = ", ".join(path.stem for path in paths)
-            raise ValueError(f"{source}: no file of the test drive {name}; found {listed}")
+            raise InputError(f"no file of the test drive {name}", place=source, found=listed)
 
     def read(path: Path, start: int) -> Drive:
         content = read_record(path, OpenLabel, "OpenLABEL file").openlabel
@@ -109,7 +110,7 @@ def _vehicle(content: Content, name: str | None, path: Path) -> str:
     if name is None or name not in systems:
         listed = ", ".join(f"{each} ({system.type})" for each, system in systems.items())
         problem = "which coordinate system is the vehicle's? Name it by --vehicle"
-        raise ValueError(f"{path}: {problem}; found {listed or 'none'}")
+        raise InputError(problem, place=path, found=listed or "none")
     return name
 
 
@@ -121,7 +122,9 @@ def _time(stamp: str | float | None, seconds: float, path: Path) -> float:
         with suppress(ValueError, TypeError, OverflowError):
             if math.isfinite(time := float(read(stamp))):
                 return time * unit
-    raise ValueError(f"{path}: timestamp must be a number or a date of ISO 8601, found {stamp!r}")
+    raise InputError(
+        "timestamp must be a number or a date of ISO 8601", place=path, found=repr(stamp)
+    )
 
 
 def _boxes(content: Content, vehicle: str, path: Path) -> pd.DataFrame:
@@ -145,7 +148,7 @@ def _boxes_of_frame(
     for uid in dict.fromkeys([*frame.objects, *content.objects]):
         where = f"{path}: frame {number}, object {uid}"
         if uid not in content.objects:
-            raise ValueError(f"{where}: is not among the objects of the file")
+            raise InputError("is not among the objects of the file", place=where)
         known = content.objects[uid]
         spans = [range(span.frame_start, span.frame_end + 1) for span in known.frame_intervals]
         own = frame.objects[uid].object_data.cuboid if uid in frame.objects else []
@@ -154,12 +157,12 @@ def _boxes_of_frame(
         if not own:
             continue
         if len(own) > 1:
-            raise ValueError(f"{where}: has {len(own)} cuboids; leave one in the file")
+            raise InputError(f"has {len(own)} cuboids", place=where, fix="leave one in the file")
         system = own[0].coordinate_system or known.coordinate_system or vehicle
         if system not in to_vehicle:
             matrix = systems.between(system, vehicle)
             if matrix is None:
-                raise ValueError(f"{where}: no transform leads from {system} to {vehicle}")
+                raise InputError(f"no transform leads from {system} to {vehicle}", place=where)
             to_vehicle[system] = matrix
         pose = to_vehicle[system] @ own[0].pose()
         yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))

@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS, first
 
 
@@ -65,5 +66,5 @@ def poses(
     """Poses from positions, (N, 3), and quaternions w, x, y, z of any length but 0, (N, 4). Raises
     ValueError if a quaternion has no length; `row` names its row."""
     if (none := first(~(np.linalg.norm(quaternion, axis=1) > 0))) is not None:
-        raise ValueError(f"{row(none)}: the rotation is a quaternion of length 0")
+        raise InputError("the rotation is a quaternion of length 0", place=row(none))
     return Poses(position, Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]))

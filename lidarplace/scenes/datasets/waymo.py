@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.columns import check_columns, counts_if_known, integers, numbers, sizes, texts
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
@@ -102,7 +103,9 @@ def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
     table, source = _table(path, (LASER, EXTRINSIC, *INCLINATIONS)), str(path)
     numbered = integers(table, LASER, source)
     if not len(table) or ((numbered < 1) | (numbered > len(LIDARS))).any():
-        raise ValueError(f"{source}: {LASER} must be 1 to {len(LIDARS)}, found {numbered.tolist()}")
+        raise InputError(
+            f"{LASER} must be 1 to {len(LIDARS)}", place=source, found=numbered.tolist()
+        )
     names = [LIDARS[number - 1] for number in numbered]
     sensors = _poses(table, EXTRINSIC, np.arange(len(table)), source)
     sensors = Poses(sensors.position - ORIGIN, sensors.rotation)
@@ -122,7 +125,7 @@ def _lidar(name: str, inclinations: Sequence[Any], source: str) -> Lidar:
             values = (edges[1:] + edges[:-1]) / 2
         return Lidar(tuple(np.sort(values).tolist()), steps, reach)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{source}: beam inclinations of {name}: {error}") from None
+        raise InputError(f"beam inclinations of {name}: {error}", place=source) from None
 
 
 def _frames(path: Path, start: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
@@ -130,7 +133,7 @@ def _frames(path: Path, start: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     table, source = _table(path, (SEGMENT, TIME, POSE)), str(path)
     time = integers(table, TIME, source)
     if (row := first(pd.Series(time).duplicated())) is not None:
-        raise ValueError(f"{source}: row {row}: frame {time[row]} is there twice")
+        raise InputError(f"frame {time[row]} is there twice", place=f"{source}: row {row}")
     rows = np.argsort(time)
     frames = pd.DataFrame(
         {
@@ -153,7 +156,7 @@ def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: st
         except (TypeError, ValueError):
             values = np.empty(0)
         if values.shape != (16,) or not np.isfinite(values).all():
-            raise ValueError(f"{source}: row {row}: {column} must be 16 finite numbers")
+            raise InputError(f"{column} must be 16 finite numbers", place=f"{source}: row {row}")
         matrix[:] = values
     transforms = matrices.reshape(-1, 4, 4)
     try:
@@ -174,7 +177,7 @@ def _boxes(
     of_box = integers(table, TIME, source)
     index = pd.Index(time).get_indexer(pd.Index(of_box))
     if (row := first(index < 0)) is not None:
-        raise ValueError(f"{source}: row {row}: no vehicle_pose of frame {of_box[row]}")
+        raise InputError(f"no vehicle_pose of frame {of_box[row]}", place=f"{source}: row {row}")
     boxes = pd.DataFrame(
         {
             **{name: frames[name].to_numpy()[index] for name in ("scene", "frame", "timestamp_s")},

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.regular import regular
 
 LIDAR_HEIGHT_M = 1.73
@@ -65,15 +66,15 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
             matrix = np.empty(0)
         if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
             wanted = f"{name} needs {shape[0] * shape[1]} finite numbers"
-            raise ValueError(f"{path}: line {number}: {wanted}, found {' '.join(values)!r}")
+            raise InputError(wanted, place=f"{path}: line {number}", found=repr(" ".join(values)))
         matrices[name] = matrix.reshape(shape)
     for name in ("R0_rect", "Tr_velo_to_cam"):
         if name not in matrices:
-            raise ValueError(f"{path}: no line {name}; found {', '.join(matrices) or 'none'}")
+            raise InputError(f"no line {name}", place=path, found=", ".join(matrices) or "none")
         turn = matrices[name][:, :3]
         within = np.abs(turn).max() < 2  # beyond, a product may overflow
         if not within or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-2 or np.linalg.det(turn) < 0:
-            raise ValueError(f"{path}: {name} is no rotation, found {turn.tolist()}")
+            raise InputError(f"{name} is no rotation", place=path, found=turn.tolist())
     return matrices
 
 

@@ -112,7 +112,7 @@ def read_kitti(
             names.append((frame, f"{frame_name(frame)}-{line}", types[name]))
             to_ego.append(pose)
     if not placed:
-        raise ValueError(f"{folder}: no frame can be used")
+        raise InputError("no frame can be used", place=folder)
     scene = folder.resolve().name
     frames = frames[frames["frame"].isin(placed)].reset_index(drop=True).assign(scene=scene)
     boxes = pd.DataFrame(names, columns=["frame", "object_id", "class"])
@@ -158,7 +158,7 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
             else:
                 fault(f"{labels / stem}.txt: expected a name like 000123.txt", skipped)
     if not found:
-        raise ValueError(f"{labels}: no file of labels is among the frames")
+        raise InputError("no file of labels is among the frames", place=labels)
     frames = pd.DataFrame({"frame": list(found), "timestamp_s": np.nan, "split": found.values()})
     frames["route"] = frames["split"].map([*SETS.values()].index)
     return frames.sort_values("frame", ignore_index=True)

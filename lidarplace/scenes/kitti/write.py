@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Clouds
 from lidarplace.files.atomic import replacing
 from lidarplace.logs.boxes import first
@@ -22,7 +23,7 @@ NOTHING = "DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10
 def check_new(folder: Path) -> None:
     """Raise ValueError if `folder` holds anything, which would mix with what is written."""
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise ValueError(f"{folder}: is there already; give a new or an empty folder")
+        raise InputError("is there already", place=folder, fix="give a new or an empty folder")
 
 
 def write_kitti(

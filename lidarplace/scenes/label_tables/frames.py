@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import integers, numbers, texts
 from lidarplace.scenes.label_tables.mapping import TableMapping
@@ -68,9 +69,10 @@ def _frames_of_drive(
         return times, of_row.astype(np.int64)
     a_frame = 1.0 if mapping.columns.time is None else 1 / (rate * SECONDS[mapping.units.time])
     if (most := (times[-1] - times[0]) / a_frame) >= FRAMES.high:
-        raise ValueError(
-            f"{source}: column {mapping.stamp}: a drive has {most:,.0f} frames at {rate:g} Hz, "
-            f"expected at most {FRAMES.high:,}; change units.time or frames.rate_hz"
+        raise InputError(
+            f"a drive has {most:,.0f} frames at {rate:g} Hz, expected at most {FRAMES.high:,}",
+            place=f"{source}: column {mapping.stamp}",
+            fix="change units.time or frames.rate_hz",
         )
     number, off = np.zeros(len(times), np.int64), np.zeros(len(times), bool)
     last, count = times[0], 0
@@ -82,10 +84,11 @@ def _frames_of_drive(
         number[i] = count
     if off.any():
         share = off[of_row].mean()
-        raise ValueError(
-            f"{source}: column {mapping.stamp}: {share:.1%} of the rows of a drive lie more than "
-            f"a quarter of a frame off a rate of {rate:g} Hz, the first with "
-            f"{times[np.argmax(off)]:.16g}; change frames.rate_hz or units.time"
+        raise InputError(
+            f"{share:.1%} of the rows of a drive lie more than a quarter of a frame off a "
+            f"rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}",
+            place=f"{source}: column {mapping.stamp}",
+            fix="change frames.rate_hz or units.time",
         )
     known, first = np.unique(number, return_index=True)
     return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
@@ -98,11 +101,13 @@ def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dic
         if missing := [name for name in names if name not in drives]:
             shown = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
             problem = f"no drive {missing[0]!r} in column {mapping.columns.drive}"
-            raise ValueError(f"{source}: drives.{key}: {problem}; found {shown}")
+            raise InputError(problem, place=source, key=f"drives.{key}", found=shown)
     split = {str(drive): "test" if drive in test else "train" for drive in drives}
     if left := [name for name in split if train is not None and name not in (*train, *test)]:
-        raise ValueError(
-            f"{source}: drive {left[0]!r} is neither in drives.train nor in drives.test, nor are "
-            f"{len(left) - 1} others; leave train out to take all that are not test"
+        raise InputError(
+            f"drive {left[0]!r} is neither in drives.train nor in drives.test, nor are "
+            f"{len(left) - 1} others",
+            place=source,
+            fix="leave train out to take all that are not test",
         )
     return split

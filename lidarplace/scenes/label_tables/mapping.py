@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import FilePath, Length, Name, Settings, fault, found
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
@@ -127,9 +128,9 @@ class TableMapping(Settings):
     def _whole(self) -> Self:
         for category, name in self.classes.items():
             if name is not None and (fault := fault_of_name(name)) is not None:
-                raise ValueError(f"classes.{category}: {fault}; null ignores its boxes")
+                raise InputError(f"{fault}; null ignores its boxes", key=f"classes.{category}")
         if self.coordinates == "world" and self.poses is None:
-            raise ValueError("coordinates: world needs `poses` of the vehicle")
+            raise InputError("world needs `poses` of the vehicle", key="coordinates")
         if self.columns.drive is None and (self.drives.test or self.drives.train):
             raise ValueError("drives need `columns.drive`")
         return self
@@ -150,7 +151,7 @@ def read_mapping(path: Path) -> TableMapping:
     """Read the keys of `TableMapping`. Raises OSError, and ValueError that names file and key."""
     content = read_yaml_file(path)
     if not isinstance(content, dict):
-        raise ValueError(f"{path}: must have keys such as `columns`, found {found(content)}")
+        raise InputError("must have keys such as `columns`", place=path, found=found(content))
     try:
         return TableMapping.model_validate(content)
     except ValidationError as error:

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausible import SIZES
@@ -34,7 +35,7 @@ def propose_mapping(path: Path) -> str:
     ValueError if the file cannot be read, or has no rows."""
     table = read_table(path, ())
     if table.empty:
-        raise ValueError(f"{path}: no rows")
+        raise InputError("no rows", place=path)
     table.columns = table.columns.map(str)
     columns = guess_columns(list(table.columns))
     if "time" in columns:

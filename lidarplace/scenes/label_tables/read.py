@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.base.class_names import IGNORE
+from lidarplace.base.errors import InputError
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
@@ -41,13 +42,15 @@ class Track(NamedTuple):
             time, first = np.unique(self.stamps.value[own], return_index=True)
             value = stamps.value[asked]
             if not len(time):
-                raise ValueError(f"{self.source}: poses: no pose of drive {drive!r}")
+                raise InputError(f"no pose of drive {drive!r}", place=self.source, key="poses")
             outside = (value < time[0] - self.slack) | (value > time[-1] + self.slack)
             if outside.any():
-                raise ValueError(
-                    f"{self.source}: poses: {outside.mean():.1%} of the times of drive {drive!r} "
-                    f"have none, the first is {value[np.argmax(outside)]:.16g}; poses are from "
-                    f"{time[0]:.16g} to {time[-1]:.16g}"
+                raise InputError(
+                    f"{outside.mean():.1%} of the times of drive {drive!r} have none, the "
+                    f"first is {value[np.argmax(outside)]:.16g}; poses are from "
+                    f"{time[0]:.16g} to {time[-1]:.16g}",
+                    place=self.source,
+                    key="poses",
                 )
             pose = self.pose[own][first]
             pose[:, 3] = np.unwrap(pose[:, 3])
@@ -71,10 +74,11 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
             pose[:, column] = numbers(table, [name], source)[:, 0] * unit
     turned = np.abs(pose[:, 3]) > MOST_YAW
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
-        raise ValueError(
-            f"{source}: column {poses.yaw}: yaw is in radians; over two turns: {turned.mean():.1%} "
-            f"of the rows, the first is row {row} with {pose[row, 3]:g}; change poses.angle of the "
-            "mapping, or accept the values: accept: [poses]"
+        raise InputError(
+            f"yaw is in radians; over two turns: {turned.mean():.1%} of the rows, the first "
+            f"is row {row} with {pose[row, 3]:g}",
+            place=f"{source}: column {poses.yaw}",
+            fix="change poses.angle of the mapping, or accept the values: accept: [poses]",
         )
     slack = SLACK_S / SECONDS[mapping.units.time] if of_time else 0.0
     return Track(read_stamps(table, drive, stamp, not of_time, source), pose, source, slack)
@@ -137,9 +141,10 @@ def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray
     if (row := first(unknown)) is not None:
         counts = Counter(category[unknown])
         names = ", ".join(f"{name} {count:,}" for name, count in counts.most_common(10))
-        raise ValueError(
-            f"{source}: column {column}: {unknown.mean():.1%} of the rows, from row {row}, have a "
-            f"category that `classes` does not name: {names}; null leaves one out"
+        raise InputError(
+            f"{unknown.mean():.1%} of the rows, from row {row}, have a category that "
+            f"`classes` does not name: {names}; null leaves one out",
+            place=f"{source}: column {column}",
         )
     return np.array([mapping.classes[name] or IGNORE for name in category], object)
 
@@ -149,11 +154,12 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
     twice = boxes.duplicated(["frame", "object_id"])
     if twice.any():
         box = boxes[twice].iloc[0]
-        raise ValueError(
-            f"{source}: column {mapping.columns.object}: {twice.mean():.1%} of the rows repeat an "
-            f"object in its frame, the first is row {twice.idxmax()} with {box['object_id']!r} of "
-            f"drive {box['scene']!r}; change columns.object, columns.drive, or the key of frames: "
-            f"{mapping.stamp}, units.time and frames.rate_hz"
+        raise InputError(
+            f"{twice.mean():.1%} of the rows repeat an object in its frame, the first is row "
+            f"{twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}",
+            place=f"{source}: column {mapping.columns.object}",
+            fix="change columns.object, columns.drive, or the key of frames: "
+            f"{mapping.stamp}, units.time and frames.rate_hz",
         )
 
 
@@ -162,6 +168,6 @@ def check_mapped(table: pd.DataFrame, names: Mapping[str, str | None], source: s
     for key, name in names.items():
         if name is not None and name not in table.columns:
             listed = ", ".join(map(str, table.columns)) or "none"
-            raise ValueError(f"{source}: {key}: no column {name!r}; found {listed[:300]}")
+            raise InputError(f"no column {name!r}", place=source, key=key, found=listed[:300])
     if table.empty:
-        raise ValueError(f"{source}: no rows")
+        raise InputError("no rows", place=source)

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring, iterparse
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.regular import regular
 from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.settings import GENERATED, MAP_SUFFIXES
@@ -41,7 +42,7 @@ def find_map(town: str) -> Path:
     """File of a town: its path, or that of the CARLA map of this name. Raises ValueError."""
     path = Path(town) if town.endswith(MAP_SUFFIXES) else find_carla_map(town)
     if not path.is_file():
-        raise ValueError(f"{path}: no such map file")
+        raise InputError("no such map file", place=path)
     return path
 
 
@@ -107,7 +108,7 @@ def convert_opendrive(path: Path, folder: Path) -> TownMap:
     try:
         ElementTree(root).write(plain, encoding="utf-8", xml_declaration=True)
     except RecursionError:
-        raise ValueError(f"{path}: not an OpenDRIVE map: nested too deeply") from None
+        raise InputError("not an OpenDRIVE map: nested too deeply", place=path) from None
     types.write_text(LANE_TYPES)
     command = [
         *(str(sumo_home() / "bin" / "netconvert"), "--opendrive-files", str(plain)),
@@ -123,7 +124,7 @@ def convert_opendrive(path: Path, folder: Path) -> TownMap:
     if done.returncode != 0 or not network.is_file():
         errors = [line for line in done.stderr.splitlines() if line.startswith("Error")]
         message = " ".join((errors or ["Error: no network came out"])[0].split())
-        raise ValueError(f"{path}: not an OpenDRIVE map: netconvert: {message}")
+        raise InputError(f"not an OpenDRIVE map: netconvert: {message}", place=path)
     return TownMap(network, mirrored=lefthand)
 
 
@@ -139,20 +140,22 @@ def read_opendrive(path: Path) -> Element:
         data = regular(path).read_bytes()
         data = gzip.decompress(data) if path.suffix == ".gz" else data
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise ValueError(f"{path}: not a gzip file: {error}") from None
+        raise InputError(f"not a gzip file: {error}", place=path) from None
     try:
         root = fromstring(data)
     except (ParseError, LookupError, ValueError) as error:
-        raise ValueError(f"{path}: not an OpenDRIVE map: {error}") from None
+        raise InputError(f"not an OpenDRIVE map: {error}", place=path) from None
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != "OpenDRIVE":
-        raise ValueError(f"{path}: not an OpenDRIVE map: its root is {root.tag}, not OpenDRIVE")
+        raise InputError(f"not an OpenDRIVE map: its root is {root.tag}, not OpenDRIVE", place=path)
     for junction in root.iter("junction"):
         if junction.get("type") == "direct":
-            raise ValueError(
-                f"{path}: junction {junction.get('id')} is of type direct, which netconvert cannot "
-                "read; allowed are junctions with connecting roads, or links from road to road"
+            raise InputError(
+                f"junction {junction.get('id')} is of type direct, which netconvert cannot "
+                "read; allowed are junctions with connecting roads, or links from road to "
+                "road",
+                place=path,
             )
     for lane in root.iterfind(".//center/lane"):
         lane.set("type", lane.get("type", "none"))
@@ -161,7 +164,7 @@ def read_opendrive(path: Path) -> Element:
             for name in ("id", "type"):
                 if name not in lane.attrib:
                     which = f"lane {lane.get('id')}" if name == "type" else "a lane"
-                    raise ValueError(f"{path}: road {road.get('id')}: {which} has no {name}")
+                    raise InputError(f"road {road.get('id')}: {which} has no {name}", place=path)
     return root
 
 
@@ -172,11 +175,12 @@ def drives_left(root: Element, path: Path) -> bool:
         rule = road.get("rule", RULES[0])
         if rule not in RULES:
             allowed = f"allowed are {' and '.join(RULES)}"
-            raise ValueError(f"{path}: road {road.get('id')}: rule is {rule!r}; {allowed}")
+            raise InputError(f"road {road.get('id')}: rule is {rule!r}; {allowed}", place=path)
         first.setdefault(rule, road.get("id"))
     if len(first) > 1:
-        raise ValueError(
-            f"{path}: road {first['LHT']} has left-hand traffic (rule LHT), road {first['RHT']} "
-            "right-hand traffic (rule RHT, or none); allowed is one of them in a map"
+        raise InputError(
+            f"road {first['LHT']} has left-hand traffic (rule LHT), road {first['RHT']} "
+            "right-hand traffic (rule RHT, or none); allowed is one of them in a map",
+            place=path,
         )
     return "LHT" in first

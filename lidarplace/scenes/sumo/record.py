@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.regular import regular
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
@@ -140,7 +141,7 @@ def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
             network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
         except (SAXException, KeyError, ValueError) as error:
             reason = f"no {error}" if isinstance(error, KeyError) else error
-            raise ValueError(f"{town.path}: not a SUMO network: {reason}") from None
+            raise InputError(f"not a SUMO network: {reason}", place=town.path) from None
         routes = Path(name) / "routes.rou.xml"
         demand = write_demand(network, scene, np.random.default_rng(demand_seed), run.town, routes)
         seed = int(driving.generate_state(1)[0] >> 1)  # SUMO takes 31 bits

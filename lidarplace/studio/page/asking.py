@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from lidarplace.base.errors import InputError
 from lidarplace.studio.best_pose import BestPose
 from lidarplace.studio.page.editing import Editing
 from lidarplace.studio.page.panel import Panel
@@ -112,7 +113,7 @@ class Files:
         """A file in the folder of the rigs. Raises ValueError for one that is not."""
         if not re.fullmatch(r"(?!\.)[^/\x00-\x1f]+\.ya?ml", name):
             expected = "NAME.yaml without a folder, NUL or line break"
-            raise ValueError(f"file name: invalid; expected {expected}, found {name!r}")
+            raise InputError("file name: invalid", expected=expected, found=repr(name))
         return self._studio.file.path.parent / name
 
     def _asking(self, write: Callable[[bool], str]) -> str:

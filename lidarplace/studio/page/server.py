@@ -16,6 +16,7 @@ from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
+from lidarplace.base.errors import InputError
 from lidarplace.command_line.port import free_port
 
 if TYPE_CHECKING:
@@ -59,9 +60,10 @@ def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, s
         server = Local(HOST, free_port(port, FIRST_PORT, HOST), title, verbose=False)
     try:
         if not called.called:
-            raise ValueError(
-                f"viser {viser.__version__}: does not let its requests be checked; expected 1.1; "
-                "pip install 'viser==1.1.*'"
+            raise InputError(
+                f"viser {viser.__version__}: does not let its requests be checked",
+                expected="1.1",
+                fix="pip install 'viser==1.1.*'",
             )
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         server.gui.main_panel.dock_right()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace import Placement
+from lidarplace.base.errors import InputError
 from lidarplace.mounting.near_field import seen_voxels
 from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
 from lidarplace.requirements.layout import Laid
@@ -113,10 +114,12 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
             found.setdefault(key, []).append(values)
         size = number * sum(own[0].nbytes for own in found.values())
         if size > _MOST_BYTES:
-            raise ValueError(
-                f"search.greedy: too many candidates; expected numbers of at most "
-                f"{_MOST_BYTES / 1e9:.0f} GB, found {size / 1e9:.0f} GB of {number:,} LiDARs; "
-                "enlarge position_step or angle_step_deg, or step of the requirements"
+            raise InputError(
+                "too many candidates",
+                key="search.greedy",
+                expected=f"numbers of at most {_MOST_BYTES / 1000000000.0:.0f} GB",
+                found=f"{size / 1000000000.0:.0f} GB of {number:,} LiDARs",
+                fix="enlarge position_step or angle_step_deg, or step of the requirements",
             )
     return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
 

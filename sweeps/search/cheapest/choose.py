@@ -34,6 +34,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.requirements.judge import Outcome
 from sweeps.configuration.search import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
@@ -119,20 +120,30 @@ def check(problem: Problem) -> str:
     is not known."""
     search, carrier, file = problem.file.search, problem.question.carrier, problem.path
     if search.greedy is None:
-        raise ValueError(
-            f"{file}: search.greedy: no candidates to choose from; expected a grid in zones, such "
-            "as greedy: {position_step: 0.5}, found none"
+        raise InputError(
+            "no candidates to choose from",
+            place=file,
+            key="search.greedy",
+            expected="a grid in zones, such as greedy: {position_step: 0.5}",
+            found="none",
         )
     if not (carrier.requirements or search.cheapest.recall):
-        raise ValueError(
-            f"{file}: search.requirements: nothing to meet; expected one or more, found none"
+        raise InputError(
+            "nothing to meet",
+            place=file,
+            key="search.requirements",
+            expected="one or more",
+            found="none",
         )
     if (by := search.cheapest.by) in TOTALS:
         costs = [carrier.totals[by][model] for model in problem.space.models]
         if any(map(math.isnan, costs)) or not any([*costs, *carrier.mount_prices.values()]):
-            raise ValueError(
-                f"{file}: search.cheapest.by: {by} of models is unknown; expected search.models "
-                f"with a {by} of each, found {dict(zip(problem.space.models, costs, strict=True))}"
+            raise InputError(
+                f"{by} of models is unknown",
+                place=file,
+                key="search.cheapest.by",
+                expected=f"search.models with a {by} of each",
+                found=dict(zip(problem.space.models, costs, strict=True)),
             )
     mounts = check_grid(problem)
     low, high = problem.space.numbers

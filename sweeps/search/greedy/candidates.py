@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from lidarplace import Mount
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.mounting import Pair
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
@@ -53,9 +54,11 @@ def check_grid(problem: Problem) -> int:
     settings, number = problem.file.search.greedy, _number_of_candidates(problem)
     assert settings is not None
     if number > settings.most:
-        raise ValueError(
-            f"search.greedy: {number:,} candidates; expected at most {settings.most:,}; enlarge "
-            "position_step or angle_step_deg, or set `greedy: null`"
+        raise InputError(
+            f"{number:,} candidates",
+            key="search.greedy",
+            expected=f"at most {settings.most:,}",
+            fix="enlarge position_step or angle_step_deg, or set `greedy: null`",
         )
     return number
 

@@ -8,6 +8,7 @@ from statistics import fmean
 import pandas as pd
 from rich.console import Console
 
+from lidarplace.base.errors import InputError
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
@@ -96,9 +97,12 @@ def recall_of(
         return None
     objective, classes = search.objective[0], problem.file.classes
     if not problem.pretrained:
-        raise ValueError(
-            f"{problem.path}: search.cheapest.recall: no generalist judges rigs; expected "
-            f"objective: pretrained.recall or another of pretrained, found {objective.name}"
+        raise InputError(
+            "no generalist judges rigs",
+            place=problem.path,
+            key="search.cheapest.recall",
+            expected="objective: pretrained.recall or another of pretrained",
+            found=objective.name,
         )
 
     def recall(rig: Choices) -> float:

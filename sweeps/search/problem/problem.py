@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.blind_lidars import check_not_blind
@@ -215,8 +216,10 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     for key in file.verify.set if settings.models and file.verify is not None else ():
         if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
             raise ConfigError(
-                f"{path}: verify.set: {key} would change the paper's rigs alone, as those of "
-                "the search have the models of search.models"
+                f"{key} would change the paper's rigs alone, as those of the search have the "
+                "models of search.models",
+                place=path,
+                key="verify.set",
             )
     question = Question(
         objectives=settings.objective,
@@ -258,26 +261,31 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
     for key in ("seed", "placement", "promote", "requirements", "vehicle"):
         if key in source:
             own = f"search.{others.get(key, key)}"
-            raise ConfigError(f"{path}: {key}: key of a sweep; a search has {own}")
+            raise ConfigError(f"key of a sweep; a search has {own}", place=path, key=key)
     if "judge" in source:
         raise ConfigError(
-            f"{path}: judge: key of a sweep; in a search the objective selects it, such as "
-            "generalist.recall"
+            "key of a sweep; in a search the objective selects it, such as generalist.recall",
+            place=path,
+            key="judge",
         )
     if file.verify is not None:
         where = f"{path}: verify.set"
         refuse_overlaps(file.verify.set, where)
         for key in ("placement", "seed"):
             if key in file.verify.set:
-                raise ConfigError(f"{where}.{key}: the verification varies it; set verify.seeds")
+                raise ConfigError(
+                    "the verification varies it", key=f"{where}.{key}", fix="set verify.seeds"
+                )
     if OWN_MODEL in settings.models:
-        raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
+        raise ConfigError(
+            "is the name of the key `lidar`", place=path, key=f"search.models.{OWN_MODEL}"
+        )
     for objective in settings.objective:
         where, classes = f"{path}: search.objective: {objective.name}", file.classes
         for name in (name for part in objective.parts for name in part.weights or ()):
             if name not in classes:
                 known = f"{', '.join(classes)}{did_you_mean(name, classes)}"
-                raise ConfigError(f"{where}: {name} is not among the classes {known}")
+                raise ConfigError(f"{name} is not among the classes {known}", place=where)
         if objective.measured and file.detector is None:
             raise ConfigError(f"{where} needs a detector")
         if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
@@ -291,7 +299,9 @@ def _check_body(
     vehicle = vehicle_of(file.search.vehicle)
     for zone in space.zones:
         if zone_in_body(zone, vehicle)[1]:
-            raise ConfigError(f"{path}: search.zones.{zone.name}: is inside the vehicle's body")
+            raise ConfigError(
+                "is inside the vehicle's body", place=path, key=f"search.zones.{zone.name}"
+            )
     if not fixed:
         return
     with named(f"{path}: search: fixed"):
@@ -318,7 +328,7 @@ def _check_what_comes_later(problem: Problem) -> None:
     except ConfigError as error:
         raise ConfigError(f"{error} (with verify.set)") from None
     if sweep.points[0].point.detector is None:
-        raise ConfigError(f"{path}: verify: needs a detector")
+        raise ConfigError("needs a detector", place=path, key="verify")
 
 
 def _check_scene(changes: Mapping[str, Any], where: str, example: str) -> None:
@@ -326,7 +336,7 @@ def _check_scene(changes: Mapping[str, Any], where: str, example: str) -> None:
     refuse_overlaps(changes, where)
     for key in changes:
         if not key.startswith("scene."):
-            raise ConfigError(f"{where}: {key}: allowed are keys of scene, such as {example}")
+            raise ConfigError(f"allowed are keys of scene, such as {example}", place=where, key=key)
 
 
 def _check_traffic(problem: Problem) -> None:
@@ -337,28 +347,32 @@ def _check_traffic(problem: Problem) -> None:
         for changes in every:
             if not changes:
                 raise ConfigError(
-                    f"{where}: name another log, such as {{scene.test_folder: other_log}}: "
-                    "trials, the choice of the best and their verification need different traffic"
+                    "name another log, such as {scene.test_folder: other_log}: trials, the "
+                    "choice of the best and their verification need different traffic",
+                    place=where,
                 )
             _check_scene(changes, where, "scene.test_seed")
             said = {key: f"search.traffic.{name}: {key}" for key in changes}
             problem.point(changes, said)
         if any(changes in every[:number] for number, changes in enumerate(every)):
-            raise ConfigError(f"{where}: duplicate traffic")
+            raise ConfigError("duplicate traffic", place=where)
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
         raise ConfigError(
-            f"{path}: search.vehicles: needs mounting_errors, without which all are equal"
+            "needs mounting_errors, without which all are equal", place=path, key="search.vehicles"
         )
     with named(f"{path}: generalist.rigs"):
         known = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
     unseen = [name for name in problem.space.models if problem.models[name] not in known]
     if unseen and not isinstance(problem.file.generalist.rigs, int):
         raise ConfigError(
-            f"{path}: generalist.rigs: none of them has the LiDAR {unseen[0]}, which the search "
-            "chooses"
+            f"none of them has the LiDAR {unseen[0]}, which the search chooses",
+            place=path,
+            key="generalist.rigs",
         )
     if any(changes in traffic.choice for changes in traffic.search):
-        raise ConfigError(f"{path}: search.traffic: search and choice need different traffic")
+        raise ConfigError(
+            "search and choice need different traffic", place=path, key="search.traffic"
+        )
     if problem.pretrained:
         _check_pretrained(problem)
 
@@ -368,21 +382,27 @@ def _check_pretrained(problem: Problem) -> None:
     path, seeds = problem.path, len(problem.file.search.seeds)
     if seeds > 1:
         raise ConfigError(
-            f"{path}: search.seeds: a pretrained generalist has one seed; expected 1, found {seeds}"
+            "a pretrained generalist has one seed",
+            place=path,
+            key="search.seeds",
+            expected="1",
+            found=seeds,
         )
     for name, rig in {**problem.training_rigs, **problem.paper_rigs()}.items():
         outside = problem.outside(rig, name)
         if outside is not None:
             of = f"{name} of the paper" if name in PAPER_PLACEMENTS else "rigs of the zones"
-            raise ConfigError(f"{path}: search: {of}: {outside}")
+            raise ConfigError(f"{of}: {outside}", place=path, key="search")
 
 
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed]:
     """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
     own = file.placements.get(name)  # a search knows models by name alone
     if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
-        raise ValueError(
-            f"search.start: {name}: its mounts have LiDARs of their own; give one of `lidar`"
+        raise InputError(
+            f"{name}: its mounts have LiDARs of their own",
+            key="search.start",
+            fix="give one of `lidar`",
         )
     with named(f"search.start: {name}"):
         return placed_in(space, [Choice("", "", mount) for mount in rigs.of(file, name).mounts])

@@ -16,6 +16,7 @@ import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 
 from lidarplace import Mount
+from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point
 from lidarplace.configuration.mounting import Pair, mountable
 from lidarplace.configuration.vehicle import vehicle_of
@@ -104,9 +105,10 @@ class Space:
         """All that there may be, without the fixed LiDARs; those with fewest LiDARs first."""
         ways = math.prod(int(high - low) + 1 for low, high in self.counts.values())
         if ways > MOST_MAKEUPS:
-            raise ValueError(
-                f"search.zones: {ways:,} ways to divide LiDARs among them, more than "
-                f"{MOST_MAKEUPS:,}; give ranges of `lidars` to fewer zones"
+            raise InputError(
+                f"{ways:,} ways to divide LiDARs among them, more than {MOST_MAKEUPS:,}",
+                key="search.zones",
+                fix="give ranges of `lidars` to fewer zones",
             )
         ranges = (range(int(low), int(high) + 1) for low, high in self.counts.values())
         found = itertools.product(*ranges)
@@ -141,7 +143,7 @@ class Space:
             return pairs
         middles = tuple(filter(None, map(on_centre_line, zones)))
         if not middles:
-            raise ValueError("search.symmetric: an odd number needs a zone that meets y = 0")
+            raise InputError("an odd number needs a zone that meets y = 0", key="search.symmetric")
         upright = spans | {"roll": (0.0, 0.0), "yaw": (0.0, 0.0)}
         return [*pairs, Slot("centre", middles, models, upright, False)]
 
@@ -248,9 +250,11 @@ def _check_symmetry(zones: Sequence[Zone]) -> None:
     for zone in zones:
         mirrored_shape = frozenset((x, 0 - y) for x, y in zone.polygon)
         if any(y < 0 for _, y in zone.polygon) and (mirrored_shape, zone.z) not in shapes:
-            raise ValueError(
-                f"search.symmetric: zone {zone.name} is not symmetric to y = 0, and no other zone "
-                "is its mirror image; give its left part alone"
+            raise InputError(
+                f"zone {zone.name} is not symmetric to y = 0, and no other zone is its "
+                "mirror image",
+                key="search.symmetric",
+                fix="give its left part alone",
             )
 
 

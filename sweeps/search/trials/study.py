@@ -15,6 +15,7 @@ from optuna.storages import BaseStorage, JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
+from lidarplace.base.errors import InputError
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.trials.samplers import Repeatable
@@ -48,8 +49,9 @@ def journal_storage(path: Path) -> BaseStorage:
         return JournalStorage(JournalFileBackend(str(path)))
     except Exception as error:  # what Optuna raises depends on what is wrong in a line
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise ValueError(
-            f"{path}: cannot be read: {reason}; the trials in it are lost: remove it to search anew"
+        raise InputError(
+            f"cannot be read: {reason}; the trials in it are lost: remove it to search anew",
+            place=path,
         ) from None
 
 
