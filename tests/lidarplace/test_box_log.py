@@ -121,7 +121,7 @@ def test_a_damaged_table_is_named(tmp_path):
     data = path.read_bytes()
     for length in range(0, len(data), 97):
         path.write_bytes(data[:length])
-        with pytest.raises(ValueError, match=r"boxes\.parquet: is no Parquet file: "):
+        with refused((str(path), "", "")):
             read_box_log(tmp_path)
 
 
