@@ -173,8 +173,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     buildings = read_buildings(folder)
     if (len(buildings) or world) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         problem = "missing column; buildings and static worlds need the pose of the vehicle"
-        key = ", ".join(sorted(missing))
-        raise InputError(problem, place=folder / "frames.parquet", key=key)
+        raise InputError(problem, place=folder / "frames.parquet", key=", ".join(sorted(missing)))
     return BoxLog(boxes, frames, buildings, rigs, world)
 
 

@@ -76,8 +76,7 @@ class LogScene(Settings):
     @model_validator(mode="after")
     def _of_one_log(self) -> Self:
         if self.test_folder is not None and self.clouds == "recorded":
-            problem = "recorded clouds are in one folder"
-            raise InputError(problem, key="test_folder", expected="null")
+            raise InputError("recorded clouds have one folder", key="test_folder", expected="null")
         return self
 
     def __hash__(self) -> int:

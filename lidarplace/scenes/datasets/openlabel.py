@@ -122,8 +122,7 @@ def _time(stamp: str | float | None, seconds: float) -> float:
         with suppress(ValueError, TypeError, OverflowError):
             if math.isfinite(time := float(read(stamp))):
                 return time * unit
-    expected = "a number or a date of ISO 8601"
-    raise InputError(key="timestamp", expected=expected, found=repr(stamp))
+    raise InputError(key="timestamp", expected="a number or a date of ISO 8601", found=repr(stamp))
 
 
 def _boxes(content: Content, vehicle: str) -> pd.DataFrame:

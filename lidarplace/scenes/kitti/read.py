@@ -144,8 +144,7 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
         for number, stem in _lines(path):
             where = f"{path}: line {number}"
             if not _is_name(stem):
-                expected = "a number like 000123"
-                fault(InputError(place=where, expected=expected, found=repr(stem)), skipped)
+                fault(InputError(place=where, expected="a number like 000123", found=stem), skipped)
             elif stem not in files:
                 fault(InputError(f"no file {labels / stem}.txt", place=where), skipped)
             elif int(stem) in found:
@@ -194,9 +193,9 @@ def read_labels(
             values = [float(text) for text in texts]
         except ValueError:
             values = [math.nan]
-        where, expected = f"{path}: line {number}", f"{wanted} fields"
+        where = f"{path}: line {number}"
         if (fields := len(texts) + 1) not in fields_of_line:
-            fault(InputError(place=where, expected=expected, found=fields), skipped)
+            fault(InputError(place=where, expected=f"{wanted} fields", found=fields), skipped)
         elif name not in types:
             parts = {"found": repr(name), "fix": "a class map can name more"}
             known = ", ".join(types)
@@ -204,11 +203,9 @@ def read_labels(
         elif types[name] == IGNORE:
             ignored[name] += 1
         elif not all(map(math.isfinite, values)):
-            expected = "finite numbers after the type"
-            fault(InputError(place=where, expected=expected, found=repr(line)), skipped)
+            fault(InputError(place=where, expected="finite numbers", found=repr(line)), skipped)
         elif min(values[7:10]) < 0:
-            expected = "height, width, length >= 0"
-            fault(InputError(place=where, expected=expected, found=values[7:10]), skipped)
+            fault(InputError(place=where, expected="sizes >= 0", found=values[7:10]), skipped)
         else:
             found.append((number, name, values))
     return found
