@@ -7,6 +7,8 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.base.errors import InputError
+
 IGNORE = "ignore"
 """What a class map says of a category whose boxes are left out."""
 
@@ -16,19 +18,21 @@ ALL = "all"
 _NAME = re.compile(r"\w[\w.-]*")
 _LONGEST = 64
 _SHOWN = 12
+CLASS_NAME = f"at most {_LONGEST} letters, digits, _, - and ., other than {ALL} and {IGNORE}"
 
 
-def fault_of_name(name: Any) -> str | None:
-    """What is wrong with the name of a class; None if nothing is.
+def is_class_name(name: Any) -> bool:
+    """Whether a class can have that name.
     Names are parts of those of files and columns, and words of a line of KITTI's labels."""
-    if isinstance(name, str) and name in (ALL, IGNORE):
-        return f"{name!r} is no name of a class: it has a meaning of its own"
-    if not isinstance(name, str) or len(name) > _LONGEST or not _NAME.fullmatch(name):
-        shown = reprlib.repr(name) if isinstance(name, str) else str(name)[:_LONGEST]
-        return (
-            f"a class has a name of letters, digits, _, - and ., at most {_LONGEST}, found {shown}"
-        )
-    return None
+    known = isinstance(name, str) and len(name) <= _LONGEST and name not in (ALL, IGNORE)
+    return known and _NAME.fullmatch(name) is not None
+
+
+def check_class_name(name: Any, **parts: str) -> None:
+    """Raise InputError of these `parts`, unless a class can have that name."""
+    if not is_class_name(name):
+        found = reprlib.repr(name) if isinstance(name, str) else str(name)[:_LONGEST]
+        raise InputError(expected=CLASS_NAME, found=found, **parts)
 
 
 def counts_of(classes: pd.Series) -> dict[str, int]:

@@ -26,8 +26,7 @@ class InputError(ValueError):
         self.expected, self.found = str(expected), str(found)
         pair = (("expected", self.expected), ("found", self.found))
         both = ", ".join(f"{word} {text}" for word, text in pair if text)
-        parts = (both, fix) if not problem else (problem, both, fix)
-        what = "; ".join(part for part in parts if part)
+        what = "; ".join(part for part in (problem, both, fix) if part)
         super().__init__(": ".join(part for part in (self.place, key, what) if part))
 
 
@@ -36,14 +35,7 @@ def at(place: str | PurePath, error: type[InputError] = InputError) -> Iterator[
     """Put `place` in front of a ValueError of the block, which becomes an `error`; parts stay."""
     try:
         yield
-    except InputError as inner:
-        raise error(
-            inner.problem,
-            place=f"{place}: {inner.place}" if inner.place else place,
-            key=inner.key,
-            expected=inner.expected,
-            found=inner.found,
-            fix=inner.fix,
-        ) from None
-    except ValueError as inner:
-        raise error(str(inner), place=place) from None
+    except ValueError as wrong:
+        own = wrong if isinstance(wrong, InputError) else InputError(" ".join(str(wrong).split()))
+        where = f"{place}: {own.place}" if own.place else place
+        raise error(**vars(own) | {"place": where}) from None

@@ -21,6 +21,8 @@ from typing import Any, TypeVar, cast
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from lidarplace.base.errors import InputError
+
 T = TypeVar("T")
 
 PLUGINS: dict[str, Distribution | None] = {}
@@ -32,8 +34,8 @@ FOLDERS: list[Path] = []
 _log = logging.getLogger(__name__)
 
 
-class PluginError(KeyError, ValueError):
-    """A name that cannot be resolved: one line."""
+class PluginError(InputError, KeyError):
+    """A name that cannot be resolved."""
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -79,10 +81,8 @@ class Registry(Mapping[str, T]):
         if len(found) + (name in self.own) > 1:
             by = sorted(point.dist.name if point.dist else point.value for point in found)
             by += ["lidarplace"][: name in self.own]
-            raise PluginError(
-                f"{name}: duplicate name in {self.group}, of {' and '.join(by)}; "
-                "uninstall all but one"
-            )
+            problem = f"duplicate name in {self.group}, of {' and '.join(by)}"
+            raise PluginError(problem, place=name, fix="uninstall all but one")
         if found:
             PLUGINS.setdefault(found[0].module.partition(".")[0], found[0].dist)
             return f"{found[0].module}:{found[0].attr}"
@@ -115,20 +115,21 @@ class Registry(Mapping[str, T]):
 
     def _load(self, name: str) -> T:
         if (path := self.path(name)) is None:
-            raise PluginError(f"{name}: no installed package has it among its {self.group}")
+            raise PluginError(f"no installed package has it among its {self.group}", place=name)
         where = name if name == path else f"{name} ({path})"
         try:
             found = pkgutil.resolve_name(path)
         except (Exception, SystemExit) as error:  # a plug-in can raise anything
             why = plugin_place(error) + " ".join(f"{type(error).__name__}: {error}".split())
-            if getattr(error, "name", None) == (root := path.partition(":")[0].partition(".")[0]):
-                why += "; put its folder next to the configuration, here, or on PYTHONPATH"
+            root, fix = path.partition(":")[0].partition(".")[0], ""
+            if getattr(error, "name", None) == root:
+                fix = "put its folder next to the configuration, here, or on PYTHONPATH"
             if root not in sys.modules:
                 PLUGINS.pop(root, None)  # nothing to send to a worker
-            raise PluginError(f"{where}: cannot be imported: {why}") from error
+            raise PluginError(f"cannot be imported: {why}", place=where, fix=fix) from error
         if not self._fits(found):
-            kind = type(found).__name__
-            raise PluginError(f"{where}: wrong type; expected one of {self.group}, found {kind}")
+            expected, kind = f"one of {self.group}", type(found).__name__
+            raise PluginError("wrong type", place=where, expected=expected, found=kind)
         return cast(T, found)
 
 
@@ -190,10 +191,8 @@ class OneOf:
         if broken:
             raise broken
         *others, last = map(repr, self.names())
-        expected = f"{', '.join(others)} or {last}"
-        raise PydanticCustomError(
-            "literal_error", "Input should be {expected}", {"expected": expected}
-        )
+        known = {"expected": f"{', '.join(others)} or {last}"}
+        raise PydanticCustomError("literal_error", "Input should be {expected}", known)
 
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self.check, handler(kind))

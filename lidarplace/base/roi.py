@@ -17,12 +17,12 @@ MOST_CELLS = 10**9
 """Voxels along one axis."""
 
 
-def _interval(axis: str, found: Any) -> Interval:
-    """Two numbers. Raises ValueError that says so."""
+def _interval(key: str, found: Any) -> Interval:
+    """Two numbers. Raises InputError that says so."""
     try:
         low, high = (float(value) for value in found if not isinstance(value, str))
     except (TypeError, ValueError):
-        raise InputError(f"ROI {axis} is (min, max) in metres", found=repr(found)) from None
+        raise InputError(key=key, expected="(min, max) in metres", found=repr(found)) from None
     return low, high
 
 
@@ -47,29 +47,24 @@ class Roi:
     resolution: float
 
     def __post_init__(self) -> None:
-        if not isinstance(self.resolution, int | float | np.number):
-            raise InputError("resolution is a length in metres", found=repr(self.resolution))
-        if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise InputError("resolution must be a positive length", found=self.resolution)
+        edge = self.resolution
+        if not isinstance(edge, int | float | np.number) or not (math.isfinite(edge) and edge > 0):
+            raise InputError(key="resolution", expected="a length > 0 in metres", found=repr(edge))
         for axis in "xyz":
-            low, high = _interval(axis, getattr(self, axis))
+            low, high = _interval(key := f"roi.{axis}", getattr(self, axis))
             object.__setattr__(self, axis, (low, high))
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
-                raise InputError(f"ROI {axis} needs min < max", found=f"[{low}, {high}]")
-            cells = (high - low) / self.resolution
+                raise InputError(key=key, expected="min < max", found=f"[{low}, {high}]")
+            cells = (high - low) / edge
+            problem = f"{high - low:g} m at a resolution of {edge:g} m"
             if not cells <= MOST_CELLS:
-                raise ValueError(
-                    f"ROI {axis} is {high - low:g} m long, {cells:g} voxels of {self.resolution:g} "
-                    f"m; allowed are {MOST_CELLS:,}"
-                )
+                most = f"at most {MOST_CELLS:,} voxels"
+                raise InputError(problem, key=key, expected=most, found=f"{cells:g}")
             if round(cells) < 1 or abs(cells - round(cells)) > 1e-6 * max(1.0, cells):
                 whole = max(1, round(cells))
-                raise ValueError(
-                    f"ROI {axis} is {high - low:g} m long, no multiple of the resolution "
-                    f"{self.resolution:g} m; the nearest multiple is "
-                    f"{whole * self.resolution:.10g} m, "
-                    f"the nearest resolution that fits is {(high - low) / whole:.10g} m"
-                )
+                fix = f"the nearest length is {whole * edge:.10g} m, "
+                fix += f"the nearest resolution {(high - low) / whole:.10g} m"
+                raise InputError(problem, key=key, expected="a whole number of voxels", fix=fix)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -18,7 +18,7 @@ from pydantic import (
     ValidationInfo,
 )
 
-from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.class_names import CLASS_NAME, is_class_name
 from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import ANGLE, LIDAR_HEIGHT, SEED, SHARE
 from lidarplace.base.suggestions import did_you_mean
@@ -75,8 +75,8 @@ Number = Annotated[float, Strict(), Field(ge=-1e12, le=1e12, allow_inf_nan=False
 
 
 def _class_name(name: str) -> str:
-    if (fault := fault_of_name(name)) is not None:
-        raise ValueError(fault)
+    if not is_class_name(name):
+        raise InputError(expected=CLASS_NAME)
     return name
 
 

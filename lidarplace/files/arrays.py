@@ -15,6 +15,7 @@ from lidarplace.files.regular import regular
 
 _DAMAGED = (ValueError, EOFError, tokenize.TokenError)
 """What NumPy raises for an array that is none; the last for a header taken for an old one."""
+_DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, AttributeError, TypeError)
 
 
 def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = False) -> NDArray[Any]:
@@ -23,33 +24,27 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
     try:
         array = np.load(regular(path), mmap_mode="r" if mapped else None, allow_pickle=False)
     except _DAMAGED as error:
-        raise InputError(f"is no array of NumPy: {error}", place=path) from None
+        raise InputError(f"not an array of NumPy: {error}", place=path) from None
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != ndim:
-        raise InputError(
-            f"must hold {np.dtype(dtype)}, {ndim} axes", place=path, found=_kind(array)
-        )
+        raise InputError(place=path, expected=f"{np.dtype(dtype)}, {ndim} axes", found=_kind(array))
     return array
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays in a `.npz` file by name, in the order of the file.
     Raises ValueError: the file cannot be read, has another format, or is damaged."""
-    with reading(path):
-        try:
-            with np.load(regular(path), allow_pickle=False) as arrays:
+    with reading(path, "a file of arrays, or a damaged one", *_DAMAGED, *_DAMAGED_ZIP):
+        arrays = np.load(regular(path), allow_pickle=False)
+        if not isinstance(arrays, np.ndarray):
+            with arrays:
                 return {name: arrays[name] for name in arrays.files}
-        except (*_DAMAGED, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-            raise InputError(
-                f"is no file of arrays, or a damaged one: {error}", place=path
-            ) from None
-        except (AttributeError, TypeError):  # a single array
-            raise InputError(place=path, expected="several arrays by name", found="one") from None
+    raise InputError(place=path, expected="several arrays by name", found="one")
 
 
 def check_numbers(name: str, array: NDArray[Any], ndim: int, path: Path) -> None:
     """Raise ValueError unless an array of `path` holds real numbers and has so many axes."""
     if array.dtype.kind not in "iuf" or array.ndim != ndim:
-        raise InputError(f"{name} must hold numbers, {ndim} axes", place=path, found=_kind(array))
+        raise InputError(place=path, key=name, expected=f"numbers, {ndim} axes", found=_kind(array))
 
 
 def _kind(array: Any) -> str:

@@ -20,14 +20,17 @@ def read_text(path: Path) -> str:
     try:
         return regular(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"not a text file: byte {error.start} is not UTF-8", place=path) from None
+        raise InputError(f"not a text file: {first_line(error)}", place=path) from None
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Raise ValueError that names `path` for an OSError of the block that reads it."""
+def reading(path: Path, kind: str = "", *errors: type[Exception]) -> Iterator[None]:
+    """Raise InputError that names `path` for an OSError of the block that reads it, and for
+    `errors`, which mean that it is not of that kind."""
     try:
         yield
+    except errors as error:
+        raise InputError(f"not {kind}: {first_line(error)}", place=path) from None
     except FileNotFoundError:
         raise InputError("no such file", place=path) from None
     except OSError as error:  # libraries raise it without a number too
@@ -36,6 +39,10 @@ def reading(path: Path) -> Iterator[None]:
 
 def first_line(error: Exception) -> str:
     """Why a library could not go on, without what it says about itself in further lines."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.start} is not UTF-8"
+    if isinstance(error, KeyError):
+        return f"no {error}"
     text = getattr(error, "strerror", None) or (str(error).strip().splitlines() or [""])[0]
     return text or type(error).__name__
 

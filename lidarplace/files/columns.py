@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import FRAME
@@ -19,21 +19,19 @@ _LONGEST = 300  # characters of what was found
 
 def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> None:
     """Raise InputError that says which of `names` are not in `found`, or twice."""
-    missing = [name for name in names if name not in found]
-    if missing:
+    if missing := [name for name in names if name not in found]:
         listed = ", ".join(map(str, found)) or "none"
         if len(listed) > _LONGEST:
             listed = f"{listed[:_LONGEST]} …"
         raise InputError("missing column", place=source, key=", ".join(missing), found=listed)
-    twice = [name for name in names if found.count(name) > 1]
-    if twice:
+    if twice := [name for name in names if found.count(name) > 1]:
         raise InputError("duplicate column", place=source, key=twice[0])
 
 
 def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
     """Columns of finite numbers; (rows, columns), float64."""
     values = _floats(table, names)
-    _check(table, names, ~np.isfinite(values), "a finite number", source)
+    check_values(table, names, ~np.isfinite(values), "a finite number", source)
     return values
 
 
@@ -41,21 +39,21 @@ def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.
     """A column of finite numbers, NaN where they are missing; (rows,), float64."""
     values = _floats(table, [name])[:, 0]
     bad = ~np.isfinite(values) & table[name].notna().to_numpy(bool)
-    _check(table, [name], bad, "a finite number, or missing", source)
+    check_values(table, [name], bad, "a finite number, or missing", source)
     return values
 
 
 def counts_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.float64]:
     """A column of numbers >= 0, NaN where they are missing; (rows,), float64."""
     values = numbers_if_known(table, name, source)
-    _check(table, [name], values < 0, "at least 0, or missing", source)
+    check_values(table, [name], values < 0, "at least 0, or missing", source)
     return values
 
 
 def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
     """Columns of finite numbers >= 0; (rows, columns), float64."""
     values = numbers(table, names, source)
-    _check(table, names, values < 0, "at least 0", source)
+    check_values(table, names, values < 0, "at least 0", source)
     return values
 
 
@@ -65,7 +63,7 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
     good = values.notna() & (values % 1 == 0)
     if values.dtype.kind != "i":
         good &= (values >= -_INT64) & (values < _INT64)
-    _check(table, [name], ~good.fillna(False).to_numpy(bool), "a whole number", source)
+    check_values(table, [name], ~good.fillna(False).to_numpy(bool), "a whole number", source)
     return values.to_numpy(np.int64)
 
 
@@ -73,19 +71,18 @@ def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
     """The column `frame`: whole numbers of the range `FRAME`; (rows,), int64."""
     values = integers(table, "frame", source)
     bad = (values > FRAME.high) | (values < FRAME.low)
-    _check(table, ["frame"], bad, f"a whole number up to ±{FRAME.high}", source)
+    check_values(table, ["frame"], bad, f"a whole number up to ±{FRAME.high}", source)
     return values
 
 
 def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
     """A column of text, where names that are whole numbers are text too; (rows,), str."""
     column = table[name].astype(object)
-    missing = column.isna().to_numpy(bool)
-    if missing.any():
+    if (missing := column.isna().to_numpy(bool)).any():
         raise InputError("missing value", place=f"{source}: row {np.argmax(missing)}", key=name)
     if pd.api.types.infer_dtype(column) not in ("string", "empty"):
         good = column.map(lambda value: isinstance(value, str | int | np.integer))
-        _check(table, [name], ~good.to_numpy(bool), "text", source)
+        check_values(table, [name], ~good.to_numpy(bool), "text", source)
         column = column.map(str)
     return column.to_numpy(object)
 
@@ -100,7 +97,7 @@ def one_of(table: pd.DataFrame, name: str, allowed: Collection[str], source: str
     """Raise InputError that names the first row whose value is none of those allowed."""
     found = table[name].astype(object)
     known = found.map(lambda value: isinstance(value, str) and value in allowed)
-    _check(table, [name], ~known.to_numpy(bool), " or ".join(allowed), source, reprlib.repr)
+    check_values(table, [name], ~known.to_numpy(bool), " or ".join(allowed), source, reprlib.repr)
 
 
 def _floats(table: pd.DataFrame, names: Sequence[str]) -> NDArray[np.float64]:
@@ -129,19 +126,18 @@ def _number(value: Any) -> Any:
 _NUMBERS = (str, int, float, Decimal, np.integer, np.floating)
 
 
-def _check(
+def check_values(
     table: pd.DataFrame,
     names: Sequence[str],
-    bad: NDArray[np.bool_],
+    bad: ArrayLike,
     expected: str,
     source: str,
     text: Callable[[str], str] = str,
 ) -> None:
     """Raise InputError for the first value that is `bad`, (rows,) or (rows, names)."""
-    if bad.any():
-        row, column = np.argwhere(bad.reshape(len(table), -1))[0].tolist()
-        value, place = table[names[column]].iloc[row], f"{source}: row {row}"
+    if np.any(bad):
+        row, column = np.argwhere(np.reshape(bad, (len(table), -1)))[0].tolist()
+        key, place = names[column], f"{source}: row {row}"
+        value = table[key].iloc[row]
         found = (text(value) if isinstance(value, str) else str(value))[:_LONGEST]
-        raise InputError(
-            "invalid value", place=place, key=names[column], expected=expected, found=found
-        )
+        raise InputError("invalid value", place=place, key=key, expected=expected, found=found)

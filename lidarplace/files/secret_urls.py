@@ -57,8 +57,5 @@ def secrets_in(url: str) -> list[str]:
 def check_whole(key: str, url: str) -> None:
     """Raise ValueError if a secret was hidden, as in the files that a command leaves."""
     if HIDDEN in secrets_in(url):
-        raise InputError(
-            f"{url}: the secret was left out where this was written",
-            key=key,
-            fix="give the whole address",
-        )
+        problem = "the secret was left out where this was written"
+        raise InputError(problem, key=key, found=url, fix="give the whole address")

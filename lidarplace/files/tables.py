@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 from pyarrow import feather
 
 from lidarplace.base.errors import InputError
-from lidarplace.files.atomic import first_line, reading, replacing
+from lidarplace.files.atomic import reading, replacing
 from lidarplace.files.columns import check_columns
 from lidarplace.files.regular import regular
 
@@ -23,43 +23,33 @@ def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFram
     Raises ValueError: the file cannot be read, or has another format."""
     # Whatever type the column has: numbers stored as text are checked later.
     rows = None if frames is None else pc.field("frame").cast("int64").isin(frames)
-    with reading(path):
-        try:
-            # pandas would take a path such as http:/… for an address
-            with regular(path).open("rb") as file:
-                return pd.read_parquet(file, filters=rows)
-        # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
-        except (pa.ArrowException, ValueError, KeyError) as error:
-            raise InputError(f"is no Parquet file: {first_line(error)}", place=path) from None
+    # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
+    with (
+        reading(path, "a Parquet file", pa.ArrowException, ValueError, KeyError),
+        regular(path).open("rb") as file,  # pandas would take a path such as http:/… for an address
+    ):
+        return pd.read_parquet(file, filters=rows)
 
 
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """The table in a CSV file; `options` are of `pandas.read_csv`. Commas, semicolons or tabs
     separate columns, whichever the first line has most of. With the last two a number may have a
     decimal comma. Raises ValueError: it cannot be read, or is not a table."""
-    with reading(path):
-        try:
-            with regular(path).open("rb") as file:
-                head = re.sub(rb'"[^"]*"', b"", file.readline()).decode("latin-1")
-                options["sep"] = max(",;\t", key=head.count)
-                file.seek(0)
-                table: pd.DataFrame = pd.read_csv(file, **options)
-                if options["sep"] != "," and _has_decimal_commas(table):
-                    file.seek(0)
-                    table = pd.read_csv(file, decimal=",", **options)
-            if not isinstance(table.index, pd.RangeIndex):
-                raise ValueError("line 2 has more fields than the first line has names")
-            if table.shape[1] == 1 and (other := re.search(r"\w *([|:/ ]) *\w", head)):
-                raise InputError(
-                    expected="columns separated by commas, semicolons or tabs", found=repr(other[1])
-                )
-            return table
-        except UnicodeDecodeError as error:
-            raise InputError(
-                f"not a CSV file: byte {error.start} is not UTF-8", place=path
-            ) from None
-        except ValueError as error:  # and its subclasses ParserError and EmptyDataError
-            raise InputError(f"not a CSV file: {first_line(error)}", place=path) from None
+    # ValueError has the subclasses ParserError and EmptyDataError.
+    with reading(path, "a CSV file", ValueError), regular(path).open("rb") as file:
+        head = re.sub(rb'"[^"]*"', b"", file.readline()).decode("latin-1")
+        options["sep"] = max(",;\t", key=head.count)
+        file.seek(0)
+        table: pd.DataFrame = pd.read_csv(file, **options)
+        if options["sep"] != "," and _has_decimal_commas(table):
+            file.seek(0)
+            table = pd.read_csv(file, decimal=",", **options)
+    if not isinstance(table.index, pd.RangeIndex):
+        raise InputError("more fields than the first line has names", place=f"{path}: line 2")
+    if table.shape[1] == 1 and (other := re.search(r"\w *([|:/ ]) *\w", head)):
+        expected = "columns separated by commas, semicolons or tabs"
+        raise InputError("not a CSV file", place=path, expected=expected, found=repr(other[1]))
+    return table
 
 
 def _has_decimal_commas(table: pd.DataFrame) -> bool:
@@ -86,12 +76,8 @@ def _as_text(cell: object) -> object:
 def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
     """These columns of the table in a Feather file, and those of `optional` that it has.
     Raises ValueError: the file cannot be read, has another format, or lacks a column."""
-    with reading(path):
-        try:
-            with regular(path).open("rb") as file:
-                table = feather.read_table(file)
-            check_columns(table.column_names, columns, str(path))
-            own = [*columns, *(name for name in optional if name in table.column_names)]
-            return pd.DataFrame(table.select(own).to_pandas(ignore_metadata=True))
-        except pa.ArrowException as error:
-            raise InputError(f"no Feather file: {first_line(error)}", place=path) from None
+    with reading(path, "a Feather file", pa.ArrowException), regular(path).open("rb") as file:
+        table = feather.read_table(file)
+        check_columns(table.column_names, columns, str(path))
+        own = [*columns, *(name for name in optional if name in table.column_names)]
+        return pd.DataFrame(table.select(own).to_pandas(ignore_metadata=True))

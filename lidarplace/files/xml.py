@@ -18,10 +18,8 @@ def read_xml(path: Path) -> Element:
         return fromstring(text.encode())
     except ParseError as error:
         line, column = error.position
-        why = str(error).partition(":")[0]
-        raise InputError(
-            f"line {line}, column {column + 1}: invalid XML: {why}", place=path
-        ) from None
+        place, why = f"{path}: line {line}, column {column + 1}", str(error).partition(":")[0]
+        raise InputError(f"invalid XML: {why}", place=place) from None
     except (LookupError, ValueError) as error:  # of an encoding that is declared
         raise InputError(f"invalid XML: {error}", place=path) from None
 

@@ -39,6 +39,7 @@ from lidarplace.rigs.recorded import RecordedRig
 
 RIG_FILE = "rig.json"
 WORLD_FILE = "world.npz"
+UNIQUE = "a number of its own in the whole log, whatever the scene"  # what a frame has
 _RIGS = TypeAdapter(dict[str, RecordedRig])
 
 
@@ -101,17 +102,17 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     for log in logs:
         for scene, rig in log.rigs.items():
             if rigs.setdefault(scene, rig) != rig:
-                raise ValueError(f"scene {scene}: two of the logs have different rigs for it")
+                raise InputError("different rigs in two of the logs", place=f"scene {scene}")
         for scene, own in log.world.items():
             if world.setdefault(scene, own) is not own:
-                raise ValueError(f"scene {scene}: two of the logs have a static world of it")
+                raise InputError("a static world in two of the logs", place=f"scene {scene}")
     boxes, frames, buildings = (
         pd.concat([getattr(log, name) for log in logs], ignore_index=True)
         for name in ("boxes", "frames", "buildings")
     )
     if (row := first(frames["frame"].duplicated())) is not None:
-        frame = frames["frame"].iloc[row]
-        raise ValueError(f"frame {frame} is in two of the logs; frame numbers must differ")
+        problem = "duplicate in two of the logs; frame numbers must differ"
+        raise InputError(problem, place=f"frame {frames['frame'].iloc[row]}")
     return BoxLog(boxes, frames, buildings, rigs, world)
 
 
@@ -171,19 +172,15 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     world = read_worlds(folder / WORLD_FILE) if is_there(folder / WORLD_FILE) else {}
     buildings = read_buildings(folder)
     if (len(buildings) or world) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
-        need = "buildings need" if len(buildings) else "a static world needs"
-        raise InputError(
-            f"no column {', '.join(sorted(missing))}; {need} the pose of the vehicle",
-            place=folder / "frames.parquet",
-        )
+        problem = "missing column; buildings and static worlds need the pose of the vehicle"
+        raise InputError(problem, place=folder / "frames.parquet", key=", ".join(sorted(missing)))
     return BoxLog(boxes, frames, buildings, rigs, world)
 
 
 def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: str) -> None:
     """Raise ValueError for the first box, of `source`, in no frame of the table `name`."""
-    if (row := first(~boxes["frame"].isin(frames["frame"]))) is not None:
-        problem = f"frame {boxes['frame'].iloc[row]} is not in {name}, which lists every frame"
-        raise InputError(problem, place=f"{source}: row {row}")
+    unlisted = ~boxes["frame"].isin(frames["frame"])
+    columns.check_values(boxes, ["frame"], unlisted, f"one of {name}, which lists all", source)
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:
@@ -196,7 +193,7 @@ def read_rigs(folder: Path) -> dict[str, RecordedRig]:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))
-        raise InputError(first["msg"], place=f"{path}: is no record of rigs", key=key) from None
+        raise InputError(f"invalid rig: {first['msg']}", place=path, key=key) from None
 
 
 def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: Path) -> None:
@@ -204,9 +201,10 @@ def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: P
     for name, column in points_of(boxes).items():
         for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
             if scene in rigs and name not in (own := rigs[scene].names):
-                problem = f"scene {scene}: rig of other LiDARs than the counts in boxes.parquet"
+                problem = "rig of other LiDARs than the counts in boxes.parquet"
                 found, fix = ", ".join(own), "convert the log again with its own rig"
-                raise InputError(problem, place=str(path), expected=name, found=found, fix=fix)
+                place = f"{path}: scene {scene}"
+                raise InputError(problem, place=place, expected=name, found=found, fix=fix)
 
 
 def read_frames(folder: Path) -> pd.DataFrame:
@@ -221,12 +219,7 @@ def read_frames(folder: Path) -> pd.DataFrame:
     for name in ("timestamp_s", *poses):
         frames[name] = columns.numbers_if_known(frames, name, source)
     frames = _with_texts(frames, ("scene", *([SOURCE] if SOURCE in frames else [])), source)
-    if (row := first(frames["frame"].duplicated())) is not None:
-        raise InputError(
-            f"frame {frames['frame'].iloc[row]} is there twice; a frame has a number of its "
-            "own in the whole log, whatever its scene",
-            place=f"{source}: row {row}",
-        )
+    columns.check_values(frames, ["frame"], frames["frame"].duplicated(), UNIQUE, source)
     return frames
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.class_names import check_class_name, is_class_name
 from lidarplace.base.errors import InputError
 from lidarplace.files.columns import check_columns, numbers, sizes
 from lidarplace.rigs.pose import rotation
@@ -66,11 +66,11 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
     `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and no frame (or
     scene, where there is one) missing."""
     if not isinstance(boxes, pd.DataFrame):
-        raise InputError("is a DataFrame", place=source, found=reprlib.repr(boxes))
+        raise InputError(place=source, expected="a DataFrame", found=reprlib.repr(boxes))
     check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)
     for name in frame_keys(boxes):
         if (row := first(boxes[name].isna())) is not None:
-            raise InputError(f"{name} is missing", place=f"{source}: row {row}")
+            raise InputError("missing value", place=f"{source}: row {row}", key=name)
     numbers(boxes, GEOMETRY, source)
     sizes(boxes, SIZE, source)
 
@@ -80,12 +80,11 @@ def check_classes(boxes: pd.DataFrame, source: str) -> None:
     try:
         names = boxes["class"].unique()
     except TypeError:  # lists or mappings
-        raise InputError("column class must hold names of classes", place=source) from None
-    for name in names:
-        if (fault := fault_of_name(name)) is not None:
-            row = first(boxes["class"].isna() if pd.isna(name) else boxes["class"] == name)
-            fix = "convert table --class-map names classes"
-            raise InputError(f"{fault}; {fix}", place=f"{source}: row {row}")
+        raise InputError(place=source, key="class", expected="names of classes") from None
+    if wrong := [name for name in names if not is_class_name(name)]:
+        row = first(boxes["class"].isna() if pd.isna(wrong[0]) else boxes["class"] == wrong[0])
+        fix = "convert table --class-map names classes"
+        check_class_name(wrong[0], place=f"{source}: row {row}", key="class", fix=fix)
 
 
 def first(bad: ArrayLike) -> int | None:

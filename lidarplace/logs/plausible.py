@@ -37,9 +37,6 @@ def implausible(boxes: pd.DataFrame) -> Iterator[str]:
 def check_yaw(yaw: pd.Series, source: str) -> None:
     """Raise ValueError if a finite yaw is over two turns: it is in degrees, or nonsense."""
     if (row := first(np.abs(yaw.to_numpy(np.float64)) > MOST_YAW)) is not None:
-        raise InputError(
-            f"{yaw.name} is in radians, at most two turns",
-            place=f"{source}: row {row}",
-            found=f"{yaw.iloc[row]:g}",
-            fix="are these degrees? numpy.radians converts them",
-        )
+        place, key, found = f"{source}: row {row}", str(yaw.name), f"{yaw.iloc[row]:g}"
+        expected, fix = "radians, at most two turns", "numpy.radians converts degrees"
+        raise InputError(place=place, key=key, expected=expected, found=found, fix=fix)

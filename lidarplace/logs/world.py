@@ -96,17 +96,16 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
     arrays, worlds = read_npz(path), {}
     scenes = arrays.get("scenes", np.empty(0, str))
     if "scenes" not in arrays or scenes.dtype.kind != "U" or scenes.ndim != 1:
-        raise InputError("is no static world of a log", place=path)
+        raise InputError("not a static world of a log", place=path)
     for number, scene in enumerate(scenes.tolist()):
+        place = f"{path}: scene {scene}"
         for name, (dtype, shape) in _ARRAYS.items():
             found = arrays.get(f"{number}/{name}")
             lengths = () if found is None or found.dtype != dtype else found.shape
             if len(lengths) != len(shape) or any(
                 want not in (-1, have) for have, want in zip(lengths, shape, strict=True)
             ):
-                raise InputError(
-                    f"{name} is missing or of another shape", place=f"{path}: scene {scene}"
-                )
+                raise InputError("missing, or of another shape", place=place, key=name)
         world = StaticWorld(**{name: arrays[f"{number}/{name}"] for name in _ARRAYS})
         if not (
             len(world.keys) == len(world.cells)
@@ -115,6 +114,6 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
             and np.isfinite(world.origin).all()
             and not np.isinf(world.heights).any()
         ):
-            raise InputError("its arrays do not fit together", place=f"{path}: scene {scene}")
+            raise InputError("arrays that do not fit together", place=place)
         worlds[scene] = world
     return worlds

@@ -58,8 +58,8 @@ def count_real_points(
     paths = _paths(log.frames, folder)
     if not paths:
         named = f"files named by frame numbers, such as SCENE/{log.frames['frame'].iloc[0]}.pcd"
-        expected = str(log.frames[CLOUD].iloc[0]) if CLOUD in log.frames else named
-        raise InputError("no cloud of any frame", place=str(folder), expected=expected)
+        expected = log.frames[CLOUD].iloc[0] if CLOUD in log.frames else named
+        raise InputError("no cloud of any frame", place=folder, expected=expected)
     boxes = log.boxes.reset_index(drop=True)
     rows_of = boxes.groupby("frame").indices
     geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
@@ -74,7 +74,7 @@ def count_real_points(
             lidars = lidars or len(split)
             if lidars != len(split):
                 problem = "column lidar is in some clouds of the scene and not in others"
-                raise InputError(problem, place=str(paths[frame]))
+                raise InputError(problem, place=paths[frame])
             rows = rows_of.get(frame, np.empty(0, np.int64))
             points = np.split(sweep, np.cumsum(split)[:-1])
             by_lidar = np.array([count_points(each, geometry[rows]) for each in points])
@@ -153,7 +153,7 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
         (mount,) = rig.placement.mounts
         place = place @ mount.rotation.T + mount.position
     else:
-        raise InputError("clouds in the frame of a LiDAR need a rig of one LiDAR", place=str(path))
+        raise InputError("clouds in the frame of a LiDAR need a rig of one LiDAR", place=path)
     points[:, :3] = place
     if "intensity" in cloud:
         points[:, 3] = np.nan_to_num(cloud["intensity"].to_numpy(np.float32))
@@ -172,9 +172,8 @@ def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int
         numbers = pd.Index(rig.names).get_indexer(pd.Index(values.astype(str)))
     if (row := first((numbers < 0) | (numbers >= len(rig.names)))) is not None:
         problem = "point of a LiDAR that is not in the rig"
-        expected = f"{', '.join(rig.names)}, or their numbers from 0"
-        found = str(values.iloc[row])
-        raise InputError(problem, place=str(path), key="lidar", expected=expected, found=found)
+        known, found = f"{', '.join(rig.names)}, or their numbers from 0", values.iloc[row]
+        raise InputError(problem, place=path, key="lidar", expected=known, found=found)
     return np.asarray(numbers, np.int64)
 
 
@@ -189,9 +188,8 @@ def _check_rings(
         most = np.nanmax(ring[lidar == number], initial=-1)
         if most >= model.beams:
             problem = f"rings of {name} beyond the beams of its model"
-            expected, found = f"0 to {model.beams - 1}", f"{most:g}"
-            fix = "--lidar names another model"
-            raise InputError(problem, place=str(path), expected=expected, found=found, fix=fix)
+            expected, fix = f"0 to {model.beams - 1}", "--lidar names another model"
+            raise InputError(problem, place=path, expected=expected, found=f"{most:g}", fix=fix)
 
 
 def _near_points(
@@ -223,12 +221,10 @@ def _check_frame(
     judged = near if few else judged
     outside = float(np.median(1 - inside[judged] / np.maximum(around[judged], 1)))
     if outside > MOST_OUTSIDE:
-        problem = f"{outside:.0%} of the points around a box are outside of it, in the median of "
-        problem += f"{judged.sum():,} boxes within {NEAR_M:g} m"
+        problem = f"points around boxes are outside of them (median of {judged.sum():,} boxes)"
+        parts = {"expected": f"at most {MOST_OUTSIDE:.0%}", "found": f"{outside:.0%}"}
         fix = "are the clouds in another frame, or of other frames?"
-        raise InputError(
-            problem, place=str(folder), expected=f"at most {MOST_OUTSIDE:.0%}", fix=fix
-        )
+        raise InputError(problem, place=folder, fix=fix, **parts)
 
 
 def _kept(sweep: Sweep) -> Sweep:

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from lidarplace.base.class_names import IGNORE
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
 from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
@@ -70,15 +70,13 @@ class LogScene(Settings):
         if isinstance(class_map, dict):
             check_class_map(class_map, "class_map")
         elif class_map not in (None, PAPER):
-            raise ValueError("allowed are paper, and a mapping such as {Truck: Cyclist}")
+            raise InputError(expected="paper, or a mapping such as {Truck: Cyclist}")
         return class_map
 
     @model_validator(mode="after")
     def _of_one_log(self) -> Self:
         if self.test_folder is not None and self.clouds == "recorded":
-            raise InputError(
-                "recorded clouds lie in one folder; allowed is null", key="test_folder"
-            )
+            raise InputError("recorded clouds have one folder", key="test_folder", expected="null")
         return self
 
     def __hash__(self) -> int:
@@ -109,13 +107,11 @@ class LogScene(Settings):
         """The rig that recorded the folder's log, the same for all its scenes (`one_rig`).
 
         Raises ValueError if a scene has none, or another one than the others."""
-        rigs = read_rigs(self.folder)
-        try:
+        rigs, scenes = read_rigs(self.folder), set(read_frames(self.folder)["scene"])
+        with at(self.folder / RIG_FILE):
             rig = one_rig(rigs)
-            if lacking := set(read_frames(self.folder)["scene"]) - rigs.keys():
-                raise ValueError(f"scene {min(lacking)} has no recorded rig")
-        except ValueError as error:
-            raise ValueError(f"{self.folder / RIG_FILE}: {error}") from None
+            if lacking := scenes - rigs.keys():
+                raise InputError("no recorded rig", place=f"scene {min(lacking)}")
         return rig
 
     def remedy(self, split: str) -> str:
@@ -158,8 +154,8 @@ class LogRecording:
     def record(self) -> BoxLog:
         """Read it. Raises as `LogScene.read` does, and if the log is not what it was."""
         if self.scene.digest() != self.digest:
-            problem = "the log has changed since the command was given; give the command again"
-            raise InputError(problem, place=self.scene.folder)
+            problem, fix = "the log has changed since the command was given", "give it again"
+            raise InputError(problem, place=self.scene.folder, fix=fix)
         return self.scene.read()
 
 

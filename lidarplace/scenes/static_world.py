@@ -95,8 +95,8 @@ def _eyes(log: BoxLog, scene: str, lidars: int) -> NDArray[np.float64]:
     if lidars == 1:
         return np.asarray(eyes.mean(axis=0, keepdims=True))
     if lidars != len(eyes):
-        problem, expected = "clouds of other LiDARs than the rig's", str(len(eyes))
-        raise InputError(problem, place=place, expected=expected, found=str(lidars))
+        problem = "clouds of other LiDARs than the rig's"
+        raise InputError(problem, place=place, expected=len(eyes), found=lidars)
     return eyes
 
 
@@ -134,12 +134,9 @@ class WorldBuilder:
         shift = place - self._origin
         limits = np.array([HALF_TILES, HALF_TILES, HALF_LEVELS / TILE]) * TILE_M - 2 * REACH_M
         if (np.abs(shift) > limits).any():
-            raise InputError(
-                f"frame {self._frames} of the scene is {np.abs(shift).max():.4g} m from its "
-                "first one",
-                key="poses",
-                expected=f"at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height",
-            )
+            place, found = f"poses: frame {self._frames}", f"{np.abs(shift).max():.4g} m"
+            expected = f"at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height, from the first"
+            raise InputError(place=place, expected=expected, found=found)
         self._path.append(shift)
         self._frames += 1
         owned = box_of_points(points, np.vstack([boxes, OWN_BODY]), MARGIN_M) >= 0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from lidarplace.scenes.sumo.record import MEETS_M, choose_egos
 from lidarplace.scenes.sumo.traffic import BICYCLE, CAR, PEDESTRIAN, RoadUser
 from lidarplace.scenes.sumo.trajectories import Trajectories
+from tests.refused import refused
 
 STEPS = 5
 FAR_M = 1000.0
@@ -73,7 +74,7 @@ def test_only_cars_that_stayed_are_egos():
     put_elsewhere = [0.0, 1.0, 2.0, 300.0, 301.0]
     traffic = world((BICYCLE, 0.0), nowhere, put_elsewhere, *people(1.0), FAR_M)
     assert choose_egos(traffic, 1) == [4]
-    with pytest.raises(ValueError, match=r"only 1 cars stayed on the road .*, 2 are needed"):
+    with refused(("", "", "1")):
         choose_egos(traffic, 2)
 
 

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.base.errors import InputError
 from lidarplace.coverage import coverage
 from lidarplace.coverage.cone import covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
@@ -398,9 +399,9 @@ def test_an_roi_of_one_voxel():
 
 @pytest.mark.parametrize("length", [1.03, 0.96, 0.04, 12.34567])
 def test_the_resolution_suggested_fits(length):
-    with pytest.raises(ValueError, match="no multiple of the resolution") as error:
+    with pytest.raises(InputError) as error:
         Roi((0.0, length), (0.0, 1.0), (0.0, 1.0), 0.1)
-    nearest = float(re.findall(r"nearest resolution that fits is (\S+) m", str(error.value))[0])
+    nearest = float(re.findall(r"nearest resolution (\S+) m", error.value.fix)[0])
     roi = Roi(*[(0.0, length)] * 3, nearest)
     cells = roi.shape[0]
     others = [length / n for n in (cells - 1, cells + 1) if n]

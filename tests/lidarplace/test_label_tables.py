@@ -239,7 +239,7 @@ POSES = {"x": "host_x", "y": "host_y", "yaw": "host_heading"}
 @pytest.mark.parametrize(
     ("angle", "change", "message"),
     [
-        ("rad", None, "column host_heading: yaw is in radians; over two turns: 100.0% of the rows"),
+        ("rad", None, "labels.csv: host_heading: 100.0% of the rows are over two turns"),
         ("deg", lambda t: t.assign(host_heading=90 - t["host_heading"]), ANOTHER_WAY),
         ("deg", lambda t: t.assign(host_heading=np.radians(t["host_heading"])), ANOTHER_WAY),
         ("deg", lambda t: t.assign(host_heading=180 + t["host_heading"]), ANOTHER_WAY),

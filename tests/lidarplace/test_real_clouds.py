@@ -117,6 +117,6 @@ def test_a_cloud_in_the_frame_of_its_lidar_is_placed_by_the_rig(tmp_path_factory
 @pytest.mark.parametrize("shift", [(0, 0, 1.5), (0, 0, -1.7), (6.0, 0, 0), (0, 1.2, 0)])
 def test_clouds_in_another_frame_are_refused_and_leave_nothing(tmp_path, shift):
     clouds = write(tmp_path / "in", on_sides(log_of()).add([*shift, 0, 0, 0]))
-    with refused(r"of the points around a box are outside of it, in the median of \d+ boxes"):
+    with refused((str(tmp_path / "in"), "", "%")):
         count_real_points(log_of(), *clouds, tmp_path / "kept")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]

@@ -63,23 +63,22 @@ def test_a_broken_plug_in_harms_no_other(site, caplog):
     lines = [record.getMessage() for record in caplog.records]
     assert len(lines) == 2
     assert all("\n" not in line for line in lines)
-    with pytest.raises(
-        PluginError, match=r"second \(plug_b:one\): .*imported: .*/plug_b.py:1: Mod"
-    ):
+    with pytest.raises(PluginError, match=r"second \(plug_b:one\): .*/plug_b.py:1: Mod"):
         things["second"]
     assert "plug_b" not in registry.PLUGINS, "a local Ray would send it to its workers"
-    with pytest.raises(PluginError, match=r"third .*: wrong type; expected .*, found int"):
+    with pytest.raises(PluginError, match="third") as error:
         things["third"]
+    assert error.value.found == "int"
 
 
 def test_a_name_that_two_provide(site, caplog):
     install(site, "plug_a", ["first = plug_a:one", "ours = plug_a:one"])
     install(site, "plug_b", ["first = plug_b:one"])
     things = new()
-    with pytest.raises(PluginError, match=r"first: duplicate name .*, of plug_a and plug_b"):
+    with pytest.raises(PluginError, match=r"first: .* of plug_a and plug_b"):
         things["first"]
     assert things["ours"] is len
-    with pytest.raises(PluginError, match=r"ours: duplicate name .*, of plug_a and lidarplace"):
+    with pytest.raises(PluginError, match=r"ours: .* of plug_a and lidarplace"):
         things.path("ours")
     assert set(things.installed()) == {"ours"}
     assert len(caplog.records) == 2

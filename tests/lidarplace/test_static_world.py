@@ -29,6 +29,7 @@ from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.rigs.pose import rotation
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.static_world import static_worlds
+from tests.refused import refused
 
 NO_PARTS = bricks(np.empty((0, 7)), 0)
 CAR = bricks(np.array([[9.0, 2, 1, 2, 2, 2, 0.3]]), 0)
@@ -253,7 +254,7 @@ def test_worlds_are_kept_in_a_log(rebuilt, tmp_path):
         np.testing.assert_array_equal(getattr(again.world["a"], name), array)
     assert "static world of 1 scenes" in repr(again)
     (tmp_path / "world.npz").write_bytes(b"PK no")
-    with pytest.raises(ValueError, match=r"world\.npz"):
+    with refused((str(tmp_path / "world.npz"), "", "")):
         read_box_log(tmp_path)
     write_box_log(tmp_path, replace(bare, world={}))
     assert not read_box_log(tmp_path).world

@@ -25,6 +25,7 @@ from lidarplace.scenes.sumo.traffic import (
     cars_among,
 )
 from lidarplace.scenes.sumo.trajectories import Trajectories
+from tests.refused import refused
 
 pytest.importorskip("sumolib")
 
@@ -279,7 +280,7 @@ def test_more_vehicles_than_fit():
     assert cars_among(1) == 1
     assert cars_among(80) == 56
     scene = TINY.model_copy(update={"density": 2000, "frames_per_route": 1, "warmup_s": 0.0})
-    with pytest.raises(ValueError, match=r"density 2000: \d+ vehicles found no room in the town"):
+    with refused(("", "density", "")):
         record(scene)
 
 

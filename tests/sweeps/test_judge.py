@@ -80,5 +80,5 @@ def test_a_log_s_tests_can_be_those_of_another_log(tmp_path):
     assert (train.splits, test.splits) == (("train",), ("test",))
     assert train.recording == log_parts(own)[0].recording  # trainings stay as they are
     assert test.recording == log_parts(other)[0].recording
-    with pytest.raises(ValueError, match="test_folder: recorded clouds lie in one folder"):
+    with pytest.raises(ValueError, match="test_folder: "):
         LogScene(source="log", folder=own.folder, test_folder=other.folder, clouds="recorded")

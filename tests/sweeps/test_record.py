@@ -52,7 +52,7 @@ def test_every_scene_of_the_grid_is_a_box_log(folder, recorded):
 def test_a_mistake_is_one_line(tmp_path):
     (tmp_path / "grid.yaml").write_text("placement: line\nscene: {towns: [Nowhere]}\n")
     (line,) = call(app, tmp_path / "grid.yaml", tmp_path, code=2).stderr.splitlines()
-    assert line.startswith(f"{tmp_path}/grid.yaml: scene: no map 'Nowhere'; looked in ")
+    assert line.startswith(f"{tmp_path}/grid.yaml: scene: no map 'Nowhere' in ")
 
 
 def inner(points: np.ndarray) -> np.ndarray:

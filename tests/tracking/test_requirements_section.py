@@ -95,7 +95,7 @@ def test_a_wrong_file_is_told_by_name(folder, tmp_path):
     with pytest.raises(ValueError, match=r"requirements\.npz: least/0/.* is not a grid of x and y"):
         Grounds.read(tmp_path)
     Grounds(grounds.body[0], grounds.names, grounds.x, grounds.y, grounds.least).write(tmp_path)
-    with pytest.raises(ValueError, match=r"requirements\.npz: body must hold numbers, 2 axes"):
+    with pytest.raises(ValueError, match=r"requirements\.npz: body: expected numbers, 2 axes"):
         Grounds.read(tmp_path)
 
 

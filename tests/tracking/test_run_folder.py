@@ -210,5 +210,5 @@ def test_a_damaged_file_of_arrays_is_named(made_up_run, tmp_path, name):
     data = (path := run / f"{name}.npz").read_bytes()
     for length in range(0, len(data), len(data) // 8):
         path.write_bytes(data[:length])
-        with pytest.raises(ValueError, match=rf"{name}\.npz: is no file of arrays, or a damaged"):
+        with pytest.raises(ValueError, match=rf"{name}\.npz: not a file of arrays, or a damaged"):
             RunFolder.read(run)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.class_names import check_class_name
 from lidarplace.base.errors import InputError
 from lidarplace.base.registry import Registry, plugin_place
 from lidarplace.base.suggestions import did_you_mean
@@ -79,8 +79,7 @@ def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> 
     if not classes or len(set(classes)) < len(classes):
         raise InputError("classes must be different names, at least one", found=list(classes))
     for name in classes:
-        if (fault := fault_of_name(name)) is not None:
-            raise ValueError(fault)
+        check_class_name(name)
         if name not in CLASSES and name not in [item.name for item in typical]:
             raise ValueError(
                 f"nothing tells how large a {name} is{did_you_mean(name, CLASSES)}; known are "

@@ -144,7 +144,7 @@ def _sweeps(folder: Path) -> NDArray[np.int64]:
     """Times of the sweeps that are there, in nanoseconds."""
     for path in (paths := sorted(folder.glob("*.feather"))):
         if not path.stem.isdecimal() or int(path.stem) >= 2**63:
-            raise InputError("a sweep must be named by its time in nanoseconds", place=path)
+            raise InputError(place=path, expected="a name that is the time in nanoseconds")
     return np.array([int(path.stem) for path in paths], np.int64)
 
 
@@ -155,6 +155,6 @@ def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
     position, quaternion = _transforms(table, path)
     index = pd.Index(integers(table, "timestamp_ns", str(path))).get_indexer(pd.Index(time_ns))
     if (row := first(index < 0)) is not None:
-        raise InputError(f"no pose at timestamp_ns {time_ns[row]}", place=path)
+        raise InputError(f"no pose at {time_ns[row]}", place=path, key="timestamp_ns")
     where = f"{path}: timestamp_ns"
     return poses(position[index], quaternion[index], lambda row: f"{where} {time_ns[row]}")

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.class_names import IGNORE, fault_of_name
+from lidarplace.base.class_names import IGNORE, check_class_name, is_class_name
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import found
 from lidarplace.configuration.yaml import read_yaml_file
@@ -46,7 +46,7 @@ class OwnNames(dict[str, str]):
         return IGNORE if category in NO_ROAD_USERS else category
 
     def __contains__(self, category: object) -> bool:
-        return fault_of_name(category) is None
+        return is_class_name(category)
 
 
 def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = False) -> ClassMap:
@@ -70,7 +70,7 @@ def named_class_map(name: str) -> ClassMap | None:
         return None if name == PAPER else OwnNames()
     content = read_yaml_file(path := Path(name))
     if not isinstance(content, dict):
-        raise InputError("must have lines `category: class`", place=path, found=found(content))
+        raise InputError(place=path, expected="lines `category: class`", found=found(content))
     check_class_map(content, str(path))
     return content
 
@@ -79,9 +79,9 @@ def check_class_map(class_map: ClassMap, source: str = "class map") -> None:
     """Raise ValueError that names the entry, unless categories are text and classes are names."""
     for category, name in class_map.items():
         if not isinstance(category, str):
-            raise InputError("a category must be text", place=source, found=found(category))
-        if name != IGNORE and (fault := fault_of_name(name)) is not None:
-            raise InputError(f"{fault}; {IGNORE} leaves its boxes out", place=source, key=category)
+            raise InputError(place=source, expected="categories of text", found=found(category))
+        if name != IGNORE:
+            check_class_name(name, place=source, key=category, fix=f"{IGNORE} leaves its boxes out")
 
 
 def classify(
@@ -95,16 +95,16 @@ def classify(
     one not in `class_map`; `row` names the row."""
     values = categories.astype(object)
     if (index := first(values.isna())) is not None:
-        raise InputError("the category is missing", place=row(index))
+        raise InputError("missing category", place=row(index))
     if (index := first(values.map(lambda value: not isinstance(value, Hashable)))) is not None:
         found = reprlib.repr(values.iloc[index])
-        raise InputError(f"the category must be text, found {found}", place=row(index))
+        raise InputError(place=row(index), expected="a category of text", found=found)
     codes, names = pd.factorize(values)
     for code, name in enumerate(names):
         if name not in class_map:
             place, fix = row(int(np.argmax(codes == code))), "name its class in a class map, or "
-            problem = f"unknown category {reprlib.repr(name)}"
-            raise InputError(problem, place=place, fix=fix + IGNORE)
+            found = reprlib.repr(name)
+            raise InputError("unknown category", place=place, found=found, fix=fix + IGNORE)
     classes = np.array([class_map[name] for name in names], dtype=object)[codes]
     if ignored is not None:
         ignored.update(values[classes == IGNORE].tolist())

@@ -25,18 +25,16 @@ def drives_in(
     maps folders of the data set to these; without `splits` its first two are meant, or the one that
     is there. `each` is what there must be for each drive. Raises ValueError if a split is unknown,
     or a folder has no path of the pattern."""
-    for split in splits:
-        if split not in known:
-            expected = f"expected one of {', '.join(known)}"
-            raise InputError(f"unknown split {split!r}; {expected}", place="--split")
+    if unknown := [split for split in splits if split not in known]:
+        raise InputError(place="--split", expected=", ".join(known), found=repr(unknown[0]))
     usual, drives = [*known][:2], []
     for split in splits or [name for name in usual if (folder / name).is_dir()]:
         paths = sorted((folder / split).glob(pattern))
         if not paths:
-            raise InputError(f"must hold {each}", place=(folder / split / pattern).parent)
+            raise InputError(place=(folder / split / pattern).parent, expected=each)
         drives += [(path, known[split]) for path in paths]
     if not drives:
-        raise InputError(f"must hold a folder {' or '.join(usual)}", place=folder)
+        raise InputError(place=folder, expected=f"a folder {' or '.join(usual)}")
     return drives
 
 

@@ -68,7 +68,7 @@ def read_nuscenes(
     names = ("sample_token", "instance_token", "translation", "size", "rotation", "num_lidar_pts")
     box = read_table(folder / "sample_annotation.json", names)
     if not len(box):
-        raise InputError("has no boxes; those of the public test set are secret", place=box.path)
+        raise InputError("no boxes; those of the public test set are secret", place=box.path)
     frame = frame_of[box.rows_in(sample, "sample_token")]
     boxes = pd.DataFrame(
         {
@@ -82,7 +82,7 @@ def read_nuscenes(
         }
     )
     if (row := first(boxes[POINTS] < 0)) is not None:
-        raise InputError("num_lidar_pts must be at least 0", place=box.row(row))
+        raise InputError(place=box.row(row), key="num_lidar_pts", expected="at least 0")
     rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated())]
     sensors = _poses(folder, "calibrated_sensor", sweep.take(rows), ORIGIN)
     lidar = lidar or replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)
@@ -98,7 +98,8 @@ def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
     is our ego frame of every row. Raises ValueError that names file, row and value."""
     size = box.numbers("size", 3)
     if (row := first((size < 0).any(axis=1))) is not None:
-        raise InputError("size must be at least 0", place=box.row(row), found=size[row].tolist())
+        found = size[row].tolist()
+        raise InputError(place=box.row(row), key="size", expected="at least 0", found=found)
     pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
     return geometry_of(pose.position, size[:, [1, 0, 2]], pose.yaw)
 
@@ -110,9 +111,9 @@ def _tables(folder: Path, version: str | None) -> Path:
         return folder
     found = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
     if len(found) != 1:
-        versions = ", ".join(path.name for path in found) or "none"
-        text = f"found {versions}{'; name a version' if found else ''}"
-        raise InputError(f"must hold scene.json or one folder v1.0-*, {text}", place=folder)
+        versions, fix = ", ".join(path.name for path in found), "name a version" if found else ""
+        expected = "scene.json or one folder v1.0-*"
+        raise InputError(place=folder, expected=expected, found=versions or "none", fix=fix)
     return found[0]
 
 
@@ -151,11 +152,10 @@ def _test(
     names, logs = scene.columns["name"], scene.columns["log_token"]
     if not isinstance(test_scenes, float | int):
         if unknown := [name for name in test_scenes if name not in names]:
-            raise InputError(f"test scene {unknown[0]!r} is not there", place=scene.path)
+            raise InputError(f"no test scene {unknown[0]!r}", place=scene.path)
         return np.array([name in test_scenes for name in names], bool)
     if not 0 <= test_scenes <= 1:
-        problem = "the share of test recordings must be within 0 and 1"
-        raise InputError(problem, found=test_scenes)
+        raise InputError("share of test recordings", expected="0 to 1", found=test_scenes)
     recordings = list(dict.fromkeys(logs[i] for i in order))
     steps = [math.floor(i * test_scenes + 1e-9) for i in range(len(recordings) + 1)]
     test = {log for i, log in enumerate(recordings) if steps[i + 1] > steps[i]}
@@ -176,8 +176,8 @@ def _sweeps(folder: Path, sample: Table) -> Table:
     in_sample = sweep.rows_in(sample, "sample_token")
     number = np.bincount(in_sample, minlength=len(sample))
     if (row := first(number != 1)) is not None:
-        problem = f"must have one key frame of {LIDAR} in {sweep.path.name}, found {number[row]}"
-        raise InputError(problem, place=sample.row(row))
+        expected = f"one key frame of {LIDAR} in {sweep.path.name}"
+        raise InputError(place=sample.row(row), expected=expected, found=number[row])
     return sweep.take(np.argsort(in_sample))
 
 

@@ -51,18 +51,18 @@ class Table:
         for index, value in enumerate(self.columns[name]):
             if not good(value):
                 where = f"{self.path}: row {index}" if name == "token" else self.row(index)
-                raise InputError(f"{name} must be {wanted}", place=where, found=reprlib.repr(value))
+                raise InputError(place=where, key=name, expected=wanted, found=reprlib.repr(value))
 
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
         """Which row of `other` the tokens in column `name` point at; (rows,), int64. Raises
         ValueError if `other` lacks a row, or has two for a token."""
         index = pd.Index(other.columns["token"], dtype=object)
         if (twice := first(index.duplicated())) is not None:
-            raise InputError("is there twice", place=other.row(twice))
+            raise InputError("duplicate token", place=other.row(twice))
         rows = index.get_indexer(pd.Index(self.columns[name], dtype=object))
         if (row := first(rows < 0)) is not None:
-            token = self.columns[name][row]
-            raise InputError(f"{name} {token!r} is not in {other.path.name}", place=self.row(row))
+            problem, found = f"not in {other.path.name}", repr(self.columns[name][row])
+            raise InputError(problem, place=self.row(row), key=name, found=found)
         return np.asarray(rows, np.int64)
 
     def take(self, rows: NDArray[np.int64]) -> "Table":
@@ -91,9 +91,9 @@ def read_table(path: Path, names: Sequence[str]) -> Table:
     try:
         rows = read_json(path, itemgetter(*names))
     except KeyError as error:  # of the getter; the file is read once more to say where
-        raise ValueError(f"{path}: {_without(error.args[0], read_json(path))}") from None
+        raise _lack_of(error.args[0], path) from None
     if not isinstance(rows, list) or not all(isinstance(row, tuple) for row in rows):
-        raise InputError("must be a JSON list of objects", place=path)
+        raise InputError(place=path, expected="a JSON list of objects")
     table = Table(path, {name: [row[i] for row in rows] for i, name in enumerate(names)})
     for name in names:
         if TEXT.fullmatch(name):
@@ -101,13 +101,16 @@ def read_table(path: Path, names: Sequence[str]) -> Table:
     return table
 
 
-def _without(name: str, rows: Any) -> str:
+def _lack_of(name: str, path: Path) -> InputError:
     """Where a column is missing."""
-    if isinstance(rows, list):
-        for number, row in enumerate(rows):
-            if isinstance(row, dict) and name not in row:
-                return f"row {number}: no column {name}; found {reprlib.repr(list(row))}"
-            for key, value in row.items() if isinstance(row, dict) else ():
-                if isinstance(value, dict):
-                    return f"row {number}: {key} must be no object, found {reprlib.repr(value)}"
-    return "must be a JSON list of objects"
+    rows = read_json(path)
+    for number, row in enumerate(rows if isinstance(rows, list) else ()):
+        place = f"{path}: row {number}"
+        if isinstance(row, dict) and name not in row:
+            found = reprlib.repr(list(row))
+            return InputError("missing column", place=place, key=name, found=found)
+        for key, value in row.items() if isinstance(row, dict) else ():
+            if isinstance(value, dict):
+                found = reprlib.repr(value)
+                return InputError(place=place, key=key, expected="no object", found=found)
+    return InputError(place=path, expected="a JSON list of objects")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.record import read_record
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
@@ -49,7 +49,7 @@ def read_openlabel(
     classes = merged(BOX_LOG, class_map)
     paths = sorted(source.glob("*.json")) if source.is_dir() else [source]
     if not paths:
-        raise InputError("must hold a file .json for each drive", place=source)
+        raise InputError(place=source, expected="a file .json for each drive")
     for name in test:
         if name not in [path.stem for path in paths]:
             listed = ", ".join(path.stem for path in paths)
@@ -57,16 +57,17 @@ def read_openlabel(
 
     def read(path: Path, start: int) -> Drive:
         content = read_record(path, OpenLabel, "OpenLABEL file").openlabel
-        own = _vehicle(content, vehicle, path)
-        frames = _frames(content, own, origin, seconds, path)
-        frames["frame"] += start
-        boxes = _boxes(content, own, path)
-        boxes[list("xyz")] += np.asarray(origin)
-        row = boxes["row"].to_numpy(np.int64)
-        for name in ("scene", "frame", "timestamp_s"):
-            boxes[name] = frames[name].to_numpy()[row]
-        where = [f"{path}: object {uid}" for uid in boxes["object_id"]]
-        boxes["class"] = classify(boxes["type"], classes, where.__getitem__, ignored)
+        with at(path):
+            own = _vehicle(content, vehicle)
+            frames = _frames(content, own, origin, seconds).assign(scene=path.stem)
+            frames["frame"] += start
+            boxes = _boxes(content, own)
+            boxes[list("xyz")] += np.asarray(origin)
+            row = boxes["row"].to_numpy(np.int64)
+            for name in ("scene", "frame", "timestamp_s"):
+                boxes[name] = frames[name].to_numpy()[row]
+            where = [f"object {uid}" for uid in boxes["object_id"]]
+            boxes["class"] = classify(boxes["type"], classes, where.__getitem__, ignored)
         return boxes, frames, None
 
     log = join_drives([(path, "test" if path.stem in test else "train") for path in paths], read)
@@ -75,7 +76,7 @@ def read_openlabel(
 
 
 def _frames(
-    content: Content, vehicle: str, origin: Sequence[float], seconds: float, path: Path
+    content: Content, vehicle: str, origin: Sequence[float], seconds: float
 ) -> pd.DataFrame:
     """Frames of a drive, numbered from 0, and where our ego frame was; NaN where not known."""
     root, seen, systems = vehicle, {vehicle}, content.coordinate_systems
@@ -90,10 +91,9 @@ def _frames(
             place = matrix[:3, 3] - matrix[:3, :3] @ np.asarray(origin)
             pose[row] = *place[:2], np.arctan2(matrix[1, 0], matrix[0, 0])
     stamps = [content.frames[number].frame_properties.timestamp for number in numbers]
-    time = np.array([_time(stamp, seconds, path) for stamp in stamps])
+    time = np.array([_time(stamp, seconds) for stamp in stamps])
     return pd.DataFrame(
         {
-            "scene": path.stem,
             "frame": np.arange(len(numbers)),
             "timestamp_s": time - np.nanmin(time) if np.isfinite(time).any() else time,
             **dict(zip(POSE_COLUMNS, pose.T, strict=True)),
@@ -101,7 +101,7 @@ def _frames(
     )
 
 
-def _vehicle(content: Content, name: str | None, path: Path) -> str:
+def _vehicle(content: Content, name: str | None) -> str:
     """The name of the vehicle's coordinate system."""
     systems = content.coordinate_systems
     found = [each for each, system in systems.items() if system.type == VEHICLE]
@@ -109,12 +109,12 @@ def _vehicle(content: Content, name: str | None, path: Path) -> str:
         return found[0]
     if name is None or name not in systems:
         listed = ", ".join(f"{each} ({system.type})" for each, system in systems.items())
-        problem = "which coordinate system is the vehicle's? Name it by --vehicle"
-        raise InputError(problem, place=path, found=listed or "none")
+        expected, fix = "the coordinate system of the vehicle", "name it by --vehicle"
+        raise InputError(expected=expected, found=listed or "none", fix=fix)
     return name
 
 
-def _time(stamp: str | float | None, seconds: float, path: Path) -> float:
+def _time(stamp: str | float | None, seconds: float) -> float:
     """A time stamp in seconds, NaN if there is none."""
     if stamp is None:
         return math.nan
@@ -122,33 +122,31 @@ def _time(stamp: str | float | None, seconds: float, path: Path) -> float:
         with suppress(ValueError, TypeError, OverflowError):
             if math.isfinite(time := float(read(stamp))):
                 return time * unit
-    raise InputError(
-        "timestamp must be a number or a date of ISO 8601", place=path, found=repr(stamp)
-    )
+    raise InputError(key="timestamp", expected="a number or a date of ISO 8601", found=repr(stamp))
 
 
-def _boxes(content: Content, vehicle: str, path: Path) -> pd.DataFrame:
+def _boxes(content: Content, vehicle: str) -> pd.DataFrame:
     """Boxes of a drive: `row` of the frame, `object_id`, `type` and `GEOMETRY` in the vehicle."""
     rows = [
         (row, *box)
         for row, number in enumerate(sorted(content.frames))
-        for box in _boxes_of_frame(content, number, vehicle, path)
+        for box in _boxes_of_frame(content, number, vehicle)
     ]
     boxes = pd.DataFrame(rows, columns=["row", "object_id", "type", *GEOMETRY])
     return boxes.astype(dict.fromkeys(GEOMETRY, np.float64))
 
 
 def _boxes_of_frame(
-    content: Content, number: int, vehicle: str, path: Path
+    content: Content, number: int, vehicle: str
 ) -> Iterator[tuple[str | float, ...]]:
     """Object, type and geometry of every box of a frame, in the vehicle's system."""
     frame = content.frames[number]
     systems = Systems(content, frame)
     to_vehicle: dict[str, Matrix] = {}
     for uid in dict.fromkeys([*frame.objects, *content.objects]):
-        where = f"{path}: frame {number}, object {uid}"
+        where = f"frame {number}, object {uid}"
         if uid not in content.objects:
-            raise InputError("is not among the objects of the file", place=where)
+            raise InputError("not among the objects of the file", place=where)
         known = content.objects[uid]
         spans = [range(span.frame_start, span.frame_end + 1) for span in known.frame_intervals]
         own = frame.objects[uid].object_data.cuboid if uid in frame.objects else []
@@ -157,7 +155,7 @@ def _boxes_of_frame(
         if not own:
             continue
         if len(own) > 1:
-            raise InputError(f"has {len(own)} cuboids", place=where, fix="leave one in the file")
+            raise InputError(place=where, expected="one cuboid", found=len(own))
         system = own[0].coordinate_system or known.coordinate_system or vehicle
         if system not in to_vehicle:
             matrix = systems.between(system, vehicle)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.record import Number
 
 VEHICLE = "local_cs"  # the type of a coordinate system that moves with the vehicle
@@ -30,8 +31,7 @@ class Transform(BaseModel):
     def _is_one(self) -> Self:
         turned = self.quaternion is not None or self.euler_angles is not None
         if self.matrix4x4 is None and (self.translation is None or not turned):
-            parts = "matrix4x4, or translation with quaternion or euler_angles"
-            raise ValueError(f"a transform is {parts}")
+            raise InputError(expected="matrix4x4, or translation with quaternion or euler_angles")
         self.matrix()  # raises ValueError for what is no rotation
         return self
 
@@ -67,9 +67,9 @@ class Cuboid(BaseModel):
     @model_validator(mode="after")
     def _is_one(self) -> Self:
         if min(self.val[-3:]) < 0:
-            raise ValueError("sizes must be at least 0")
+            raise InputError(expected="sizes of at least 0", found=self.val[-3:])
         if len(self.val) == 10 and not np.linalg.norm(self.val[3:7]) > 0:
-            raise ValueError("the rotation is a quaternion of length 0")
+            raise InputError("the rotation is a quaternion of length 0")
         return self
 
 

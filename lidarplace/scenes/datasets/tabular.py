@@ -15,7 +15,7 @@ from lidarplace.base.ranges import FRAMES
 from lidarplace.files import columns
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
-from lidarplace.logs.box_log import BoxLog, check_listed, read_buildings, read_rigs
+from lidarplace.logs.box_log import UNIQUE, BoxLog, check_listed, read_buildings, read_rigs
 from lidarplace.logs.boxes import (
     CLOUD,
     FRAME_COLUMNS,
@@ -73,12 +73,12 @@ def read_tabular(
         folder, source = source, _found(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
-                raise InputError("has a table of frames; another one cannot be given", place=folder)
+                raise InputError("has a table of frames; another cannot be given", place=folder)
             frames = _found(folder, "frames")
     boxes = _boxes(source)
     if frames is None:
         fix = "add a table of all frames or their number"
-        raise InputError(f"frames without a box are unknown; {fix}", place=source)
+        raise InputError("frames without a box are unknown", place=source, fix=fix)
     if isinstance(frames, int):
         table = _counted(boxes, frames, source)
     else:
@@ -92,7 +92,7 @@ def _found(folder: Path, name: str) -> Path:
     found = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
     if len(found) != 1:
         wanted = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
-        raise InputError(f"must hold {wanted}", place=folder, found="both" if found else "neither")
+        raise InputError(place=folder, expected=wanted, found="both" if found else "neither")
     return found[0]
 
 
@@ -100,7 +100,7 @@ def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
     """The table in a Parquet or a CSV file; `texts` are columns in which `007` stays text. Raises
     ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"must end in {' or '.join(SUFFIXES)}", place=path)
+        raise InputError(place=path, expected=f"a name that ends in {' or '.join(SUFFIXES)}")
     if path.suffix.lower() == ".csv":
         return read_csv(path, dtype=dict.fromkeys(texts, str))
     return read_parquet(path)
@@ -141,10 +141,7 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     poses = [*POSE_COLUMNS] if known & {*POSE_COLUMNS} else []
     poses += FULL_POSE_COLUMNS if known & {*FULL_POSE_COLUMNS} else ()
     _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
-    if (row := first(frames["frame"].duplicated())) is not None:
-        raise InputError(
-            f"frame {frames['frame'].iloc[row]} is a duplicate", place=f"{path}: row {row}"
-        )
+    columns.check_values(frames, ["frame"], frames["frame"].duplicated(), UNIQUE, str(path))
     if "split" in frames:
         columns.one_of(frames, "split", SPLITS, str(path))
     check_listed(boxes, frames, str(source), path.name)
@@ -156,7 +153,8 @@ def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
     FRAMES.check("the number of frames", count)
     own = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
     if len(own) > count:
-        raise InputError(f"has boxes of {len(own)} frames, more than {count}", place=source)
+        expected = f"boxes of at most {count} frames"
+        raise InputError(place=source, expected=expected, found=len(own))
     start = own["frame"].max() + 1 if len(own) else 0
     empty = pd.DataFrame({"frame": start + np.arange(count - len(own)), "scene": NO_BOXES})
     if "scene" not in own:
@@ -180,10 +178,8 @@ def _set_scene_and_time(boxes: pd.DataFrame, frames: pd.DataFrame, source: Path)
     of_box = pd.Index(frames["frame"]).get_indexer(pd.Index(boxes["frame"]))
     scene = frames["scene"].to_numpy()[of_box]
     if "scene" in boxes and (row := first(boxes["scene"] != scene)) is not None:
-        raise InputError(
-            f"frame {boxes['frame'].iloc[row]} is in scene {boxes['scene'].iloc[row]!r} and "
-            f"in {scene[row]!r}; frame numbers must differ",
-            place=f"{source}: row {row}",
-        )
+        problem = f"frame {boxes['frame'].iloc[row]} is in {boxes['scene'].iloc[row]!r} and in "
+        problem += f"{scene[row]!r}; frame numbers must differ"
+        raise InputError(problem, place=f"{source}: row {row}", key="scene")
     boxes["scene"] = scene
     boxes["timestamp_s"] = frames["timestamp_s"].to_numpy()[of_box]

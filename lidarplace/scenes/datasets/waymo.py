@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.columns import check_columns, counts_if_known, integers, numbers, sizes, texts
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
@@ -103,9 +103,7 @@ def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
     table, source = _table(path, (LASER, EXTRINSIC, *INCLINATIONS)), str(path)
     numbered = integers(table, LASER, source)
     if not len(table) or ((numbered < 1) | (numbered > len(LIDARS))).any():
-        raise InputError(
-            f"{LASER} must be 1 to {len(LIDARS)}", place=source, found=numbered.tolist()
-        )
+        raise InputError(place=source, key=LASER, expected=f"1 to {len(LIDARS)}", found=numbered)
     names = [LIDARS[number - 1] for number in numbered]
     sensors = _poses(table, EXTRINSIC, np.arange(len(table)), source)
     sensors = Poses(sensors.position - ORIGIN, sensors.rotation)
@@ -133,7 +131,7 @@ def _frames(path: Path, start: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     table, source = _table(path, (SEGMENT, TIME, POSE)), str(path)
     time = integers(table, TIME, source)
     if (row := first(pd.Series(time).duplicated())) is not None:
-        raise InputError(f"frame {time[row]} is there twice", place=f"{source}: row {row}")
+        raise InputError("duplicate frame", place=f"{source}: row {row}", key=TIME, found=time[row])
     rows = np.argsort(time)
     frames = pd.DataFrame(
         {
@@ -156,13 +154,11 @@ def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: st
         except (TypeError, ValueError):
             values = np.empty(0)
         if values.shape != (16,) or not np.isfinite(values).all():
-            raise InputError(f"{column} must be 16 finite numbers", place=f"{source}: row {row}")
+            raise InputError(place=f"{source}: row {row}", key=column, expected="16 finite numbers")
         matrix[:] = values
     transforms = matrices.reshape(-1, 4, 4)
-    try:
+    with at(f"{source}: {column}"):  # a matrix that is no rotation
         return Poses(transforms[:, :3, 3], Rotation.from_matrix(transforms[:, :3, :3]))
-    except ValueError as error:  # a matrix that is no rotation
-        raise ValueError(f"{source}: {column}: {' '.join(str(error).split())}") from None
 
 
 def _boxes(
@@ -177,7 +173,8 @@ def _boxes(
     of_box = integers(table, TIME, source)
     index = pd.Index(time).get_indexer(pd.Index(of_box))
     if (row := first(index < 0)) is not None:
-        raise InputError(f"no vehicle_pose of frame {of_box[row]}", place=f"{source}: row {row}")
+        problem = f"no vehicle_pose of frame {of_box[row]}"
+        raise InputError(problem, place=f"{source}: row {row}", key=TIME)
     boxes = pd.DataFrame(
         {
             **{name: frames[name].to_numpy()[index] for name in ("scene", "frame", "timestamp_s")},

@@ -65,16 +65,17 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
         except ValueError:
             matrix = np.empty(0)
         if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
-            wanted = f"{name} needs {shape[0] * shape[1]} finite numbers"
-            raise InputError(wanted, place=f"{path}: line {number}", found=repr(" ".join(values)))
+            place, found = f"{path}: line {number}", repr(" ".join(values))
+            expected = f"{shape[0] * shape[1]} finite numbers"
+            raise InputError(place=place, key=name, expected=expected, found=found)
         matrices[name] = matrix.reshape(shape)
     for name in ("R0_rect", "Tr_velo_to_cam"):
         if name not in matrices:
-            raise InputError(f"no line {name}", place=path, found=", ".join(matrices) or "none")
+            raise InputError("missing line", place=path, key=name, found=[*matrices])
         turn = matrices[name][:, :3]
         within = np.abs(turn).max() < 2  # beyond, a product may overflow
         if not within or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-2 or np.linalg.det(turn) < 0:
-            raise InputError(f"{name} is no rotation", place=path, found=turn.tolist())
+            raise InputError("not a rotation", place=path, key=name, found=turn.tolist())
     return matrices
 
 

@@ -45,11 +45,11 @@ def part(folder: Path, name: str) -> Path:
     return (training if training.is_dir() else folder) / name
 
 
-def fault(message: str, skipped: list[str] | None) -> None:
-    """Add to what is skipped, if that is asked for; otherwise the first fault is an InputError."""
+def fault(error: ValueError, skipped: list[str] | None) -> None:
+    """Add to what is skipped, if that is asked for; otherwise raise the error."""
     if skipped is None:
-        raise InputError(message)
-    skipped.append(message)
+        raise error
+    skipped.append(str(error))
 
 
 def read_kitti(
@@ -100,10 +100,10 @@ def read_kitti(
             except FileNotFoundError:
                 problem = "no such file, so nothing places the camera"
                 fix = "--standard-calibration takes KITTI's usual camera instead"
-                fault(f"{path}: {problem}; {fix}", skipped)
+                fault(InputError(problem, place=path, fix=fix), skipped)
                 continue
             except ValueError as error:
-                fault(str(error), skipped)
+                fault(error, skipped)
                 continue
         placed.append(frame)
         path = part(folder, "label_2") / file
@@ -144,11 +144,11 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
         for number, stem in _lines(path):
             where = f"{path}: line {number}"
             if not _is_name(stem):
-                fault(f"{where}: expected a number like 000123, found {stem!r}", skipped)
+                fault(InputError(place=where, expected="a number like 000123", found=stem), skipped)
             elif stem not in files:
-                fault(f"{where}: {labels / stem}.txt is missing", skipped)
+                fault(InputError(f"no file {labels / stem}.txt", place=where), skipped)
             elif int(stem) in found:
-                fault(f"{where}: frame {stem} is listed twice", skipped)
+                fault(InputError(f"duplicate frame {stem}", place=where), skipped)
             else:
                 found[int(stem)] = SETS[name]
     if not listed:
@@ -156,7 +156,8 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
             if _is_name(stem):
                 found[int(stem)] = "train"
             else:
-                fault(f"{labels / stem}.txt: expected a name like 000123.txt", skipped)
+                place, expected = f"{labels / stem}.txt", "a name like 000123.txt"
+                fault(InputError(place=place, expected=expected), skipped)
     if not found:
         raise InputError("no file of labels is among the frames", place=labels)
     frames = pd.DataFrame({"frame": list(found), "timestamp_s": np.nan, "split": found.values()})
@@ -192,22 +193,21 @@ def read_labels(
             values = [float(text) for text in texts]
         except ValueError:
             values = [math.nan]
-        problem = None
-        if len(texts) + 1 not in fields_of_line:
-            problem = f"expected {wanted} fields, found {len(texts) + 1}"
+        where = f"{path}: line {number}"
+        if (fields := len(texts) + 1) not in fields_of_line:
+            fault(InputError(place=where, expected=f"{wanted} fields", found=fields), skipped)
         elif name not in types:
+            parts = {"found": repr(name), "fix": "a class map can name more"}
             known = ", ".join(types)
-            problem = f"unknown type {name!r}; known are {known}, and a class map can name more"
+            fault(InputError("unknown type", place=where, expected=known, **parts), skipped)
         elif types[name] == IGNORE:
             ignored[name] += 1
         elif not all(map(math.isfinite, values)):
-            problem = f"expected finite numbers after the type, found {line!r}"
+            fault(InputError(place=where, expected="finite numbers", found=repr(line)), skipped)
         elif min(values[7:10]) < 0:
-            problem = f"expected height, width, length >= 0, found {values[7:10]}"
+            fault(InputError(place=where, expected="sizes >= 0", found=values[7:10]), skipped)
         else:
             found.append((number, name, values))
-        if problem is not None:
-            fault(f"{path}: line {number}: {problem}", skipped)
     return found
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.clouds.clouds import STEP_M, Crop, PointClouds
 from lidarplace.files.regular import is_there, regular
@@ -45,9 +46,10 @@ def read_kitti_clouds(
     for frame in frames:
         path = part(folder, "velodyne") / f"{frame_name(frame)}.bin"
         if not is_there(path):
-            fault(f"{path}: no such file", skipped)
+            fault(InputError("no such file", place=path), skipped)
         elif (size := regular(path).stat().st_size) % _BYTES:
-            fault(f"{path}: {size} bytes are no multiple of {_BYTES}, so no whole points", skipped)
+            wanted = f"whole points of {_BYTES} bytes"
+            fault(InputError(place=path, expected=wanted, found=f"{size} bytes"), skipped)
         else:
             whole[frame] = path
     low, high = np.reshape(crop, (2, 3))
@@ -56,8 +58,9 @@ def read_kitti_clouds(
         points = np.fromfile(regular(path), "<f4").reshape(-1, 4).astype(np.float32, copy=False)
         good = np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
         for index in np.flatnonzero(~good).tolist():
-            problem = f"point {index} must be finite, with an intensity in [0, 1]"
-            fault(f"{path}: {problem}; found {points[index].tolist()}", skipped)
+            place, found = f"{path}: point {index}", points[index].tolist()
+            expected = "finite numbers, and an intensity in [0, 1]"
+            fault(InputError(place=place, expected=expected, found=found), skipped)
         points = points[good]
         points[:, 2] += np.float32(lidar_height)
         # Adding the height rounds; what lay on a face of the region must stay in it.

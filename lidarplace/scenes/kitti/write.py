@@ -49,16 +49,16 @@ def write_kitti(
     portions are not of these frames."""
     check_new(folder)
     if (row := first(~frames["split"].isin(list(SETS.values())))) is not None:
-        raise ValueError(f"split {frames['split'].iloc[row]!r}: allowed are train and test")
+        raise InputError(key="split", expected="train or test", found=frames["split"].iloc[row])
     if (frames["frame"] < 0).any():
-        raise ValueError(f"frame {frames['frame'].min()}: a file needs a number of at least 0")
+        raise InputError(key="frame", expected="at least 0", found=frames["frame"].min())
     folder.parent.mkdir(parents=True, exist_ok=True)
     with replacing(folder) as partial:
         train, test = (frames["frame"][frames["split"] == s].tolist() for s in SETS.values())
         val, test = ([], test) if secret else (test, [])
         written = _write_frames(partial, portions, images, frozenset(test))
         if sorted(written) != sorted(frames["frame"].tolist()):
-            raise ValueError(f"clouds of {len(written)} frames for {len(frames)} frames")
+            raise InputError(expected=f"clouds of {len(frames)} frames", found=len(written))
         (partial / "ImageSets").mkdir()
         lists = {"train": train, "val": val, "test": test, "trainval": train + val}
         for name, numbers in lists.items():

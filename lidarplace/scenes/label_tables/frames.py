@@ -69,11 +69,9 @@ def _frames_of_drive(
         return times, of_row.astype(np.int64)
     a_frame = 1.0 if mapping.columns.time is None else 1 / (rate * SECONDS[mapping.units.time])
     if (most := (times[-1] - times[0]) / a_frame) >= FRAMES.high:
-        raise InputError(
-            f"a drive has {most:,.0f} frames at {rate:g} Hz, expected at most {FRAMES.high:,}",
-            place=f"{source}: column {mapping.stamp}",
-            fix="change units.time or frames.rate_hz",
-        )
+        problem, expected = f"a drive at {rate:g} Hz", f"at most {FRAMES.high:,} frames"
+        parts = {"found": f"{most:,.0f}", "fix": "change units.time or frames.rate_hz"}
+        raise InputError(problem, place=source, key=mapping.stamp, expected=expected, **parts)
     number, off = np.zeros(len(times), np.int64), np.zeros(len(times), bool)
     last, count = times[0], 0
     for i, time in enumerate(times):  # from the frame before, not the first: a clock drifts
@@ -83,13 +81,10 @@ def _frames_of_drive(
             last, count = time, count + whole
         number[i] = count
     if off.any():
-        share = off[of_row].mean()
-        raise InputError(
-            f"{share:.1%} of the rows of a drive lie more than a quarter of a frame off a "
-            f"rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}",
-            place=f"{source}: column {mapping.stamp}",
-            fix="change frames.rate_hz or units.time",
-        )
+        problem = f"{off[of_row].mean():.1%} of the rows of a drive are more than a quarter of a "
+        problem += f"frame off a rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}"
+        fix = "change frames.rate_hz or units.time"
+        raise InputError(problem, place=source, key=mapping.stamp, fix=fix)
     known, first = np.unique(number, return_index=True)
     return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
 
@@ -104,10 +99,7 @@ def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dic
             raise InputError(problem, place=source, key=f"drives.{key}", found=shown)
     split = {str(drive): "test" if drive in test else "train" for drive in drives}
     if left := [name for name in split if train is not None and name not in (*train, *test)]:
-        raise InputError(
-            f"drive {left[0]!r} is neither in drives.train nor in drives.test, nor are "
-            f"{len(left) - 1} others",
-            place=source,
-            fix="leave train out to take all that are not test",
-        )
+        problem = f"{left[0]!r} is neither in train nor in test, nor are {len(left) - 1} others"
+        fix = "leave train out to take all that are not test"
+        raise InputError(problem, place=source, key="drives", fix=fix)
     return split

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.class_names import check_class_name
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.settings import FilePath, Length, Name, Settings, fault, found
+from lidarplace.configuration.settings import FilePath, Length, Name, Settings, found, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
@@ -37,7 +37,7 @@ class Columns(Settings):
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
         if (self.time is None) == (self.frame is None):
-            raise ValueError("needs one of `time` and `frame`, not both")
+            raise InputError(expected="one of `time` and `frame`, not both")
         return self
 
 
@@ -98,7 +98,7 @@ class Drives(Settings):
     @model_validator(mode="after")
     def _in_one_split(self) -> Self:
         if both := [name for name in self.test if name in (self.train or ())]:
-            raise ValueError(f"drive {both[0]!r} is in train and in test")
+            raise InputError(f"drive {both[0]!r} is in train and in test")
         return self
 
 
@@ -127,12 +127,12 @@ class TableMapping(Settings):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         for category, name in self.classes.items():
-            if name is not None and (fault := fault_of_name(name)) is not None:
-                raise InputError(f"{fault}; null ignores its boxes", key=f"classes.{category}")
+            if name is not None:
+                check_class_name(name, key=f"classes.{category}", fix="null ignores its boxes")
         if self.coordinates == "world" and self.poses is None:
             raise InputError("world needs `poses` of the vehicle", key="coordinates")
         if self.columns.drive is None and (self.drives.test or self.drives.train):
-            raise ValueError("drives need `columns.drive`")
+            raise InputError("need `columns.drive`", key="drives")
         return self
 
     @property
@@ -151,8 +151,5 @@ def read_mapping(path: Path) -> TableMapping:
     """Read the keys of `TableMapping`. Raises OSError, and ValueError that names file and key."""
     content = read_yaml_file(path)
     if not isinstance(content, dict):
-        raise InputError("must have keys such as `columns`", place=path, found=found(content))
-    try:
-        return TableMapping.model_validate(content)
-    except ValidationError as error:
-        raise fault(error, str(path)) from None
+        raise InputError(place=path, expected="keys such as `columns`", found=found(content))
+    return validated(TableMapping, content, str(path))

@@ -45,13 +45,10 @@ class Track(NamedTuple):
                 raise InputError(f"no pose of drive {drive!r}", place=self.source, key="poses")
             outside = (value < time[0] - self.slack) | (value > time[-1] + self.slack)
             if outside.any():
-                raise InputError(
-                    f"{outside.mean():.1%} of the times of drive {drive!r} have none, the "
-                    f"first is {value[np.argmax(outside)]:.16g}; poses are from "
-                    f"{time[0]:.16g} to {time[-1]:.16g}",
-                    place=self.source,
-                    key="poses",
-                )
+                problem = f"{outside.mean():.1%} of the times of drive {drive!r} have none"
+                expected = f"{time[0]:.16g} to {time[-1]:.16g}"
+                parts = {"expected": expected, "found": f"{value[np.argmax(outside)]:.16g}"}
+                raise InputError(problem, place=self.source, key="poses", **parts)
             pose = self.pose[own][first]
             pose[:, 3] = np.unwrap(pose[:, 3])
             found[asked] = np.stack([np.interp(value, time, column) for column in pose.T], 1)
@@ -74,12 +71,10 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
             pose[:, column] = numbers(table, [name], source)[:, 0] * unit
     turned = np.abs(pose[:, 3]) > MOST_YAW
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
-        raise InputError(
-            f"yaw is in radians; over two turns: {turned.mean():.1%} of the rows, the first "
-            f"is row {row} with {pose[row, 3]:g}",
-            place=f"{source}: column {poses.yaw}",
-            fix="change poses.angle of the mapping, or accept the values: accept: [poses]",
-        )
+        problem = f"{turned.mean():.1%} of the rows are over two turns of radians, the first is "
+        problem += f"row {row} with {pose[row, 3]:g}"
+        fix = "change poses.angle of the mapping, or accept the values: accept: [poses]"
+        raise InputError(problem, place=source, key=poses.yaw, fix=fix)
     slack = SLACK_S / SECONDS[mapping.units.time] if of_time else 0.0
     return Track(read_stamps(table, drive, stamp, not of_time, source), pose, source, slack)
 
@@ -141,11 +136,9 @@ def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray
     if (row := first(unknown)) is not None:
         counts = Counter(category[unknown])
         names = ", ".join(f"{name} {count:,}" for name, count in counts.most_common(10))
-        raise InputError(
-            f"{unknown.mean():.1%} of the rows, from row {row}, have a category that "
-            f"`classes` does not name: {names}; null leaves one out",
-            place=f"{source}: column {column}",
-        )
+        problem = f"{unknown.mean():.1%} of the rows, from row {row}, have a category that "
+        problem += f"`classes` does not name: {names}"
+        raise InputError(problem, place=source, key=column, fix="null leaves one out")
     return np.array([mapping.classes[name] or IGNORE for name in category], object)
 
 
@@ -154,13 +147,11 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
     twice = boxes.duplicated(["frame", "object_id"])
     if twice.any():
         box = boxes[twice].iloc[0]
-        raise InputError(
-            f"{twice.mean():.1%} of the rows repeat an object in its frame, the first is row "
-            f"{twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}",
-            place=f"{source}: column {mapping.columns.object}",
-            fix="change columns.object, columns.drive, or the key of frames: "
-            f"{mapping.stamp}, units.time and frames.rate_hz",
-        )
+        problem = f"{twice.mean():.1%} of the rows repeat an object in its frame, the first is row "
+        problem += f"{twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}"
+        fix = "change columns.object, columns.drive, or the key of frames: "
+        fix += f"{mapping.stamp}, units.time and frames.rate_hz"
+        raise InputError(problem, place=source, key=mapping.column("object"), fix=fix)
 
 
 def check_mapped(table: pd.DataFrame, names: Mapping[str, str | None], source: str) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring, iterparse
 
 from lidarplace.base.errors import InputError
+from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.settings import GENERATED, MAP_SUFFIXES
@@ -60,10 +61,9 @@ def find_carla_map(name: str) -> Path:
         if place and (path := Path(place) / inside / f"{name}.{suffix}").is_file():
             return path
         looked.append(str(Path(place) / inside) if place else missing)
-    raise ValueError(
-        f"no map {name!r}; looked in {' and '.join(looked)}. CARLA's maps (CC-BY 4.0) come with "
-        f"`pip install --no-deps {PACKAGE}`, or with a CARLA whose folder CARLA_ROOT names"
-    )
+    fix = f"CARLA's maps (CC-BY 4.0) come with `pip install --no-deps {PACKAGE}`, or with a CARLA "
+    fix += "whose folder CARLA_ROOT names"
+    raise InputError(f"no map {name!r} in {' and '.join(looked)}", fix=fix)
 
 
 SPEED_M_S = 13.89
@@ -136,27 +136,20 @@ def read_opendrive(path: Path) -> Element:
     """The tree of `path` (`.xodr` or `.xodr.gz`), without namespaces. Centre lanes without a type
     get "none": they have no width, and OpenDRIVE 1.8 has them so. Raises ValueError for no
     OpenDRIVE, a lane without id or type, or a direct junction."""
-    try:
+    with reading(path, "a gzip file", gzip.BadGzipFile, EOFError, zlib.error):
         data = regular(path).read_bytes()
         data = gzip.decompress(data) if path.suffix == ".gz" else data
-    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise InputError(f"not a gzip file: {error}", place=path) from None
-    try:
+    with reading(path, "an OpenDRIVE map", ParseError, LookupError, ValueError):
         root = fromstring(data)
-    except (ParseError, LookupError, ValueError) as error:
-        raise InputError(f"not an OpenDRIVE map: {error}", place=path) from None
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != "OpenDRIVE":
-        raise InputError(f"not an OpenDRIVE map: its root is {root.tag}, not OpenDRIVE", place=path)
+        raise InputError(place=path, expected="an OpenDRIVE map", found=f"root {root.tag}")
     for junction in root.iter("junction"):
         if junction.get("type") == "direct":
-            raise InputError(
-                f"junction {junction.get('id')} is of type direct, which netconvert cannot "
-                "read; allowed are junctions with connecting roads, or links from road to "
-                "road",
-                place=path,
-            )
+            place, problem = f"{path}: junction {junction.get('id')}", "netconvert cannot read it"
+            expected = "connecting roads, or links from road to road"
+            raise InputError(problem, place=place, expected=expected, found="type direct")
     for lane in root.iterfind(".//center/lane"):
         lane.set("type", lane.get("type", "none"))
     for road in root.iter("road"):
@@ -164,7 +157,8 @@ def read_opendrive(path: Path) -> Element:
             for name in ("id", "type"):
                 if name not in lane.attrib:
                     which = f"lane {lane.get('id')}" if name == "type" else "a lane"
-                    raise InputError(f"road {road.get('id')}: {which} has no {name}", place=path)
+                    place = f"{path}: road {road.get('id')}"
+                    raise InputError(f"{which} has no {name}", place=place)
     return root
 
 
@@ -174,13 +168,11 @@ def drives_left(root: Element, path: Path) -> bool:
     for road in root.iter("road"):
         rule = road.get("rule", RULES[0])
         if rule not in RULES:
-            allowed = f"allowed are {' and '.join(RULES)}"
-            raise InputError(f"road {road.get('id')}: rule is {rule!r}; {allowed}", place=path)
+            place, expected = f"{path}: road {road.get('id')}", " or ".join(RULES)
+            raise InputError(place=place, key="rule", expected=expected, found=repr(rule))
         first.setdefault(rule, road.get("id"))
     if len(first) > 1:
-        raise InputError(
-            f"road {first['LHT']} has left-hand traffic (rule LHT), road {first['RHT']} "
-            "right-hand traffic (rule RHT, or none); allowed is one of them in a map",
-            place=path,
-        )
+        found = f"road {first['LHT']} with rule LHT, road {first['RHT']} with RHT or none"
+        expected = "either left-hand or right-hand traffic"
+        raise InputError(place=path, expected=expected, found=found)
     return "LHT" in first

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
+from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
@@ -52,10 +53,9 @@ def choose_egos(traffic: Trajectories, count: int) -> list[int]:
     stayed = car & ~np.isnan(traffic.pose[:, :, 0]).any(axis=0) & (hops <= leap).all(axis=0)
     candidates = np.flatnonzero(stayed)
     if len(candidates) < count:
-        raise ValueError(
-            f"only {len(candidates)} cars stayed on the road for the whole recording, "
-            f"{count} are needed as egos: ask for fewer routes or more vehicles"
-        )
+        problem, fix = "too few cars stayed on the road", "ask for fewer routes or more vehicles"
+        expected = f"{count} for the whole recording, as egos"
+        raise InputError(problem, expected=expected, found=len(candidates), fix=fix)
     met = np.array([frames_met(traffic, ego) for ego in candidates.tolist()])
     distance = traffic.speed[:, candidates].sum(axis=0)
     drives = distance >= np.median(distance) / 2
@@ -100,10 +100,8 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
     for pedestrians, or there are fewer cars on the road than routes, or more vehicles than fit."""
     sumo_home()
     if run.routes > (cars := cars_among(scene.density)):
-        raise ValueError(
-            f"density {scene.density} gives {cars} cars, too few for {run.routes} {run.part} "
-            "routes in one simulation"
-        )
+        problem = f"{scene.density} gives {cars} cars, too few for {run.routes} {run.part} routes"
+        raise InputError(f"{problem} in one simulation", key="density")
     network, town, traffic = drive(scene, run)
     pairs = overlaps(traffic)
     boxes: list[pd.DataFrame] = []
@@ -137,11 +135,8 @@ def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
     demand_seed, driving = np.random.SeedSequence(run.traffic_seed).spawn(2)
     with tempfile.TemporaryDirectory(prefix="lidarplace-") as name:
         town = build_network(run.town, run.town_seed, Path(name))
-        try:
+        with reading(town.path, "a SUMO network", SAXException, KeyError, ValueError):
             network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
-        except (SAXException, KeyError, ValueError) as error:
-            reason = f"no {error}" if isinstance(error, KeyError) else error
-            raise InputError(f"not a SUMO network: {reason}", place=town.path) from None
         routes = Path(name) / "routes.rou.xml"
         demand = write_demand(network, scene, np.random.default_rng(demand_seed), run.town, routes)
         seed = int(driving.generate_state(1)[0] >> 1)  # SUMO takes 31 bits

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import Count, CountFromOne, Seed, Text
 from lidarplace.scenes.routes import STEP_S, TEST_EVERY, Part, RouteSettings, seed_of
 
@@ -17,10 +18,8 @@ MAP_SUFFIXES = (".net.xml", ".xodr", ".xodr.gz")
 def _town(name: str) -> str:
     if name.endswith(MAP_SUFFIXES) or re.fullmatch(r"\w+", name):
         return name
-    raise ValueError(
-        f"{name!r} is no town; allowed are '{GENERATED}', a path that ends in "
-        f"{', '.join(MAP_SUFFIXES)}, or the name of a CARLA map such as Town03"
-    )
+    expected = f"'{GENERATED}', a path that ends in {', '.join(MAP_SUFFIXES)}, or the name of a "
+    raise InputError(expected=f"{expected}CARLA map such as Town03")
 
 
 Town = Annotated[Text, AfterValidator(_town)]

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.walks import WalkGraph, drive_graph, foot_graph
 
@@ -97,9 +98,9 @@ def write_demand(
         graph = foot if kind is PEDESTRIAN else drives[kind.sumo_class]
         if not graph.edges:
             if kind is PEDESTRIAN:
-                problem = f"{town} has no sidewalks that lead on and on; allowed is 0"
-                raise ValueError(f"pedestrians {scene.pedestrians}: {problem}")
-            raise ValueError(f"{town} has no lanes that lead a {kind.name} on and on")
+                problem, found = "no sidewalks that lead on and on", scene.pedestrians
+                raise InputError(problem, place=town, key="pedestrians", expected=0, found=found)
+            raise InputError(f"no lanes that lead a {kind.name} on and on", place=town)
         start = graph.anywhere(rng)
         edges = " ".join(graph.walk(SPARE * scene.seconds, rng, start))
         own = {"id": user.id, "type": user.id, "depart": "0"}

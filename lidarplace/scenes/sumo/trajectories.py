@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.scenes.routes import STEP_S
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.traffic import PEDESTRIAN, SPARE, Demand, RoadUser
@@ -62,10 +63,9 @@ def simulate(
                 if rest or frame < 1:
                     continue
                 if frame == 1 and (waiting := libsumo.simulation.getPendingVehicles()):
-                    raise ValueError(
-                        f"density {scene.density}: {len(waiting)} vehicles found no room in the "
-                        "town before the first frame; ask for fewer or for a longer warm-up"
-                    )
+                    problem = f"no room in the town for {len(waiting)} of {scene.density} vehicles "
+                    fix = "ask for fewer or for a longer warm-up"
+                    raise InputError(f"{problem}before the first frame", key="density", fix=fix)
                 for domain in (libsumo.vehicle, libsumo.person):
                     for user in domain.getIDList():
                         motion = domain.getAngle(user), domain.getSpeed(user)
