@@ -49,10 +49,10 @@ def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
     """Raise ValueError for the first of `blind_lidars`."""
     for number in blind_lidars(rig, roi, vehicle):
         x, y, z = rig.mounts[number].position.tolist()
+        seen = f"nothing below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)"
         raise InputError(
-            f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and nothing below "
-            f"{OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)",
-            key=repr(rig.name),
+            f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and {seen}",
+            place=repr(rig.name),
             fix="turn or move it, extend the ROI, or set allow_blind_lidars: true",
         )
 

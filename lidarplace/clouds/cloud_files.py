@@ -45,9 +45,7 @@ def read_cloud(path: Path) -> pd.DataFrame:
         for suffix, read in _READERS.items():
             if path.name.lower().endswith(suffix):
                 return _in_order(read(path), str(path))
-    raise InputError(
-        "unknown format of a point cloud", place=str(path), expected=", ".join(_READERS)
-    )
+    raise InputError("unknown format of a point cloud", place=path, expected=", ".join(_READERS))
 
 
 def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
@@ -82,12 +80,8 @@ def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
 def _floats(columns: int, path: Path) -> pd.DataFrame:
     size = regular(path).stat().st_size
     if size % (4 * columns):
-        raise InputError(
-            "no whole points",
-            place=str(path),
-            expected=f"{columns} float32 a point ({', '.join(COLUMNS[:columns])})",
-            found=f"{size} bytes",
-        )
+        expected = f"{columns} float32 a point ({', '.join(COLUMNS[:columns])})"
+        raise InputError("no whole points", place=path, expected=expected, found=f"{size} bytes")
     values = np.fromfile(path, "<f4").reshape(-1, columns)
     return pd.DataFrame(values, columns=list(COLUMNS[:columns]))
 
@@ -96,16 +90,13 @@ def _npy(path: Path) -> pd.DataFrame:
     try:
         array = np.load(regular(path), allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise InputError(f"no array of NumPy: {first_line(error)}", place=str(path)) from None
+        raise InputError(f"no array of NumPy: {first_line(error)}", place=path) from None
     if array.dtype.names:
         return pd.DataFrame({name: array[name].ravel() for name in array.dtype.names})
     if array.ndim != 2 or array.dtype.kind not in "iuf" or not 3 <= array.shape[1] <= len(COLUMNS):
-        raise InputError(
-            "no points",
-            place=str(path),
-            expected=f"numbers of shape (points, 3 to {len(COLUMNS)}): {', '.join(COLUMNS)}",
-            found=f"{array.dtype}, shape {array.shape}",
-        )
+        expected = f"numbers of shape (points, 3 to {len(COLUMNS)}): {', '.join(COLUMNS)}"
+        found = f"{array.dtype}, shape {array.shape}"
+        raise InputError("no points", place=path, expected=expected, found=found)
     return pd.DataFrame(array, columns=list(COLUMNS[: array.shape[1]]))
 
 
@@ -116,7 +107,7 @@ def _arrow(path: Path) -> pd.DataFrame:
                 return pd.read_parquet(file)
             return pd.DataFrame(feather.read_table(file).to_pandas(ignore_metadata=True))
     except (ValueError, KeyError) as error:  # Arrow's own are of the first
-        raise InputError(f"no table: {first_line(error)}", place=str(path)) from None
+        raise InputError(f"no table: {first_line(error)}", place=path) from None
 
 
 def _pcd(path: Path) -> pd.DataFrame:
@@ -125,7 +116,7 @@ def _pcd(path: Path) -> pd.DataFrame:
             return _pcd_points(file, _pcd_header(file))
         except (ValueError, KeyError, IndexError) as error:
             reason = f"is missing: {error}" if isinstance(error, KeyError) else first_line(error)
-            raise InputError(f"no PCD file: {reason}", place=str(path)) from None
+            raise InputError(f"no PCD file: {reason}", place=path) from None
 
 
 def _pcd_header(file: BinaryIO) -> dict[str, list[str]]:
@@ -162,9 +153,10 @@ def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame
         records = np.frombuffer(file.read(), np.dtype(own), points)
         table = pd.DataFrame({name: records[name][:, 0] for name, _, _ in own})
     else:
-        raise ValueError(f"DATA is {coding}; allowed are ascii and binary, which PCL converts to")
+        allowed = "ascii or binary, which PCL converts to"
+        raise InputError(key="DATA", expected=allowed, found=coding)
     if len(table) != points:
-        raise InputError(f"POINTS is {points}", found=len(table))
+        raise InputError(key="POINTS", expected=points, found=len(table))
     return table
 
 

@@ -86,11 +86,9 @@ class PointClouds:
             planes = np.empty(_BYTES * len(points), np.uint8)
             bad = _pack(np.asarray(points, np.float32), origin, step, planes)
             if bad >= 0:
-                raise InputError(
-                    f"point {bad} of a cloud must lie between {origin.tolist()} and "
-                    f"{(origin + 65535 * step).tolist()}, intensity in [0, 1]",
-                    found=points[bad].tolist(),
-                )
+                span = f"from {origin.tolist()} to {(origin + 65535 * step).tolist()}"
+                expected, found = f"coordinates {span}, intensity in [0, 1]", points[bad].tolist()
+                raise InputError(place=f"point {bad} of a cloud", expected=expected, found=found)
             packed += codec.compress(planes, asbytes=True)
             ends.append(len(packed))
             counts.append(count)
@@ -215,11 +213,9 @@ def read_clouds(folder: Path) -> PointClouds:
     }
     for name, good in fits.items():
         if not good:
-            raise InputError(
-                f"shape {getattr(clouds, name).shape} does not fit the other arrays of "
-                f"{frames} frames, or has wrong values",
-                key=f"{folder / name}.npy",
-            )
+            shape = getattr(clouds, name).shape
+            wrong = f"does not fit the other arrays of {frames} frames, or has wrong values"
+            raise InputError(f"shape {shape} {wrong}", place=f"{folder / name}.npy")
     return clouds
 
 

@@ -90,10 +90,10 @@ class SimulatedClouds:
         vehicle: Vehicle | None = None,
     ) -> None:
         if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
-            raise InputError("crop needs x0 < x1, y0 < y1, z0 < z1", found=crop)
+            raise InputError(key="crop", expected="x0 < x1, y0 < y1, z0 < z1", found=crop)
         lidars, mounts = placement.lidars, placement.mounts
         if len(mounts) > 256:
-            raise InputError("a cloud holds at most 256 LiDARs", found=len(mounts))
+            raise InputError(key="mounts", expected="at most 256 in a cloud", found=len(mounts))
         self.frames = np.asarray(frames, np.int64)
         self._surroundings = Surroundings(log, seed)
         self._placement, self._errors = placement, errors

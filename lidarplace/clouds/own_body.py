@@ -42,7 +42,5 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
         number, what = int(held.argmax()), "body, which the key vehicle describes"
         if isinstance(vehicle, BendingVehicle):
             what = "body, or on or in the way of its trailer; expected a place on the tractor"
-        raise InputError(
-            f"LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's {what}",
-            key=repr(rig.name),
-        )
+        wrong = f"LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's {what}"
+        raise InputError(wrong, place=repr(rig.name))

@@ -46,8 +46,8 @@ def check_rig(folder: Path, placement: Placement) -> None:
                 continue
             found, value = getattr(model, key), getattr(asked, key)
             if not _alike(found, value):
-                was, wanted = reprlib.repr(found), reprlib.repr(value)
-                raise InputError(f"LiDAR {n} was one with {key} {was}, not {wanted}", place=path)
+                own, was = f"lidars[{n}].{key}", reprlib.repr(found)
+                raise InputError(place=path, key=own, expected=reprlib.repr(value), found=was)
 
 
 def _alike(found: Any, value: Any) -> bool:
@@ -90,18 +90,15 @@ def check_lidars(
         missing -= set(clouds.frames.tolist())
         counts = clouds.counts
         if counts.shape[1] != len(rig.names):
-            raise InputError(
-                f"points of {counts.shape[1]} LiDARs",
-                place=path,
-                expected=f"{len(rig.names)}, {', '.join(rig.names)}",
-                fix="convert the log from clouds that name each point's LiDAR",
-            )
+            wrong, asked = f"points of {counts.shape[1]} LiDARs", ", ".join(rig.names)
+            fix = "convert the log from clouds with a column lidar"
+            raise InputError(wrong, place=path, expected=f"{len(rig.names)}, {asked}", fix=fix)
         points += counts.sum(axis=0)
     for name, count in zip(rig.names, points.tolist(), strict=True):
         if name in names and count == 0:
             raise InputError(f"no point of LiDAR {name} in any cloud", place=folder)
     if missing:
-        raise ValueError(_no_cloud(folder, sorted(missing)))
+        raise _no_cloud(folder, sorted(missing))
 
 
 def recorded_clouds(
@@ -115,17 +112,15 @@ def recorded_clouds(
     for path in _parts(folder):
         part = read_clouds(path)
         if not ((part.crop[:3] <= crop[:3]).all() and (part.crop[3:] >= crop[3:]).all()):
-            raise InputError(
-                f"clouds of {part.crop.tolist()} were recorded; {list(crop)} is asked for",
-                place=path,
-            )
+            least = f"clouds of at least {list(crop)}"
+            raise InputError(place=path, expected=least, found=part.crop.tolist())
         for index, frame in enumerate(part.frames.tolist()):
             if frame in place:
                 raise InputError(f"frame {frame} is in another folder of {folder} too", place=path)
             place[frame] = part, index
     missing = [frame for frame in frames.tolist() if frame not in place]
     if missing:
-        raise ValueError(_no_cloud(folder, missing))
+        raise _no_cloud(folder, missing)
     low, high = np.array(crop[:3]), np.array(crop[3:])
 
     def cut() -> Iterator[tuple[NDArray[np.float32], NDArray[np.int64]]]:
@@ -134,9 +129,8 @@ def recorded_clouds(
             try:
                 points = part[index]
             except (OSError, ValueError) as error:  # of the codec
-                raise InputError(
-                    f"cloud of frame {frame} is damaged: {error}", place=folder
-                ) from None
+                wrong = f"cloud of frame {frame} is damaged: {error}"
+                raise InputError(wrong, place=folder) from None
             inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
             lidar = part.lidar(index)
             kept = np.arange(part.counts.shape[1]) if lidars is None else np.array(lidars)
@@ -147,8 +141,9 @@ def recorded_clouds(
     return PointClouds.from_frames(frames, cut(), crop)
 
 
-def _no_cloud(folder: Path, missing: Sequence[int]) -> str:
-    return f"{folder}: no cloud of frame {missing[0]}, and of {len(missing) - 1} more"
+def _no_cloud(folder: Path, missing: Sequence[int]) -> InputError:
+    wrong = f"no cloud of frame {missing[0]}, and of {len(missing) - 1} more"
+    return InputError(wrong, place=folder)
 
 
 def clouds_digest(folder: Path) -> str:

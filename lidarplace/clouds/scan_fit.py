@@ -66,33 +66,28 @@ def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
     numbered = all("ring" in cloud for cloud in clouds.values())
     in_sweep = rays.groupby("sweep")["ring"].max() + 1
     if not numbered and in_sweep.nunique() > 1:  # nobody knows which one is missing
-        raise InputError(
-            "clouds without a ring column have different numbers of rings",
-            place=place,
-            found=", ".join(map(str, sorted(set(in_sweep)))),
-            fix="leave out those with fewer rings",
-        )
+        wrong = "clouds without a ring column have different numbers of rings"
+        found, fix = ", ".join(map(str, sorted(set(in_sweep)))), "leave out those with fewer rings"
+        raise InputError(wrong, place=place, found=found, fix=fix)
     counts = rays.groupby("ring").size()
     left_out = counts.index[counts < LEAST_POINTS]
     rays = rays.loc[~rays["ring"].isin(left_out)]
     if rays["ring"].nunique() < LEAST_RINGS:
-        raise InputError(
-            "cloud too small to fit a pattern",
-            place=place,
-            expected=f"{LEAST_RINGS} rings of {LEAST_POINTS} points",
-            found=f"{len(counts) - len(left_out)} of {int(counts.sum())} points",
-        )
+        wrong, least = "cloud too small to fit a pattern", f"{LEAST_RINGS} rings of {LEAST_POINTS}"
+        found = f"{len(counts) - len(left_out)} of {int(counts.sum())} points"
+        raise InputError(wrong, place=place, expected=f"{least} points", found=found)
     rings = _Rings([own for _, own in rays.groupby("ring")])
     numbers = rays["ring"].drop_duplicates().sort_values().to_numpy()
     elevations, offsets, spread = rings.directions()
     start = rings.origin(elevations, offsets)
     if np.degrees(spread) > MOST_SPREAD_DEG or np.linalg.norm(start) > MOST_OFFSET:
+        at = ", ".join(f"{value:.2f}" for value in start)
+        wide = f"elevations that spread by {np.degrees(spread):.2f} degrees"
         raise InputError(
             "cloud is not in the frame of its LiDAR",
             place=place,
             expected=f"rays that start within {MOST_OFFSET:g} m of its origin",
-            found=f"a start at ({', '.join(f'{value:.2f}' for value in start)}) m, elevations "
-            f"that spread by {np.degrees(spread):.2f} degrees",
+            found=f"a start at ({at}) m, {wide}",
             fix="name its pose with --rig or --mount",
         )
     order = np.argsort(elevations, kind="stable")
@@ -122,16 +117,13 @@ def _rays(cloud: pd.DataFrame, place: str) -> pd.DataFrame:
     x, y, z = points[known].T
     farthest = np.abs(points[known]).max(initial=0.0)
     if farthest > FARTHEST_M:
-        raise InputError(
-            "implausible point",
-            place=place,
-            expected=f"coordinates within {FARTHEST_M:g} m",
-            found=f"{farthest:g} m",
-        )
+        near, found = f"coordinates within {FARTHEST_M:g} m", f"{farthest:g} m"
+        raise InputError("implausible point", place=place, expected=near, found=found)
     azimuth, level = np.arctan2(y, x), np.hypot(x, y)
     ring = cloud["ring"].to_numpy()[known] if "ring" in cloud else _rings_in_order(azimuth, place)
     if not ((ring >= 0) & (ring < MOST_RINGS) & (ring == np.round(ring))).all():
-        raise InputError(f"ring: expected whole numbers from 0 to {MOST_RINGS - 1}", place=place)
+        allowed = f"whole numbers from 0 to {MOST_RINGS - 1}"
+        raise InputError(place=place, key="ring", expected=allowed)
     columns = {"level": level, "z": z, "range": np.hypot(level, z), "azimuth": azimuth}
     rays = pd.DataFrame(columns | {"ring": ring.astype(np.int64)})
     return rays[rays["level"] > 0]
@@ -146,12 +138,10 @@ def _rings_in_order(azimuth: NDArray[np.float64], place: str) -> NDArray[np.int6
     # In order a ring holds long runs; shuffled points wrap every few, columns hold no steps.
     runs = np.count_nonzero(sizes >= LEAST_POINTS) >= LEAST_RINGS
     if not runs or np.median(sizes) < LEAST_POINTS or np.median(np.abs(change)) < LEAST_STEP:
-        raise InputError(
-            "no ring column, and rings do not follow each other in the file",
-            place=place,
-            expected="a column ring, or KITTI's order",
-            found=f"{int(wraps.sum())} turns of the azimuth in {len(azimuth):,} points",
-        )
+        wrong = "no ring column, and rings do not follow each other in the file"
+        needed = "a column ring, or KITTI's order"
+        found = f"{int(wraps.sum())} turns of the azimuth in {len(azimuth):,} points"
+        raise InputError(wrong, place=place, expected=needed, found=found)
     return rings
 
 

@@ -139,7 +139,8 @@ class Shapes:
 def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
     """Draw the shapes of all objects of a box log; needs `object_id`, `class` and sizes."""
     if "object_id" not in boxes.columns:
-        raise InputError("box log: no column object_id", found=list(boxes.columns))
+        found = list(boxes.columns)
+        raise InputError("missing column", place="box log", key="object_id", found=found)
     codes, unique = pd.factorize(boxes["object_id"], use_na_sentinel=False)
     ids = unique.tolist()
     draws = _drawn(ids, seed, _DRAWS)

@@ -37,7 +37,7 @@ class Surroundings:
         self._geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
         numbers = log.frames["frame"].to_numpy(np.int64)
         if len(np.unique(numbers)) < len(numbers):
-            raise ValueError("box log: a frame is listed twice in its frames")
+            raise InputError("duplicate frame", place="box log: frames", key="frame")
         self._listed = set(numbers.tolist())
         scenes = log.buildings.groupby("scene", sort=False)[list(GEOMETRY)]
         self._buildings = {s: facades(own.to_numpy(np.float64), seed) for s, own in scenes}
@@ -51,9 +51,8 @@ class Surroundings:
         placed = [*self._buildings, *self._scenes]
         if missing and placed:
             needy = "buildings need" if self._buildings else "a static world needs"
-            raise InputError(
-                f"no column {', '.join(missing)}; {needy} the pose of the vehicle", key="frames"
-            )
+            wrong = f"missing column; {needy} the pose of the vehicle"
+            raise InputError(wrong, place="frames", key=", ".join(missing))
         if missing:
             return {}
         columns = log.frames[list(POSE_COLUMNS)].apply(pd.to_numeric, errors="coerce")
@@ -63,12 +62,9 @@ class Surroundings:
         bad = ~finite & scenes.isin(placed).to_numpy()
         if bad.any():
             what = "buildings" if self._buildings else "a static world"
-            raise InputError(
-                f"frame {numbers[int(bad.argmax())]} needs a finite pose of the vehicle",
-                key="frames",
-                found=poses[bad.argmax()].tolist(),
-                fix=f"its scene has {what}",
-            )
+            expected = f"a finite pose of the vehicle, because its scene has {what}"
+            where, found = f"frames: frame {numbers[bad.argmax()]}", poses[bad.argmax()].tolist()
+            raise InputError(place=where, expected=expected, found=found)
         rows = zip(numbers, scenes, poses, finite, strict=True)
         return {n: (scene, pose) for n, scene, pose, there in rows if there}
 

@@ -34,6 +34,6 @@ def crop_of(roi: Sequence[float]) -> Crop:
     x0, x1, y0, y1, z0, z1 = roi
     for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
         if not -1e4 <= low < high <= 1e4:  # NaN is refused too
-            expected = "needs min < max within ±10,000 m"
-            raise InputError(f"{axis} {expected}", place="--roi", found=f"{low:g} {high:g}")
+            allowed, found = "min < max within ±10,000 m", f"{low:g} {high:g}"
+            raise InputError(place="--roi", key=axis, expected=allowed, found=found)
     return x0, y0, z0, x1, y1, z1

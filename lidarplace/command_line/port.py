@@ -2,6 +2,8 @@
 
 import socket
 
+from lidarplace.base.errors import InputError
+
 TRIED = 100
 """Ports in a row that are looked at."""
 
@@ -15,7 +17,8 @@ def free_port(asked: int | None, first: int, host: str = "127.0.0.1") -> int:
                 listener.bind((host, port))
             except OSError as error:
                 if asked is not None:
-                    raise ValueError(f"--port {port}: {error.strerror}") from None
+                    raise InputError(str(error.strerror), place=f"--port {port}") from None
             else:
                 return port
-    raise ValueError(f"ports {first} to {first + TRIED - 1} are taken; name one with --port")
+    taken = f"ports {first} to {first + TRIED - 1} are taken"
+    raise InputError(taken, fix="name one with --port")

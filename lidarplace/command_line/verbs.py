@@ -11,6 +11,7 @@ from typing import Annotated, Any, NoReturn, TypeVar
 import typer
 from typer.core import TyperCommand
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.base.ranges import Range
 from lidarplace.command_line.signals import exit_code_of, stopped_by_signals
@@ -91,10 +92,8 @@ def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for number in value if isinstance(value, list | tuple) else (value,):
             if number is not None:
-                try:
+                with checked_input():
                     allowed.check(f"{max(param.opts, key=len)}:", number)
-                except ValueError as error:
-                    wrong(error)
         return value
 
     return check
@@ -103,7 +102,8 @@ def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
 def known(option: str, name: str, choices: Mapping[str, T]) -> T:
     """The choice of that name. Raises ValueError that lists the names."""
     if name not in choices:
-        raise ValueError(f"--{option} {name}: expected one of {', '.join(choices)}")
+        allowed = f"one of {', '.join(choices)}"
+        raise InputError(place=f"--{option}", expected=allowed, found=name)
     return choices[name]
 
 

@@ -408,8 +408,8 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
             column = mapping.column(column)
             accept = f"the mapping, or accept the value: accept: [{doubt.check}]"
         raise InputError(
-            doubt.where(rows),
-            place=f"{source}: column {column}",
-            key=doubt.why,
+            f"{doubt.why}: {doubt.where(rows)}",
+            place=source,
+            key=f"column {column}",
             fix=f"change {doubt.remedy} of {accept}",
         )

@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from lidarplace.base.class_names import counts_of
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.clouds.clouds import read_clouds
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, known
@@ -52,17 +52,15 @@ class Real:
 
 def model(name: str | None) -> Lidar | None:
     """The LiDAR of the catalogue that `--lidar` names. Raises ValueError if there is none."""
-    try:
+    with at("--lidar"):
         return None if name is None else Lidar.named(name)
-    except ValueError as error:
-        raise ValueError(f"--lidar: {error}") from None
 
 
 def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
     """The rig in a file of mounts, with `lidar` where a mount has no model."""
     if path is None:
         if lidar is not None:
-            raise InputError("is the model of a rig; --rig names its file", place="--lidar")
+            raise InputError("is the model of a rig", place="--lidar", fix="name its file: --rig")
         return None
     mounted = lidars_in(read_own(path))
     check_lidars(mounted, str(path))
@@ -70,7 +68,8 @@ def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
     for each in mounted:
         own = model(lidar) if each.model is None else each.model.lidar()
         if own is None:
-            raise InputError(f"{each.name} has no model; --lidar names one", place=path)
+            fix = "name one with --lidar"
+            raise InputError(f"{each.name} has no model", place=path, fix=fix)
         models.append(own)
     placement = Placement(path.stem, [each.mount for each in mounted], models)
     return RecordedRig(tuple(each.name for each in mounted), placement)
@@ -120,7 +119,8 @@ def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> Box
     """The log with the points of its clouds; what is wrong is a warning where none are kept."""
     assert real.clouds is not None
     if real.kept and real.ground == LEVEL:
-        raise ValueError("--ground level: moves boxes away from the real points of --clouds")
+        wrong = "moves boxes away from the real points of --clouds"
+        raise InputError(wrong, place="--ground level")
     keep = out / RECORDED if real.kept and out is not None else None
     try:
         log, number = count_real_points(log, real.clouds, real.origin, keep)
@@ -138,9 +138,8 @@ def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> Box
 
 def _with_world(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> BoxLog:
     if real.clouds is None or not real.kept or out is None:
-        raise InputError(
-            "is built of recorded clouds; --clouds names their folder", place="--world"
-        )
+        fix = "name their folder: --clouds"
+        raise InputError("is built of recorded clouds", place="--world", fix=fix)
     folders = sorted((out / RECORDED).iterdir())
     log = replace(log, world=static_worlds(log, map(read_clouds, folders)))
     cells = sum(len(world.keys) for world in log.world.values())

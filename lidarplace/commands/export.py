@@ -87,8 +87,8 @@ def export(
         if not played:
             check_new(out)
         elif all_around or images:
-            told = "apply to KITTI's layout only, not to FILE.mcap"
-            raise ValueError(f"--all-around and --images: {told}")
+            wrong = "apply to KITTI's layout only, not to FILE.mcap"
+            raise InputError(wrong, place="--all-around and --images")
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)
         rig = how.placement(named_placement(placement, how.lidar))
@@ -98,9 +98,8 @@ def export(
             frames = frames[frames["split"] == split]
         if frames.empty:
             found = ", ".join(sorted(set(table.frames["split"]))) or "no frame"
-            raise InputError(
-                f"no frame of split {split or 'train or test'}", place=log, found=found
-            )
+            wrong = f"no frame of split {split or 'train or test'}"
+            raise InputError(wrong, place=log, found=found)
         chosen = replace(table, frames=frames)
         kept = crop_for(crop[::3], crop[1::3], crop[2::3], rig, how.misaligned_heights)
         if recorded:

@@ -93,12 +93,14 @@ def rig(
     with checked_input():
         reads = out.suffix in OWN
         if reads == (source.suffix in OWN):
-            raise ValueError(f"{source} and {out}: one of the two is a YAML file with mounts")
+            expected = "exactly one YAML file with mounts"
+            raise InputError(place=f"{source} and {out}", expected=expected)
         source.stat()  # raises if it is not there, before its frame is asked for
         known = format_of(source if reads else out, format_)
         start = _start(known, origin, source if reads else out)
         if (cameras or radars) and not (reads and known.frames):
-            raise ValueError("--cameras, --radars: are for frames that urdf and ros2 are read of")
+            wrong = "are for frames that urdf and ros2 are read of"
+            raise InputError(wrong, place="--cameras, --radars")
         if reads:
             found = known.read(source, only or [])
             for patterns, model in ((cameras, CameraSettings), (radars, RadarSettings)):
@@ -128,14 +130,12 @@ def rig(
 def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
     found = known.origin if origin is None else origin
     if found is None:
-        raise InputError(
-            "unknown origin of its vehicle frame",
-            place=path,
-            fix="set it in our ego frame, which is on the ground under the centre: "
-            "--origin -1.4 0 0.3 for a rear axle",
-        )
+        ego = "our ego frame, which is on the ground under the centre"
+        fix = f"set it in {ego}: --origin -1.4 0 0.3 for a rear axle"
+        raise InputError("unknown origin of its vehicle frame", place=path, fix=fix)
     if not all(abs(value) <= 100 for value in found):
-        raise InputError("must be within 100 m", place="--origin", found=" ".join(map(str, found)))
+        values = " ".join(map(str, found))
+        raise InputError(place="--origin", expected="numbers within 100 m", found=values)
     return found
 
 

@@ -95,7 +95,7 @@ def _files(clouds: Sequence[Path]) -> list[Path]:
             inside = sorted(own for own in path.iterdir() if own.name.endswith(CLOUD_SUFFIXES))
         if not inside:
             expected = f"files of {', '.join(CLOUD_SUFFIXES)}"
-            raise InputError("no clouds", place=str(path), expected=expected)
+            raise InputError("no clouds", place=path, expected=expected)
         found += inside
     if len(found) > MOST_CLOUDS:
         say(f"fitted to {MOST_CLOUDS} of {len(found)} clouds, evenly spread", sys.stderr)
@@ -141,9 +141,8 @@ def _by_lidar(
             name = str(path) if number is None else f"{path}: {place.name}"
             found.setdefault(place, {})[name] = own
     if len(found) > 1 and not lidars:
-        raise InputError(
-            f"{len(found)} LiDARs in one cloud", place=str(files[0]), fix="name their poses: --rig"
-        )
+        wrong, fix = f"{len(found)} LiDARs in one cloud", "name their poses: --rig"
+        raise InputError(wrong, place=files[0], fix=fix)
     return found
 
 
@@ -156,11 +155,9 @@ def _place(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLi
     by_name: Mapping[Any, MountedLidar] = {own.name: own for own in lidars}
     by_number = dict(enumerate(lidars))
     if number not in by_name and number not in by_number:
-        raise InputError(
-            "no column lidar" if number is None else f"unknown LiDAR {number}",
-            place=str(path),
-            expected=f"one of {', '.join(by_name)}, or their numbers from 0",
-        )
+        wrong = "no column lidar" if number is None else f"unknown LiDAR {number}"
+        allowed = f"one of {', '.join(by_name)}, or their numbers from 0"
+        raise InputError(wrong, place=path, expected=allowed)
     return by_name[number] if number in by_name else by_number[number]
 
 
@@ -168,7 +165,7 @@ def _check_rings(own: ScanFit, sheet: Datasheet, place: str) -> None:
     last, most = len(sheet.elevations_deg) - 1, max(*own.rings, *own.left_out)
     if most > last:
         problem = f"rings beyond the beams of {sheet.name}"
-        raise InputError(problem, place=place, expected=f"0 to {last}", found=str(most))
+        raise InputError(problem, place=place, expected=f"0 to {last}", found=most)
 
 
 def _nearest(own: ScanFit) -> Datasheet | None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.ranges import FRAME
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.profiles import PROFILES
@@ -60,15 +60,13 @@ def view(
         how = known("profile", profile, PROFILES)
         names = placement or DEFAULT
         if len(names) > MOST_PLACEMENTS:
-            most = f"at most {MOST_PLACEMENTS} placements, found {len(names)}"
-            raise InputError(f"a page shows {most}", place="--placement")
+            most = f"at most {MOST_PLACEMENTS} on a page"
+            raise InputError(place="--placement", expected=most, found=len(names))
         rigs = [how.placement(named_placement(name, how.lidar)) for name in names]
         table = read_box_log(log)
-        try:
+        with at(log):
             number = busiest_frame(table, crop) if frame is None else frame
             shown = read_frame(table, number, crop)
-        except ValueError as error:
-            raise ValueError(f"{log}: {error}") from None
         own = POINTS // len(rigs), how.misaligned_heights
         figures = [draw_frame(table, number, rig, crop, *own) for rig in rigs]
         title = f"{shown.row['scene']}, frame {number}"

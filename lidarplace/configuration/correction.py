@@ -65,12 +65,8 @@ class MaskSettings(Settings):
     def _build(self) -> MaskSettings:
         for row in self.shares:
             if not math.isclose(len(row) * self.azimuth_deg, 360.0, rel_tol=1e-6):
-                raise InputError(
-                    key="shares",
-                    expected=f"{360 / self.azimuth_deg:.6g} for bins of "
-                    f"{self.azimuth_deg:g} degrees",
-                    found=len(row),
-                )
+                bins = f"{360 / self.azimuth_deg:.6g} for bins of {self.azimuth_deg:g} degrees"
+                raise InputError(key="shares", expected=bins, found=len(row))
         self.mask  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 
@@ -125,11 +121,9 @@ class CorrectionFile(Settings):
         Raises ValueError: there is no such unit, or its beams are not those of `lidar`.
         """
         if unit is not None and unit not in self.lidars:
-            raise InputError(
-                f"no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}",
-                key="unit",
-                expected=f"one of {', '.join(self.lidars) or 'none: it holds for all LiDARs'}",
-            )
+            names = ", ".join(self.lidars) or "none: it holds for all LiDARs"
+            wrong = f"no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}"
+            raise InputError(wrong, key="unit", expected=f"one of {names}")
         own = UnitSettings() if unit is None else self.lidars[unit]
         elevations = own.elevations_deg and tuple(map(math.radians, own.elevations_deg))
         known: dict[str, Any] = {
@@ -139,14 +133,12 @@ class CorrectionFile(Settings):
         }
         known = {name: value for name, value in known.items() if value is not None}
         if known and lidar.pattern is not None:
-            raise ValueError(f"unit {unit}: has beams that turn, and the LiDAR has a pattern")
+            wrong = "has beams that turn, and the LiDAR has a pattern"
+            raise InputError(wrong, key=f"unit {unit}")
         for table in (own.elevations_deg, own.offsets_m):
             if table is not None and len(table) != lidar.beams:
-                raise InputError(
-                    key=f"unit {unit}",
-                    expected=f"{lidar.beams} beams as the LiDAR has",
-                    found=len(table),
-                )
+                beams = f"{lidar.beams} beams as the LiDAR has"
+                raise InputError(key=f"unit {unit}", expected=beams, found=len(table))
         mask = None if own.mask is None else own.mask.mask
         return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
 

@@ -64,11 +64,8 @@ class FurtherSensorSettings(PoseSettings):
             return data
         known = {n: own for n, own in further_catalogue().items() if own["kind"] == cls.KIND}
         if name not in known:
-            raise InputError(
-                f"no {cls.KIND} is called {name!r}{did_you_mean(name, known)}",
-                key="model",
-                expected=", ".join(known),
-            )
+            wrong = f"no {cls.KIND} is called {name!r}{did_you_mean(name, known)}"
+            raise InputError(wrong, key="model", expected=", ".join(known))
         return {key: own for key, own in known[name].items() if key in cls.model_fields} | data
 
     @property
@@ -99,13 +96,12 @@ class CameraSettings(FurtherSensorSettings):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         if self.fov_deg is not None and self.intrinsic is not None and self.model is None:
-            raise ValueError("fov_deg and intrinsic: set only one of the two")
+            raise InputError("set only one of the two", key="fov_deg and intrinsic")
         if self.fov_deg is not None and not all(0 < angle < 180 for angle in self.fov_deg):
             raise InputError(key="fov_deg", expected="angles within (0, 180)", found=self.fov_deg)
         if self.intrinsic is not None and not min(self.intrinsic[0][0], self.intrinsic[1][1]) > 0:
-            raise InputError(
-                "expected focal lengths > 0, such as [[1260, 0, 800], …]", key="intrinsic"
-            )
+            such = "focal lengths > 0, such as [[1260, 0, 800], …]"
+            raise InputError(key="intrinsic", expected=such)
         return self
 
     def built(self) -> Camera | None:
@@ -136,10 +132,9 @@ class RadarSettings(FurtherSensorSettings):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if self.elevation_deg is not None and not self.elevation_deg[0] < self.elevation_deg[1]:
-            raise InputError(
-                key="elevation_deg", expected="[min, max] with min < max", found=self.elevation_deg
-            )
+        own, expected = self.elevation_deg, "[min, max] with min < max"
+        if own is not None and not own[0] < own[1]:
+            raise InputError(key="elevation_deg", expected=expected, found=own)
         return self
 
     def built(self) -> Radar | None:
@@ -163,9 +158,8 @@ def further_sensors(
     for own, mount, (where, number) in zip(every, mounts, places, strict=True):
         model, name = own.built(), own.name or number
         if model is None:
-            raise InputError(
-                "field of view: unknown", place=where, expected=f"model, or {own.NEEDED}"
-            )
+            such = f"model, or {own.NEEDED}"
+            raise InputError("unknown field of view", key=where, expected=such)
         if name in found:
             raise InputError(f"duplicate name {name!r}", key=f"{where}.name", fix="rename one")
         found[name] = MountedSensor(name, mount, model)

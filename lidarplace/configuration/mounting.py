@@ -97,12 +97,12 @@ class PlaceSettings(Settings):
         if high <= most + NANOMETRE:
             return zone
         if low > most + NANOMETRE:
+            above = f"{self.standoff:g} m, above the vehicle's body, {top:g} m there"
+            needed = math.ceil(100 * (high - top) - NANOMETRE) / 100
             raise InputError(
-                f"z from {low:g} m is more than the standoff, {self.standoff:g} m, above the "
-                f"vehicle's body, {top:g} m there",
+                f"z from {low:g} m is more than the standoff, {above}",
                 key=f"zones.{name}",
-                fix=f"write z up to {most:g}, or with a rack standoff: "
-                f"{math.ceil(100 * (high - top) - NANOMETRE) / 100:g}",
+                fix=f"write z up to {most:g}, or with a rack standoff: {needed:g}",
             )
         return replace(zone, z=(low, max(low, most)))
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.pose import PoseSettings
@@ -88,15 +88,13 @@ class SweptPlacementSettings(PlacementSettings):
     @model_validator(mode="after")
     def _one_kind(self) -> SweptPlacementSettings:
         if self.recorded and (others := self.model_fields_set - {"recorded"}):
-            raise ValueError(
-                f"recorded and {min(others)}: a recorded rig is as it was; set only one of the two"
-            )
+            both = f"recorded and {min(others)}"
+            raise InputError("a recorded rig is as it was", key=both, fix="set only one of the two")
         if not (self.mounts or self.recorded):
-            raise InputError(
-                "is missing", key="mounts", expected="mounts, or recorded with names of LiDARs"
-            )
+            raise InputError("missing", key="mounts", expected="mounts, or recorded: LiDAR names")
         if len(set(self.recorded)) < len(self.recorded):
-            raise InputError("each LiDAR once", key="recorded", found=", ".join(self.recorded))
+            names = ", ".join(self.recorded)
+            raise InputError(key="recorded", expected="each LiDAR once", found=names)
         return self
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
@@ -116,10 +114,9 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
     if name.endswith((".yaml", ".yml")):
         return read_placement(Path(name), lidar)
     if name not in PAPER_PLACEMENTS:
-        raise ValueError(
-            f"--placement {name}{did_you_mean(name, PAPER_PLACEMENTS)}: expected "
-            f"{', '.join(PAPER_PLACEMENTS)} or a FILE.yaml"
-        )
+        wrong = f"no placement {name!r}{did_you_mean(name, PAPER_PLACEMENTS)}"
+        names = f"{', '.join(PAPER_PLACEMENTS)} or a FILE.yaml"
+        raise InputError(wrong, place="--placement", expected=names)
     return PAPER_PLACEMENTS[name].with_lidar(lidar)
 
 
@@ -129,19 +126,14 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
     Raises OSError: the file cannot be read; ValueError: it is not such a list.
     """
     settings = read_placement_settings(path)
-    try:
+    with at(path):
         return settings.placement(path.stem, lidar)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def read_placement_settings(path: Path) -> PlacementSettings:
     """What a placement's file says. Raises OSError and ValueError as `read_placement` does."""
     raw = read_yaml_file(path)
     if isinstance(raw, dict) and "mounts" not in raw:
-        raise InputError(
-            "no key mounts; a placement's file lists its LiDARs, such as mounts: "
-            "[{x: 0, y: 0, z: 2}]",
-            place=path,
-        )
+        such = "a list of LiDARs, such as mounts: [{x: 0, y: 0, z: 2}]"
+        raise InputError("missing", place=path, key="mounts", expected=such)
     return validated(PlacementSettings, raw, str(path), path.parent)

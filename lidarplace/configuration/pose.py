@@ -6,6 +6,7 @@ import math
 
 from pydantic import Field, model_validator
 
+from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import Angle, Aside, Degrees, Height, Name, Settings
 
 
@@ -27,7 +28,7 @@ class PoseSettings(Settings):
     def _one_unit(self) -> PoseSettings:
         for name in ("roll", "pitch", "yaw"):
             if getattr(self, name) != 0 and getattr(self, f"{name}_deg") is not None:
-                raise ValueError(f"{name} and {name}_deg: set only one of the two")
+                raise InputError("set only one of the two", key=f"{name} and {name}_deg")
         return self
 
     @property

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.correction import Offset, is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
@@ -145,7 +145,7 @@ class SensorSettings(Settings):
     @classmethod
     def _not_falling(cls, table: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if table is not None and len(table) > 1 and all(a > b for a, b in pairwise(table)):
-            raise ValueError("elevations must rise; begin with the lowest")
+            raise InputError(expected="rising elevations, the lowest first")
         return table
 
     @model_validator(mode="after")
@@ -155,18 +155,16 @@ class SensorSettings(Settings):
         if self.pattern is None and self.pattern_rays is not None:
             raise InputError("needs pattern", key="pattern_rays")
         if self.pattern is not None and (keys := sorted(TURNING & self.model_fields_set)):
-            raise InputError(
-                "a pattern has it for every ray", key=keys[0], fix="remove one of the two"
-            )
+            wrong, fix = "a pattern has it for every ray", "remove one of the two"
+            raise InputError(wrong, key=keys[0], fix=fix)
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
-            raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
+            wrong, fix = "replaces beams and elevation_deg", "name one or the two"
+            raise InputError(wrong, key="elevations_deg", fix=fix)
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
         if beams * self.azimuth_steps > MOST_RAYS:
-            raise InputError(
-                f"found {self.azimuth_steps:,} with {beams:,} beams",
-                key="azimuth_steps",
-                expected=f"at most {MOST_RAYS:,} rays, beams times azimuth steps",
-            )
+            most = f"at most {MOST_RAYS:,} rays, beams times azimuth steps"
+            found = f"{self.azimuth_steps:,} with {beams:,} beams"
+            raise InputError(key="azimuth_steps", expected=most, found=found)
         self.built  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 
@@ -180,25 +178,19 @@ class SensorSettings(Settings):
         lidar = self._uncorrected()
         if self.correction is None:
             return lidar
-        try:
+        with at("correction"):
             file = read_correction(self.correction)
-        except ValueError as error:
-            raise ValueError(f"correction: {error}") from None
-        try:
-            return lidar.corrected(file, self.unit)
-        except ValueError as error:
-            raise InputError(f"{self.correction}: {error}", key="correction") from None
+            with at(self.correction):
+                return lidar.corrected(file, self.unit)
 
     def corrected(self, lidar: Lidar, name: str) -> Lidar:
         """Another LiDAR with the correction of these settings, as its unit `name` if it has one.
         Raises ValueError if the unit does not fit the LiDAR."""
         if self.correction is None:
             return lidar
-        try:
+        with at("correction"):
             file = read_correction(self.correction)
             return lidar.corrected(file, name if name in file.lidars else None)
-        except ValueError as error:
-            raise ValueError(f"correction: {error}") from None
 
     def _uncorrected(self) -> Lidar:
         pattern = None

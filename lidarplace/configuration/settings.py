@@ -55,7 +55,7 @@ Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)
 
 def _up_to_a_turn(interval: tuple[float, float]) -> tuple[float, float]:
     if not 0 < interval[1] - interval[0] <= 360:
-        raise ValueError("allowed is [min, max] with min < max and max - min <= 360")
+        raise InputError(expected="[min, max] with min < max and max - min <= 360")
     return interval
 
 
@@ -88,7 +88,7 @@ Text = Annotated[str, Field(max_length=2000)]  # an address, or what another pro
 
 def _possible(path: Path) -> Path:
     if len(bytes(path)) > 4000 or any(len(part.encode()) > 255 for part in path.parts):
-        raise ValueError("allowed are 4000 bytes, and 255 for the name of a file or a folder")
+        raise InputError(expected="at most 4000 bytes, and 255 for the name of a file or a folder")
     return path
 
 

@@ -82,9 +82,9 @@ class VehicleSettings(Settings):
             told = self.mesh.stat()
             return _vehicle(self, told.st_mtime_ns, told.st_size)
         except OSError as error:
-            raise InputError(f"{self.mesh}: {error.strerror}", key="mesh") from None
+            raise InputError(str(error.strerror), place=f"mesh: {self.mesh}") from None
         except ModuleNotFoundError as error:
-            raise ValueError(f"mesh: {needs(error) or error}") from None
+            raise InputError(str(needs(error) or error), key="mesh") from None
 
 
 @lru_cache(maxsize=8)

@@ -13,6 +13,7 @@ from yaml.reader import ReaderError
 from yaml.resolver import Resolver
 from yaml.scanner import ScannerError
 
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.regular import regular
 
 MOST_BYTES = 16_000_000
@@ -26,7 +27,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _EXPONENT = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$")
 
 
-class YamlError(ValueError):
+class YamlError(InputError):
     """What is wrong with a YAML document and where, in one line."""
 
 
@@ -125,15 +126,15 @@ def parse_yaml(text: str) -> Any:
     except ReaderError as error:
         lines = text[: error.position].split("\n")
         where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
-        raise YamlError(f"{where}: is not YAML: {error.reason}") from None
+        raise YamlError(f"is not YAML: {error.reason}", place=where) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         syntax = "is not YAML: " if isinstance(error, (ScannerError, ParserError)) else ""
         problem = str(error.problem)
         if problem.startswith("but "):
             problem = f"{error.context}, {problem}"
-        raise YamlError(f"{where}{syntax}{' '.join(problem.split())}") from None
+        raise YamlError(syntax + " ".join(problem.split()), place=where) from None
 
 
 def read_yaml_file(path: Path) -> Any:
@@ -141,15 +142,14 @@ def read_yaml_file(path: Path) -> Any:
     YamlError; also if it is not text or is too large."""
     with regular(path).open("rb") as file:
         content = file.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        raise YamlError(f"{path}: has more than {MOST_BYTES:,} bytes")
-    try:
-        return parse_yaml(content.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise YamlError(f"{path}: line {line}: is not UTF-8 text") from None
-    except YamlError as error:
-        raise YamlError(f"{path}: {error}") from None
+    with at(path, YamlError):
+        if len(content) > MOST_BYTES:
+            raise YamlError(f"has more than {MOST_BYTES:,} bytes")
+        try:
+            return parse_yaml(content.decode("utf-8-sig"))
+        except UnicodeDecodeError as error:
+            line = content.count(b"\n", 0, error.start) + 1
+            raise YamlError("is not UTF-8 text", place=f"line {line}") from None
 
 
 def _error(problem: str, at: Any) -> ConstructorError:

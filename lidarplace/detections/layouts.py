@@ -85,8 +85,8 @@ class LogFrames:
         known, rotations, positions = full_poses(self._frames), [], []
         for at, number in enumerate(numbers.tolist()):
             if number not in known:
-                problem = f"the log has no pose of the vehicle in frame {number}"
-                raise InputError(problem, place=row(at))
+                problem = "the log has no pose of the vehicle"
+                raise InputError(problem, place=row(at), key="frame", found=number)
             rotations.append(known[number][0])
             positions.append(known[number][1])
         turns = Rotation.from_matrix(np.reshape(rotations, (-1, 3, 3)))
@@ -127,7 +127,7 @@ def of_nuscenes(path: Path, frames: LogFrames) -> Found:
     content = read_json(path)
     results = content.get("results") if isinstance(content, dict) else None
     if not isinstance(results, dict):
-        raise InputError("no detections", place=str(path), expected='{"results": {SAMPLE: [BOX]}}')
+        raise InputError("no detections", place=path, expected='{"results": {SAMPLE: [BOX]}}')
     of_sample = frames.named(results, lambda at: f"{path}: sample {[*results][at]}")
     columns: dict[str, list[Any]] = {name: [] for name in ("frame", "token", *_BOX)}
     for (token, boxes), number in zip(results.items(), of_sample.tolist(), strict=True):

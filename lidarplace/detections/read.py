@@ -74,7 +74,7 @@ def read_detections(
     if world and every != {"parquet"}:
         raise InputError("only plain Parquet can have boxes in the world", place="world")
     if calibration is not None and every != {"kitti"}:
-        raise InputError("only KITTI's result files need a camera", place=str(calibration))
+        raise InputError("only KITTI's result files need a camera", place=calibration)
     try:
         frames, found = LogFrames(log.frames), []
         if results := [file for file, name in files if name == "kitti"]:
@@ -104,18 +104,18 @@ def _with(classes: Sequence[str], known: ClassMap, class_map: ClassMap | None) -
 def _files(path: Path) -> list[Path]:
     """The file, or those of a folder that can be detections."""
     if not path.exists():
-        raise InputError("no such file or folder", place=str(path))
+        raise InputError("no such file or folder", place=path)
     own = [path]
     if path.is_dir():
         own = sorted(file for file in path.iterdir() if file.suffix in {**_SUFFIXES, **_PICKLES})
     if not own:
-        raise InputError("no detections", place=str(path), expected=f"files {', '.join(_SUFFIXES)}")
+        raise InputError("no detections", place=path, expected=f"files {', '.join(_SUFFIXES)}")
     for file in own:
         if (load := _PICKLES.get(file.suffix)) is not None:
             names = {"module": load.partition(".")[0], "load": load.format(file)}
             line = _CONVERT.format(**names, height=LIDAR_HEIGHT_M, out=file.with_suffix(".parquet"))
             fix = f"one of OpenPCDet becomes Parquet by: {line}"
-            raise InputError("a pickle can run code, so none is read", place=str(file), fix=fix)
+            raise InputError("a pickle can run code, so none is read", place=file, fix=fix)
     return own
 
 
@@ -123,7 +123,7 @@ def _layout(path: Path) -> Layout:
     """By the suffix. Raises InputError for an unknown one."""
     if path.suffix not in _SUFFIXES:
         wanted = ", ".join(_SUFFIXES)
-        raise InputError("unknown layout", place=str(path), expected=wanted, found=path.suffix)
+        raise InputError("unknown layout", place=path, expected=wanted, found=path.suffix)
     return _SUFFIXES[path.suffix]
 
 

@@ -14,13 +14,14 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, Place, lidars_in, mount_at, named_like
+from lidarplace.rig_files.mounted import MountedLidar, Place, lidars_in, named_like
 from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
 from lidarplace.scenes.routes import STEP_S
 
 BLUEPRINT = "sensor.lidar.ray_cast"
@@ -119,20 +120,18 @@ def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     LiDARs are on several vehicles, or one cannot be."""
     objects = read_record(path, _Objects, "list of objects of CARLA's ROS bridge").objects
     carrying = [each for each in objects if any(o.type == BLUEPRINT for o in each.on_it)]
-    if len(carrying) > 1:
-        listed = ", ".join(each.id for each in carrying)
-        raise InputError(
-            f"several vehicles have LiDARs: {listed}", place=path, fix="leave one in the file"
-        )
-    sensors = [o for each in carrying for o in each.on_it if o.type == BLUEPRINT]
-    names = named_like([sensor.id for sensor in sensors], only, str(path))
-    chosen = [sensor for sensor in sensors if sensor.id in names]
-    return [_lidar(list(parts), path) for _, parts in groupby(chosen, key=lambda o: o.spawn_point)]
+    with at(path):
+        if len(carrying) > 1:
+            found, fix = ", ".join(each.id for each in carrying), "leave one in the file"
+            raise InputError("several vehicles have LiDARs", found=found, fix=fix)
+        sensors = [o for each in carrying for o in each.on_it if o.type == BLUEPRINT]
+        names = named_like([sensor.id for sensor in sensors], only)
+        chosen = [sensor for sensor in sensors if sensor.id in names]
+        return [_lidar(list(parts)) for _, parts in groupby(chosen, key=lambda o: o.spawn_point)]
 
 
-def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
+def _lidar(parts: Sequence[_Object]) -> MountedLidar:
     first, place = parts[0], parts[0].spawn_point
-    where = f"{path}: {first.id}"
     steps = [
         o.points_per_second / (o.channels * o.rotation_frequency) * 360 / o.horizontal_fov
         for o in parts
@@ -140,11 +139,10 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
     for other, count in zip(parts, steps, strict=True):
         known = (round(count), other.range, other.horizontal_fov)
         if known != (round(steps[0]), first.range, first.horizontal_fov):
-            raise InputError(
-                f"{other.id} is in the same place and no part of it: azimuth steps, range or "
-                "horizontal_fov differ",
-                place=where,
+            wrong = (
+                f"{other.id} at the same place differs in azimuth steps, range or horizontal_fov"
             )
+            raise InputError(wrong, place=first.id)
     elevations = [
         o.lower_fov + i * (o.upper_fov - o.lower_fov) / max(o.channels - 1, 1)
         for o in parts
@@ -159,9 +157,10 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
         "drop_off": first.dropoff_general_rate,
         "azimuth_deg": (-half, half),
     }
-    model = validated(SensorSettings, values, f"{where}: no LiDAR of ours")
+    model = validated(SensorSettings, values, f"{first.id}: no LiDAR of ours")
     angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
-    return MountedLidar(first.id, mount_at((place.x, place.y, place.z), angles, where), model)
+    with at(first.id):
+        return MountedLidar(first.id, Mount(place.x, place.y, place.z, *angles), model)
 
 
 def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
@@ -171,16 +170,15 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
     sensors = []
     for each in lidars_in(lidars):
         if each.model is None:
-            raise InputError("no LiDAR model; --lidar names one of the catalogue", key=each.name)
+            fix = "name one of the catalogue with --lidar"
+            raise InputError("no LiDAR model", place=each.name, fix=fix)
         lidar = each.model.lidar()
         check_possible(lidar, each.name)
         low, high = lidar.azimuth
         if abs(low + high) > 1e-9:
-            raise InputError(
-                f"azimuth_deg is [{math.degrees(low):g}, {math.degrees(high):g}]; CARLA's "
-                "LiDARs are symmetric to the x axis",
-                key=each.name,
-            )
+            own = f"[{math.degrees(low):g}, {math.degrees(high):g}]"
+            even = "a field of view symmetric to the x axis, as CARLA's LiDARs have"
+            raise InputError(place=each.name, key="azimuth_deg", expected=even, found=own)
         place = asdict(each.mount)
         for angle in ("roll", "pitch", "yaw"):
             place[angle] = round(math.degrees(place[angle]), 9)

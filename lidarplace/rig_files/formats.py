@@ -45,9 +45,10 @@ def format_of(path: Path, name: str | None) -> RigFormat:
     """The format of that name, or the one that a file is known by; ValueError if there is none."""
     if name is not None:
         if name not in FORMATS:
-            raise InputError(place=f"--format {name}", expected=f"one of {', '.join(FORMATS)}")
+            raise InputError(place="--format", expected=f"one of {', '.join(FORMATS)}", found=name)
         return FORMATS[name]
     for known in FORMATS.values():
         if path.name.endswith(known.suffixes or "\n"):
             return known
-    raise InputError(f"name its format: --format {'|'.join(FORMATS)}", place=path)
+    fix = f"name it with --format {'|'.join(FORMATS)}"
+    raise InputError("unknown format", place=path, fix=fix)

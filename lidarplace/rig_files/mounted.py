@@ -59,27 +59,15 @@ def mount_of(position: ArrayLike, matrix: NDArray[np.float64]) -> Mount:
     return Mount(x, y, z, *angles(matrix))
 
 
-def mount_at(position: Iterable[float], turned: Iterable[float], where: str) -> Mount:
-    """A mount of metres and radians in a file. Raises ValueError that says `where`."""
-    try:
-        return Mount(*position, *turned)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-
-
-def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> list[str]:
+def named_like(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
     """Those of the names that a pattern fits, whatever their case; all, without a pattern. `*`
     stands for any text. Raises ValueError if a pattern fits none of them."""
     found = set(names) if not patterns else set()
     for pattern in patterns:
         own = [name for name in names if fnmatchcase(name.lower(), pattern.lower())]
         if not own:
-            raise InputError(
-                f"no LiDAR is called {pattern}",
-                place=source,
-                found=", ".join(names) or "none",
-                fix="--only says which",
-            )
+            known, fix = ", ".join(names) or "none", "--only says which"
+            raise InputError(f"no LiDAR is called {pattern}", found=known, fix=fix)
         found |= {*own}
     return [name for name in names if name in found]
 
@@ -91,7 +79,7 @@ def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
     names = [lidar.name for lidar in lidars]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise InputError(f"duplicate sensor name {twice[0]}; names must differ", place=source)
+        raise InputError(f"duplicate sensor name {twice[0]}", place=source)
 
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -133,39 +121,35 @@ class Joint:
     moves: str = ""  # how the child moves against its parent
 
 
-def lidars_of(joints: Sequence[Joint], only: Sequence[str], source: str) -> list[MountedLidar]:
+def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[MountedLidar]:
     """The frames that patterns name, in the frame of the vehicle. Raises ValueError: frames hang
     together otherwise than as a tree, no pattern is given or one fits no frame, or a frame of a
     LiDAR moves."""
     holds: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in holds:
-            raise InputError(f"frame {joint.child} has two parents", place=source)
+            raise InputError(f"frame {joint.child} has two parents")
         holds[joint.child] = joint
     roots = list(dict.fromkeys(j.parent for j in joints if j.parent not in holds))
     base = BASE if BASE in holds or BASE in roots else roots[0] if len(roots) == 1 else None
     if base is None:
         listed = ", ".join(roots) or "none, because the frames form a cycle"
-        raise InputError(f"no frame {BASE}, and not one root", place=source, found=listed)
+        raise InputError(f"no frame {BASE}, and not one root", found=listed)
     if not only:
-        raise InputError(
-            "no LiDARs selected; name them with --only (* matches any text)",
-            place=source,
-            found=", ".join(holds),
-        )
-    names = named_like(list(holds), only, source)
-    return [_placed(name, base, holds, source) for name in names]
+        fix = "name them with --only (* matches any text)"
+        raise InputError("no LiDARs selected", found=", ".join(holds), fix=fix)
+    return [_placed(name, base, holds) for name in named_like(list(holds), only)]
 
 
-def _placed(name: str, base: str, holds: Mapping[str, Joint], source: str) -> MountedLidar:
+def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> MountedLidar:
     position, matrix = np.zeros(3), np.eye(3)
     frame, steps = name, 0
     while frame != base:
         if frame not in holds or steps > len(holds):
-            raise InputError(f"frame {name} does not hang from {base}", place=source)
+            raise InputError(f"frame {name} does not hang from {base}")
         joint = holds[frame]
         if joint.moves:
-            raise InputError(f"frame {name} hangs from a joint that is {joint.moves}", place=source)
+            raise InputError(f"frame {name} hangs from a joint that is {joint.moves}")
         position = joint.position + joint.rotation @ position
         matrix = joint.rotation @ matrix
         frame, steps = joint.parent, steps + 1

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
@@ -49,15 +49,13 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
         channel if often[channel] == 1 else f"{channel}.{rows.columns['token'][row]}": row
         for row, channel in channels.items()
     }
-    chosen = named_like(list(by_name), only, str(folder))
+    with at(folder):
+        chosen = named_like(list(by_name), only)
     found = Counter(channels[by_name[name]] for name in chosen)
     for name in chosen:
         if (number := found[channel := channels[by_name[name]]]) > 1:
-            raise InputError(
-                f"{channel} has {number} different calibrations",
-                place=rows.path,
-                fix=f"choose one, such as --only {name}",
-            )
+            wrong, fix = f"{number} different calibrations", f"choose one, such as --only {name}"
+            raise InputError(wrong, place=rows.path, key=channel, fix=fix)
     rig = []
     for row in (by_name[name] for name in chosen):
         intrinsic: Any = rows.columns.get("camera_intrinsic", {row: []})[row]

@@ -14,12 +14,14 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict
 from pydantic.alias_generators import to_camel
 
+from lidarplace.base.errors import at
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, Place, mount_at, named_like
+from lidarplace.rig_files.mounted import MountedLidar, Place, named_like
 from lidarplace.rigs.further_sensors import Camera
+from lidarplace.rigs.placement import Mount
 
 
 class _Message(BaseModel):
@@ -64,17 +66,18 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     lidars = []
     for kind in ("lidar", "camera", "radar"):
         for each in getattr(view, f"{kind}_sensor_view_configuration"):
-            at, turned = each.mounting_position.position, each.mounting_position.orientation
+            place, turned = each.mounting_position.position, each.mounting_position.orientation
             name = f"{kind}_{each.sensor_id.value}"
-            angles = (turned.roll, turned.pitch, turned.yaw)
-            mount = mount_at((at.x, at.y, at.z), angles, f"{path}: {name}")
-            further = None if kind == "lidar" else _further(kind, each, f"{path}: {name}")
+            with at(f"{path}: {name}"):
+                mount = Mount(place.x, place.y, place.z, turned.roll, turned.pitch, turned.yaw)
+                further = None if kind == "lidar" else _further(kind, each)
             lidars.append(MountedLidar(name, mount, further=further))
-    names = named_like([lidar.name for lidar in lidars], only, str(path))
+    with at(path):
+        names = named_like([lidar.name for lidar in lidars], only)
     return [lidar for lidar in lidars if lidar.name in names]
 
 
-def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSettings:
+def _further(kind: str, own: _OneSensor) -> CameraSettings | RadarSettings:
     view = (own.field_of_view_horizontal, own.field_of_view_vertical)
     across, up = (round(math.degrees(angle), 9) for angle in view)
     pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
@@ -86,7 +89,7 @@ def _further(kind: str, own: _OneSensor, where: str) -> CameraSettings | RadarSe
         known |= {"elevation_deg": (-up / 2, up / 2)} if up else {}
     model: type[CameraSettings | RadarSettings]
     model = CameraSettings if kind == "camera" else RadarSettings
-    return validated(model, {"z": 0.0} | known, where)
+    return validated(model, {"z": 0.0} | known, "")
 
 
 def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:

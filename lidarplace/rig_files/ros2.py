@@ -11,16 +11,10 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import (
-    BASE,
-    Joint,
-    MountedLidar,
-    lidars_of,
-    mount_at,
-    mount_in_frame,
-)
+from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
+from lidarplace.rigs.placement import Mount
 
 PUBLISHER = "static_transform_publisher"
 PLACE = ("x", "y", "z")
@@ -39,69 +33,67 @@ def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     substitutions and conditions are refused. Raises ValueError: it is no launch file, a transform
     is none, or frames are not of a vehicle."""
     root = read_xml(path)
-    if root.tag != "launch":
-        raise InputError(f"is no XML launch file: its root is {root.tag}, not launch", place=path)
-    nodes = [
-        node
-        for node in root.iter("node")
-        if node.get("pkg") == "tf2_ros" and PUBLISHER in (node.get("exec"), node.get("type"))
-    ]
-    if not nodes:
-        raise InputError(f"no node {PUBLISHER} of tf2_ros", place=path)
-    joints = [_joint(node, f"{path}: transform {n}") for n, node in enumerate(nodes)]
-    return lidars_of(joints, only, str(path))
+    with at(path):
+        if root.tag != "launch":
+            raise InputError("is no XML launch file", expected="the root launch", found=root.tag)
+        nodes = [
+            node
+            for node in root.iter("node")
+            if node.get("pkg") == "tf2_ros" and PUBLISHER in (node.get("exec"), node.get("type"))
+        ]
+        if not nodes:
+            raise InputError(f"no node {PUBLISHER} of tf2_ros")
+        return lidars_of([_joint(node, n) for n, node in enumerate(nodes)], only)
 
 
-def _joint(node: Element, where: str) -> Joint:
+def _joint(node: Element, number: int) -> Joint:
     text = node.get("args", "")
-    if "$(" in text or node.get("if") or node.get("unless"):
-        raise InputError("$(…), if and unless are not supported", place=where, fix="expand them")
-    try:
-        words = shlex.split(text)
-    except ValueError as error:
-        raise InputError(f"{error}: {text!r}", place=where, key="args") from None
-    given = _by_name(words, where)
-    for name in FRAMES:
-        if name not in given:
-            raise InputError(f"no --{name} in {text!r}", place=where)
-    numbers = {n: _number(n, word, where) for n, word in given.items() if n not in FRAMES}
-    position = np.array([numbers.get(name, 0.0) for name in PLACE])
-    quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
-    if not math.hypot(*quaternion) > 0:
-        raise InputError("the rotation is a quaternion of length 0", place=where)
-    if set(given) & set(QUATERNION):
-        matrix = Rotation.from_quat(quaternion).as_matrix()
-    else:
-        angles = [numbers.get(name, 0.0) for name in ANGLES]
-        matrix = mount_at(position, angles, where).rotation
-    return Joint(given["frame-id"], given["child-frame-id"], position, matrix)
+    with at(f"transform {number}"):
+        if "$(" in text or node.get("if") or node.get("unless"):
+            raise InputError("$(…), if and unless are not supported", fix="expand them")
+        try:
+            words = shlex.split(text)
+        except ValueError as error:
+            raise InputError(f"{error}: {text!r}", key="args") from None
+        given = _by_name(words)
+        for name in FRAMES:
+            if name not in given:
+                raise InputError(f"no --{name} in {text!r}")
+        numbers = {n: _number(n, word) for n, word in given.items() if n not in FRAMES}
+        position = np.array([numbers.get(name, 0.0) for name in PLACE])
+        quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
+        if not math.hypot(*quaternion) > 0:
+            raise InputError("the rotation is a quaternion of length 0")
+        if set(given) & set(QUATERNION):
+            matrix = Rotation.from_quat(quaternion).as_matrix()
+        else:
+            angles = [numbers.get(name, 0.0) for name in ANGLES]
+            matrix = Mount(*position, *angles).rotation
+        return Joint(given["frame-id"], given["child-frame-id"], position, matrix)
 
 
-def _by_name(words: Sequence[str], where: str) -> dict[str, str]:
+def _by_name(words: Sequence[str]) -> dict[str, str]:
     """Arguments by name; both ways to write them."""
     if not any(word.startswith("--") for word in words):
         if len(words) not in BY_ORDER:
-            raise InputError(
-                place=where,
-                expected="x y z yaw pitch roll or x y z qx qy qz qw, and two frames",
-                found=f"{len(words)} arguments",
-            )
+            needed = "x y z yaw pitch roll or x y z qx qy qz qw, and two frames"
+            raise InputError(key="args", expected=needed, found=f"{len(words)} arguments")
         return dict(zip(BY_ORDER[len(words)], words, strict=True))
     allowed = (*PLACE, *ANGLES, *QUATERNION, *FRAMES)
     given = dict(zip(words[::2], words[1::2], strict=False))
     for name in given:
         if not name.startswith("--") or name[2:] not in allowed:
-            raise InputError(f"found {name}; allowed are --{', --'.join(allowed)}", place=where)
+            raise InputError(key="args", expected=f"--{', --'.join(allowed)}", found=name)
     if len(words) % 2:
-        raise InputError(f"{words[-1]} has no value", place=where)
+        raise InputError("has no value", key=words[-1])
     return {name[2:]: word for name, word in given.items()}
 
 
-def _number(name: str, word: str, where: str) -> float:
+def _number(name: str, word: str) -> float:
     with suppress(ValueError):
         if math.isfinite(value := float(word)):
             return value
-    raise InputError(f"{name} must be a finite number", place=where, found=repr(word))
+    raise InputError(key=name, expected="a finite number", found=repr(word))
 
 
 def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:

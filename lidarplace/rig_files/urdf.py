@@ -9,16 +9,10 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import (
-    BASE,
-    Joint,
-    MountedLidar,
-    lidars_of,
-    mount_at,
-    mount_in_frame,
-)
+from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
+from lidarplace.rigs.placement import Mount
 
 
 def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
@@ -26,37 +20,37 @@ def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises ValueError: the file is no URDF, is
     xacro, or its frames are none of a vehicle."""
     root = read_xml(path)
-    if root.tag != "robot":
-        raise InputError(f"not a URDF: its root is {root.tag}, not robot", place=path)
-    if any("xacro" in str(element.tag) for element in root.iter()):
-        raise InputError("contains xacro", place=path, fix="run xacro, and pass its output")
-    joints = [_joint(element, path) for element in root.iterfind("joint")]
-    return lidars_of(joints, only, str(path))
+    with at(path):
+        if root.tag != "robot":
+            raise InputError("not a URDF", expected="the root robot", found=root.tag)
+        if any("xacro" in str(element.tag) for element in root.iter()):
+            raise InputError("contains xacro", fix="run xacro, and pass its output")
+        return lidars_of([_joint(element) for element in root.iterfind("joint")], only)
 
 
-def _joint(element: Element, path: Path) -> Joint:
-    where = f"{path}: joint {element.get('name')}"
-    parent, child = (_link(element, name, where) for name in ("parent", "child"))
+def _joint(element: Element) -> Joint:
     kind = element.get("type", "none")
-    position, rpy = (_vector(element.find("origin"), key, where) for key in ("xyz", "rpy"))
     moves = "" if kind == "fixed" else f"{kind}, not fixed"
-    return Joint(parent, child, position, mount_at(position, rpy, where).rotation, moves)
+    with at(f"joint {element.get('name')}"):
+        parent, child = (_link(element, name) for name in ("parent", "child"))
+        position, rpy = (_vector(element.find("origin"), key) for key in ("xyz", "rpy"))
+        return Joint(parent, child, position, Mount(*position, *rpy).rotation, moves)
 
 
-def _link(joint: Element, name: str, where: str) -> str:
+def _link(joint: Element, name: str) -> str:
     for found in joint.iterfind(f"{name}[@link]"):
         return found.attrib["link"]
-    raise InputError(f"no {name} with a link", place=where)
+    raise InputError(f"no {name} with a link")
 
 
-def _vector(origin: Element | None, key: str, where: str) -> NDArray[np.float64]:
+def _vector(origin: Element | None, key: str) -> NDArray[np.float64]:
     """Three numbers of an origin, which are 0 if it is left out."""
     text = "0 0 0" if origin is None else origin.get(key, "0 0 0")
     with suppress(ValueError):
         values = np.array([float(word) for word in text.split()])
         if values.shape == (3,) and np.isfinite(values).all():
             return values
-    raise InputError(f"{key} must be 3 finite numbers", place=where, found=repr(text))
+    raise InputError(key=key, expected="3 finite numbers", found=repr(text))
 
 
 def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:

@@ -33,19 +33,17 @@ class Mask:
         object.__setattr__(self, "shares", rows)
         object.__setattr__(self, "edges", tuple(map(float, self.edges)))
         if len(rows) != len(self.edges) + 1:
-            raise InputError(
-                expected=f"{len(self.edges) + 1} rows of shares for {len(self.edges)} "
-                "elevations between them",
-                found=len(rows),
-            )
+            needed = f"{len(self.edges) + 1} rows for {len(self.edges)} elevations between them"
+            raise InputError(key="shares", expected=needed, found=len(rows))
         if len(lengths := sorted({len(row) for row in rows})) > 1 or not rows[0]:
-            raise InputError("rows need equally many shares, at least one", found=lengths)
+            needed = "rows with equally many, at least one"
+            raise InputError(key="shares", expected=needed, found=lengths)
         if any(not low < high for low, high in pairwise(self.edges)):
             raise ValueError("elevations between rows must rise")
         if not all(0 <= share <= 1 for row in rows for share in row):
-            raise ValueError("shares must be within [0, 1]")
+            raise InputError(key="shares", expected="numbers within [0, 1]")
         if not any(map(any, rows)):
-            raise ValueError("all shares are 0; leave the LiDAR out")
+            raise InputError("all shares are 0", key="shares", fix="leave the LiDAR out")
 
     def at(
         self, azimuths: NDArray[np.float64], elevations: NDArray[np.float64]
@@ -77,15 +75,13 @@ class Correction:
         object.__setattr__(self, "factor", pairs)
         for name, share in pairs:
             if not 0 <= share <= MOST_FACTOR:
-                raise InputError(
-                    f"factor of {name}: must be within [0, {MOST_FACTOR:g}]", found=share
-                )
+                allowed = f"a number within [0, {MOST_FACTOR:g}]"
+                raise InputError(key=f"factor.{name}", expected=allowed, found=share)
         if len(dict(pairs)) < len(pairs):
-            raise InputError("each class once", key="factor", found="one twice")
+            raise InputError("duplicate class", key="factor")
         if self.distance is not None and not LEAST_DISTANCE <= self.distance < math.inf:
-            raise InputError(
-                f"distance must be finite and at least {LEAST_DISTANCE:g} m", found=self.distance
-            )
+            allowed = f"a finite number, at least {LEAST_DISTANCE:g} m"
+            raise InputError(key="distance", expected=allowed, found=self.distance)
 
     def __repr__(self) -> str:
         parts = [f"{name} {share:.3g}" for name, share in self.factor]

@@ -96,78 +96,60 @@ class Lidar:
     def __post_init__(self) -> None:
         elevations: Iterable[float] = self.elevations
         if self.pattern is not None:
-            if self.azimuth_steps != 1:
-                raise InputError(
-                    "a LiDAR with a pattern has 1 azimuth step", found=self.azimuth_steps
-                )
+            if (steps := self.azimuth_steps) != 1:
+                raise InputError(key="azimuth_steps", expected="1 for a pattern", found=steps)
             elevations = self.pattern.of_frame(self.frame)[1]
             object.__setattr__(self, "azimuth", self.pattern.field_of_view)
         object.__setattr__(self, "elevations", tuple(map(float, elevations)))
         if not self.elevations:
             raise ValueError("a LiDAR needs at least one beam")
         if self.pattern is None and not all(abs(e) <= math.pi / 2 for e in self.elevations):
-            raise InputError(
-                "elevations must lie within [-pi/2, pi/2] radians", found=self.elevations
-            )
+            expected = "radians within [-pi/2, pi/2]"
+            raise InputError(key="elevations", expected=expected, found=self.elevations)
         self._check_offsets()
         AZIMUTH_STEPS.check_whole("azimuth_steps", self.azimuth_steps)
-        if not self.range > 0:
-            raise InputError("range must be positive", found=self.range)
-        if not (self.range_noise >= 0 and 0 <= self.drop_off < 1):
-            raise InputError(
-                "range_noise must be >= 0 and drop_off within [0, 1)",
-                found=f"{self.range_noise} and {self.drop_off}",
-            )
-        if not 0 <= self.min_range < self.range:
-            raise InputError("min_range must be within [0, range)", found=self.min_range)
         if self.range_10 is None and self.range_80 is not None:
-            raise ValueError("range_80 needs range_10")
-        if self.range_10 is not None and not 0 < self.range_10 <= (self.range_80 or math.inf):
-            raise InputError(
-                "range_10 must be positive and not beyond range_80",
-                found=f"{self.range_10} and {self.range_80}",
-            )
-        if not (self.wavelength > 0 and 0 <= self.extinction < math.inf and 0 < self.window <= 1):
-            raise InputError(
-                "wavelength must be positive, extinction finite and >= 0, window within (0, 1]",
-                found=f"{self.wavelength}, {self.extinction} and {self.window}",
-            )
+            raise InputError("needs range_10", key="range_80")
+        near = self.range_10 is None or 0 < self.range_10 <= (self.range_80 or math.inf)
+        for key, expected, possible in (
+            ("range", "more than 0 m", self.range > 0),
+            ("range_noise", "at least 0 m", self.range_noise >= 0),
+            ("drop_off", "a number within [0, 1)", 0 <= self.drop_off < 1),
+            ("min_range", "a number within [0, range)", 0 <= self.min_range < self.range),
+            ("range_10", "more than 0 m, at most range_80", near),
+            ("wavelength", "more than 0 m", self.wavelength > 0),
+            ("extinction", "a finite number >= 0", 0 <= self.extinction < math.inf),
+            ("window", "a number within (0, 1]", 0 < self.window <= 1),
+        ):
+            if not possible:
+                raise InputError(key=key, expected=expected, found=getattr(self, key))
         if self.falloff == 0 and (self.extinction > 0 or self.window < 1):
-            raise ValueError(
-                f"range_80 is range_10, {self.range_10}: light makes no difference to this LiDAR, "
-                "so nobody knows what it sees where light is lost"
-            )
+            wrong = "equals range_10, so nobody knows the range where light is lost"
+            raise InputError(wrong, key="range_80", found=self.range_80)
         if self.size is not None:
             object.__setattr__(self, "size", tuple(map(float, self.size)))
             if len(self.size) != 3 or not all(0 < side < math.inf for side in self.size):
-                raise InputError("size needs length, width and height > 0", found=self.size)
+                expected = "length, width and height > 0"
+                raise InputError(key="size", expected=expected, found=self.size)
         low, high = map(float, self.azimuth)
         object.__setattr__(self, "azimuth", (low, high))
         if not (math.isfinite(low) and math.isfinite(high) and 0 < high - low <= FULL_TURN):
-            raise InputError(
-                "azimuth needs finite min < max, at most one turn of 2 pi radians",
-                found=f"({low}, {high})",
-            )
+            expected = "finite min < max, at most one turn of 2 pi radians"
+            raise InputError(key="azimuth", expected=expected, found=(low, high))
         if self.fired_steps < 1:
-            raise ValueError(
-                f"none of the {self.azimuth_steps} azimuth steps of a turn lies within "
-                f"the field of view [{low}, {high}) radians"
-            )
+            wrong = f"none of the {self.azimuth_steps} azimuth steps of a turn is within it"
+            raise InputError(wrong, key="azimuth", found=f"[{low}, {high}) radians")
 
     def _check_offsets(self) -> None:
         if self.offsets is None:
             return
         object.__setattr__(self, "offsets", tuple(map(float, self.offsets)))
         if self.pattern is not None or len(self.offsets) != self.beams:
-            expected = (
-                "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
-            )
-            raise InputError(key="offsets", expected=expected, found=len(self.offsets))
+            each = "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
+            raise InputError(key="offsets", expected=each, found=len(self.offsets))
         if not all(abs(offset) <= MOST_OFFSET for offset in self.offsets):
-            raise InputError(
-                f"offsets must be within ±{MOST_OFFSET:g} m",
-                found=f"{min(self.offsets):g} to {max(self.offsets):g}",
-            )
+            found = f"{min(self.offsets):g} to {max(self.offsets):g} m"
+            raise InputError(key="offsets", expected=f"at most ±{MOST_OFFSET:g} m", found=found)
 
     def __repr__(self) -> str:
         low, high = np.degrees([min(self.elevations), max(self.elevations)])
@@ -201,7 +183,7 @@ class Lidar:
         `limits` are other attributes, such as `range`.
         """
         if beams < 1:
-            raise InputError("beams must be at least 1", found=beams)
+            raise InputError(key="beams", expected="at least 1", found=beams)
         low, high = azimuth_deg
         return cls(
             tuple(np.radians(np.linspace(*elevation_deg, beams))),
@@ -347,7 +329,7 @@ class Lidar:
         step that is left is in the field of view.
         """
         if not 0 < share <= 1:
-            raise InputError("share must be within (0, 1]", found=share)
+            raise InputError(key="share", expected="a number within (0, 1]", found=share)
         if share == 1:
             return self
         if self.pattern is not None:

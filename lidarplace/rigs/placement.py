@@ -40,7 +40,8 @@ class Mount:
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in astuple(self)):
-            raise InputError("a mount needs finite coordinates and angles", found=astuple(self))
+            expected = "finite coordinates and angles"
+            raise InputError(key="mount", expected=expected, found=astuple(self))
         for name in _POSE:
             value = float(getattr(self, name))
             if name not in "xyz":
@@ -101,32 +102,26 @@ class Placement(Plottable):
         where = f"placement {self.name!r}"
         mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
         if not all(isinstance(mount, Mount) for mount in mounts):
-            raise InputError("mounts is a list of Mount(…)", place=where, found=repr(self.mounts))
+            own = repr(self.mounts)
+            raise InputError(place=where, key="mounts", expected="a list of Mount(…)", found=own)
         object.__setattr__(self, "mounts", mounts)
         if not self.mounts:
-            raise ValueError(f"{where} has no LiDAR")
+            raise InputError("no LiDAR", place=where)
         if not isinstance(self.lidar, Lidar):
             models = tuple(self.lidar)
             if not all(isinstance(model, Lidar) for model in models):
-                raise InputError(
-                    "lidar is a Lidar, or a list of them", place=where, found=repr(self.lidar)
-                )
+                allowed, own = "a Lidar, or a list of them", repr(self.lidar)
+                raise InputError(place=where, key="lidar", expected=allowed, found=own)
             if len(models) != len(self.mounts):
-                raise InputError(
-                    place=where,
-                    expected=f"one LiDAR model or one for each of {len(self.mounts)} mounts",
-                    found=len(models),
-                )
+                allowed = f"one model, or one for each of {len(self.mounts)} mounts"
+                raise InputError(place=where, key="lidar", expected=allowed, found=len(models))
             # Rigs that are alike shall be equal.
             object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
         object.__setattr__(self, "dead", tuple(self.dead))
         for (i, a), (j, b) in combinations(enumerate(self.mounts), 2):
             if (a.x, a.y, a.z) == (b.x, b.y, b.z):
-                raise InputError(
-                    f"LiDARs {i} and {j} are both at {point(a.x, a.y, a.z)}; two LiDARs "
-                    "cannot sit in one place",
-                    place=where,
-                )
+                wrong = f"LiDARs {i} and {j} are both at {point(a.x, a.y, a.z)}"
+                raise InputError(wrong, place=where, expected="a place for each")
 
     def __repr__(self) -> str:
         at = ", ".join(f"{axis} {span([getattr(m, axis) for m in self.mounts])}" for axis in "xyz")

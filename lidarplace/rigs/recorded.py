@@ -28,30 +28,25 @@ class RecordedRig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         if len(self.names) != len(self.placement.mounts):
-            raise InputError(
-                f"{len(self.names)} names for {len(self.placement.mounts)} LiDARs", key="rig"
-            )
+            wrong = f"{len(self.names)} names for {len(self.placement.mounts)} LiDARs"
+            raise InputError(wrong, key="rig")
         if len(set(self.names)) < len(self.names) or not all(self.names):
-            raise InputError(
-                f"duplicate or empty name of a LiDAR in {', '.join(self.names)}", key="rig"
-            )
+            wrong = "duplicate or empty name of a LiDAR"
+            raise InputError(wrong, key="rig", found=", ".join(self.names))
         for name, lidar in zip(self.names, self.placement.lidars, strict=True):
             if lidar.pattern is not None:
-                raise InputError(
-                    f"LiDAR {name} has a scan pattern",
-                    key="rig",
-                    expected="beams that turn, because a log's rig.json holds no pattern",
-                )
+                wrong = f"LiDAR {name} has a scan pattern"
+                fix = "beams that turn, because a log's rig.json holds no pattern"
+                raise InputError(wrong, key="rig", expected=fix)
 
     def subset(self, names: Sequence[str]) -> "RecordedRig":
         """The rig with these LiDARs only, in its own order. Raises ValueError: a name is unknown,
         or there is none."""
         for name in names:
             if name not in self.names:
-                raise InputError(
-                    f"unknown LiDAR {name!r} of the recorded rig",
-                    expected=f"{', '.join(self.names)}{did_you_mean(name, self.names)}",
-                )
+                hint = did_you_mean(name, self.names)
+                wrong = f"unknown LiDAR {name!r}{hint} of the recorded rig"
+                raise InputError(wrong, expected=", ".join(self.names))
         kept = [n for n, name in enumerate(self.names) if name in names]
         own = tuple(self.names[n] for n in kept)
         mounts, lidars = self.placement.mounts, self.placement.lidars
@@ -64,12 +59,13 @@ def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
     """The rig of all scenes, that of the first one. Raises ValueError: there is none, or scenes
     have other LiDARs, or mounts that differ by more than `MOST_MM` or `MOST_DEGREES`."""
     if not rigs:
-        raise ValueError("no recorded rig; convert the log with its calibration")
+        raise InputError("no recorded rig", fix="convert the log with its calibration")
     (first, rig), *others = rigs.items()
     for scene, other in others:
         where = f"scenes {first} and {scene}"
         if other.names != rig.names or other.placement.lidars != rig.placement.lidars:
-            raise ValueError(f"{where} have LiDARs of other names or models; make a log of each")
+            wrong = f"{where} have LiDARs of other names or models"
+            raise InputError(wrong, fix="make a log of each")
         for name, a, b in zip(rig.names, rig.placement.mounts, other.placement.mounts, strict=True):
             cosine = np.clip((np.trace(a.rotation.T @ b.rotation) - 1) / 2, -1, 1)
             millimetres = 1000 * np.linalg.norm(a.position - b.position)

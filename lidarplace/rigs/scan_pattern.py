@@ -32,7 +32,7 @@ class ScanPattern:
         for name, most in ENDS.items():
             angles = np.array(getattr(self, name), np.float64)
             if angles.ndim != 1 or not (np.abs(angles) <= most).all():
-                raise ValueError(f"{name} must be radians within ±{most:.4g}, in a row")
+                raise InputError(key=name, expected=f"radians within ±{most:.4g}, in a row")
             angles.flags.writeable = False
             object.__setattr__(self, name, angles)
         if len(self.azimuths) != len(self.elevations):
@@ -40,11 +40,8 @@ class ScanPattern:
                 f"{len(self.azimuths)} azimuths for {len(self.elevations)} elevations of rays"
             )
         if not 1 <= self.rays_per_frame <= len(self.azimuths):
-            raise InputError(
-                f"rays_per_frame must be within 1 and the {len(self.azimuths):,} rays of the "
-                "pattern",
-                found=self.rays_per_frame,
-            )
+            allowed = f"1 to the {len(self.azimuths):,} rays of the pattern"
+            raise InputError(key="rays_per_frame", expected=allowed, found=self.rays_per_frame)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ScanPattern) and self.digest == other.digest

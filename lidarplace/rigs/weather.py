@@ -24,9 +24,9 @@ class Weather:
 
     def __post_init__(self) -> None:
         if not self.visibility > 0:
-            raise InputError("visibility must be positive", found=self.visibility)
+            raise InputError(key="visibility", expected="more than 0 m", found=self.visibility)
         if not 0 <= self.rain < math.inf:
-            raise InputError("rain must be finite and not negative", found=self.rain)
+            raise InputError(key="rain", expected="a finite number >= 0", found=self.rain)
 
     def __str__(self) -> str:
         fog = [f"visibility {self.visibility:g} m"] if self.visibility < math.inf else []

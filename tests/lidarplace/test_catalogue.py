@@ -98,7 +98,3 @@ def test_command():
     assert found["vlp16"]["mass_kg"] == 0.83
     assert found["vlp16"]["range_10"] is None
     assert len(json.loads(run(app, ["--json"]).stdout)) == len(SHEETS)
-    wrong = run(app, ["vlp-17"])
-    assert wrong.exit_code == 2
-    assert wrong.stderr.count("\n") == 1
-    assert "did you mean vlp16?" in wrong.stderr

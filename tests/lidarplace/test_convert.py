@@ -147,7 +147,7 @@ def test_labels_are_converted_where_clouds_nobody_named_are_wrong(tmp_path):
     assert "warning: no points are counted" in result.stderr
     result = convert(*arguments[:2], tmp_path / "other", arguments[-1], "--clouds", source)
     assert result.exit_code == 2
-    assert "no whole points" in result.stderr
+    assert "000003.bin: " in result.stderr
     assert not (tmp_path / "other").exists()
 
 
@@ -160,9 +160,6 @@ def test_a_table_with_counts_a_rig_and_uneven_ground(tmp_path):
     path.write_text(head + "1,Car,9,0,-0.5,4,2,1.5,0,30,20\n2,Car,9,0,0.75,4,2,1.5,0,,\n")
     (tmp_path / "rig.yaml").write_text(RIG)
     arguments = ("table", path, tmp_path / "log", "--frames", 2)
-    result = convert(*arguments, "--rig", tmp_path / "rig.yaml")
-    assert result.exit_code == 2
-    assert "nose has no model; --lidar names one" in result.stderr
     result = convert(*arguments, "--rig", tmp_path / "rig.yaml", "--lidar", "hdl32e")
     assert result.exit_code == 0, result.stderr
     log = read_box_log(tmp_path / "log")

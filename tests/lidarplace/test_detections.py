@@ -23,6 +23,7 @@ from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
 from lidarplace.scenes.kitti.labels import label_lines, to_labels
 from tests.lidarplace import argoverse_layout, nuscenes_layout, waymo_layout
+from tests.refused import refused
 from training.kitti_ap import evaluate_boxes
 
 CLASSES = ("Car", "Cyclist", "Pedestrian")
@@ -166,7 +167,7 @@ def test_a_table_in_the_world(tmp_path):
     turn = (found["yaw"] - boxes["yaw"].to_numpy()).to_numpy()
     assert np.exp(1j * turn) == pytest.approx(1)
     without = replace(level, frames=level.frames.drop(columns=["ego_x"]))
-    with pytest.raises(InputError, match="row 0: the log has no pose of the vehicle in frame 0"):
+    with refused(("row 0", "frame", "0")):
         read_detections([tmp_path / "found.parquet"], without, CLASSES, world=True)
 
 
@@ -222,7 +223,7 @@ def test_frames_keep_their_names_on_disk(tmp_path):
     write_box_log(tmp_path, log)
     assert read_box_log(tmp_path).frames[SOURCE].tolist() == ["log/0", "log/1", "log/2"]
     twice = replace(log, frames=log.frames.assign(source="a"))
-    with pytest.raises(InputError, match="log: source: duplicate name of a frame; found a"):
+    with refused(("log", "source", "a")):
         read_detections([write("parquet", tmp_path / "f", log, scored(log.boxes))], twice, CLASSES)
 
 

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from lidarplace.requirements.rays_on_objects import count_points, sights_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement, blocks
 from tests.lidarplace.recall.small_scenes import log_of
+from tests.refused import refused
 
 LIDAR = Lidar(tuple(np.radians([-20.0, -12.0, -5.0, -1.0, 3.0])), azimuth_steps=240, range=60.0)
 NOBODY = Vehicle("nobody", np.empty((0, 2, 3)))
@@ -114,7 +114,7 @@ def test_settings_have_offsets():
     assert own.offsets == (0.1, 0.2)
     file = CorrectionFile.model_validate({"lidars": {"top": {"offsets_m": [0.3, 0.4]}}})
     assert own.corrected(file, "top").offsets == (0.3, 0.4)
-    with pytest.raises(ValueError, match="expected 2 beams as the LiDAR has, found 1"):
+    with refused(("", "unit a", "1")):
         own.corrected(CorrectionFile.model_validate({"lidars": {"a": {"offsets_m": [0.3]}}}), "a")
     assert SensorSettings(name="hdl64e").lidar() == Lidar.named("hdl64e")
     assert Lidar.named("hdl64e").offsets is not None

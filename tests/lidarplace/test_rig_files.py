@@ -217,7 +217,7 @@ def test_calibrations_of_nuscenes(tmp_path):
     table.write_text(json.dumps(rows))
     done = CliRunner().invoke(app, [str(tmp_path / "v1"), "out.yaml", "--format", "nuscenes"])
     assert done.exit_code == 2
-    assert "LIDAR_TOP has 2 different calibrations; choose one, such as --only " in done.output
+    assert "calibrated_sensor.json: LIDAR_TOP: " in done.output
     chosen = re.search(r"--only (LIDAR_TOP\.\S+)", done.output)[1]
     (lidar,) = FORMATS["nuscenes"].read(tmp_path / "v1", [chosen])
     assert lidar.name == "LIDAR_TOP"

@@ -7,13 +7,14 @@ import yaml
 
 from lidarplace.configuration import yaml as settings_yaml
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
+from tests.refused import refused
 
 
 def refusal(text):
     with pytest.raises(YamlError) as error:
         parse_yaml(text)
     assert "\n" not in str(error.value)
-    return str(error.value)
+    return error.value
 
 
 def test_plain_data_is_as_pyyaml_reads_it():
@@ -49,7 +50,7 @@ def test_what_an_alias_stands_for_is_not_shared():
 @pytest.mark.parametrize("key", ["b", "2", "2.0", "~", "'b'"])
 def test_a_key_given_twice_is_named_with_its_place(key):
     text = f"b: 1\n2: 1\n~: 1\nc:\n  a: 1\n{key}: 3"
-    assert refusal(text).startswith("line 6, column 1: key ")
+    assert refusal(text).place == "line 6, column 1"
 
 
 def test_keys_are_compared_by_their_hashes(monkeypatch):
@@ -80,12 +81,12 @@ def test_keys_are_compared_by_their_hashes(monkeypatch):
     ],
 )
 def test_what_is_no_plain_data_is_refused_with_its_place(text, words):
-    assert re.match(words, refusal(text))
+    assert re.match(words, str(refusal(text)))
 
 
 @pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "[{? "])
 def test_nesting_beyond_the_limit_is_refused_however_deep(opening):
-    assert "more than 100 mappings and lists inside each other" in refusal(opening * 100_000)
+    assert "more than 100 mappings and lists inside each other" in str(refusal(opening * 100_000))
     depth = settings_yaml.DEEPEST - 1
     text = "[" * depth + "1" + "]" * depth
     assert str(parse_yaml(text)) == text
@@ -95,30 +96,31 @@ def test_aliases_of_aliases_count_as_what_they_stand_for():
     """A few hundred bytes would be ten thousand million values."""
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
-    assert "values, aliases written out" in refusal("\n".join(lines))
+    assert "values, aliases written out" in str(refusal("\n".join(lines)))
     merged = ["b0: &b0 {x: 1}"]
     merged += [f"b{i}: &b{i} {{<<: [{', '.join([f'*b{i - 1}'] * 10)}]}}" for i in range(1, 10)]
-    assert "values, aliases written out" in refusal("\n".join(merged))
+    assert "values, aliases written out" in str(refusal("\n".join(merged)))
 
 
 def test_a_file_is_read_with_its_name_in_every_mistake(tmp_path, monkeypatch):
     path = tmp_path / "own.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1")  # as Windows' editors write it
     assert read_yaml_file(path) == {"a": 1}
-    for content, words in (
-        (b"a: 1\nb: \xff", "line 2: is not UTF-8 text"),
-        ("a: 1".encode("utf-16"), "line 1: is not UTF-8 text"),
-        (b"a: [", "is not YAML"),
-        (b"a: 1\na: 2", "line 2, column 1: key 'a' is given twice"),
+    for content, line in (
+        (b"a: 1\nb: \xff", "line 2"),
+        ("a: 1".encode("utf-16"), "line 1"),
+        (b"a: [", "line 2, column 1"),
+        (b"a: 1\na: 2", "line 2, column 1"),
     ):
         path.write_bytes(content)
-        with pytest.raises(YamlError, match=rf"^{path}: .*{words}"):
+        with pytest.raises(YamlError) as error:
             read_yaml_file(path)
+        assert error.value.place == f"{path}: {line}"
     with pytest.raises(IsADirectoryError):
         read_yaml_file(tmp_path)
     monkeypatch.setattr(settings_yaml, "MOST_BYTES", 4)
     path.write_text("a: 1")
     assert read_yaml_file(path) == {"a": 1}
     path.write_text("a: 12")
-    with pytest.raises(YamlError, match="has more than 4 bytes"):
+    with refused((str(path), "", "")):
         read_yaml_file(path)

@@ -103,10 +103,10 @@ def datasheet(name: str) -> Datasheet:
     names = {_bare(known): known for known in catalogue()}
     if _bare(name) in names:
         return catalogue()[names[_bare(name)]]
-    hint = f"allowed are {', '.join(catalogue())}"
     if close := difflib.get_close_matches(_bare(name), names, n=3):
         hint = f"did you mean {' or '.join(names[key] for key in close)}?"
-    raise ValueError(f"no LiDAR is called {name!r}; {hint}")
+        raise InputError(f"no LiDAR is called {name!r}", fix=hint)
+    raise InputError(f"no LiDAR is called {name!r}", expected=f"one of {', '.join(catalogue())}")
 
 
 @cache
@@ -114,13 +114,11 @@ def _at_rate(sheet: Datasheet, told: str) -> Datasheet:
     """The same LiDAR at another rate, such as "20hz"."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*hz", told.strip().lower())
     if found is None or not RATES[0] <= float(found[1]) <= RATES[1]:
-        raise InputError(
-            f"rate of {sheet.name}",
-            expected=f"{RATES[0]} to {RATES[1]} Hz, such as {sheet.name}@20hz",
-            found=repr(told),
-        )
+        allowed = f"{RATES[0]} to {RATES[1]} Hz, such as {sheet.name}@20hz"
+        raise InputError(f"rate of {sheet.name}", expected=allowed, found=repr(told))
     if sheet.rosette is not None:
-        raise ValueError(f"{sheet.name} has a pattern that does not turn; leave @{told} out")
+        wrong = f"{sheet.name} has a pattern that does not turn"
+        raise InputError(wrong, fix=f"leave @{told} out")
     steps = round(sheet.azimuth_steps * FRAMES_PER_S / float(found[1]))
     name = f"{sheet.name}@{float(found[1]):g}hz"
     return sheet.model_copy(update={"name": name, "azimuth_steps": steps})
