@@ -232,7 +232,7 @@ def test_a_stride_thins_the_rays_and_weighs_them(counts):
     assert thinned(RIG, 1) == RIG
     for view in ((0.0, 1.0), (-1.0, 1.0), (2.0, 4.5)):
         assert ray_weight(RIG.with_lidar(replace(LIDAR, azimuth=view)), 4) == 4
-    with pytest.raises(ValueError, match="azimuth_stride must be at least 1, found 0"):
+    with pytest.raises(ValueError, match="azimuth_stride must be at least 1; found 0"):
         ray_counts(RIG, ROI, "dda", azimuth_stride=0)
     with pytest.raises(ValueError, match="none of the 1 azimuth steps"):
         thinned(RIG.with_lidar(replace(LIDAR, azimuth=(1.0, 1.1))), 10**6)

@@ -120,7 +120,7 @@ def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_pat
     assert told == [
         ((0,), "in black: what.reflectivity: LiDAR 0: has no range_10; "
                "set it, or remove this key"),
-        ((1,), "in fog: also_when: LiDAR 1: min_range must be within [0, range), found 0.5"),
+        ((1,), "in fog: also_when: LiDAR 1: min_range must be within [0, range); found 0.5"),
     ]  # fmt: skip
     assert all(math.isnan(v.excess) for v in studio.violations())
     assert studio.too_little("in black") is None
