@@ -14,6 +14,7 @@ from single_rays import voxels_of_rays
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import rays
 from lidarplace.coverage.rays import covered_by_rays, log_miss, ray_counts, ray_weight, thinned
+from tests.refused import refused
 
 ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)
 GRID = (ROI.minimum, ROI.resolution, ROI.shape)
@@ -232,7 +233,7 @@ def test_a_stride_thins_the_rays_and_weighs_them(counts):
     assert thinned(RIG, 1) == RIG
     for view in ((0.0, 1.0), (-1.0, 1.0), (2.0, 4.5)):
         assert ray_weight(RIG.with_lidar(replace(LIDAR, azimuth=view)), 4) == 4
-    with pytest.raises(ValueError, match="azimuth_stride must be at least 1; found 0"):
+    with refused(("", "azimuth_stride", "0")):
         ray_counts(RIG, ROI, "dda", azimuth_stride=0)
     with pytest.raises(ValueError, match="none of the 1 azimuth steps"):
         thinned(RIG.with_lidar(replace(LIDAR, azimuth=(1.0, 1.1))), 10**6)
