@@ -20,7 +20,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 def check_method(method: str) -> None:
     """Raise ValueError unless `method` is one of METHODS."""
     if method not in METHODS:
-        raise InputError(f"method must be one of {', '.join(METHODS)}", found=repr(method))
+        raise InputError(key="method", expected=", ".join(METHODS), found=repr(method))
 
 
 def rays_of(method: Method) -> RayMethod:

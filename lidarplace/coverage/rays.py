@@ -89,7 +89,7 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
 
     Raises ValueError if the stride is below 1, or none of the steps is in the field of view."""
     if azimuth_stride < 1:
-        raise InputError("azimuth_stride must be at least 1", found=azimuth_stride)
+        raise InputError(key="azimuth_stride", expected="at least 1", found=azimuth_stride)
     return placement.each_lidar(lambda lidar: lidar.thinned(1 / azimuth_stride))
 
 

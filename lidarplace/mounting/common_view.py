@@ -110,9 +110,8 @@ def check_pairs(asked: CommonView, sensors: int) -> None:
     """Raise ValueError if a rig has not all sensors that are named."""
     most = max(max(pair) for pair in pairs_asked(asked, sensors) or [(0, 0)])
     if most >= sensors:
-        raise InputError(
-            "unknown sensor", key="common_view.pairs", expected=f"1 to {sensors}", found=most + 1
-        )
+        known = f"sensors from 1 to {sensors}"
+        raise InputError(key="common_view.pairs", expected=known, found=most + 1)
 
 
 def common_view(

@@ -28,9 +28,7 @@ class MountingErrors:
 
     def __post_init__(self) -> None:
         if not (0 <= self.offset < math.inf and 0 <= self.angle < math.inf):
-            raise InputError(
-                "mounting errors need finite offset and angle of at least 0", found=self
-            )
+            raise InputError("offset and angle must be finite and at least 0", found=self)
 
     def __bool__(self) -> bool:
         return self.offset > 0 or self.angle > 0

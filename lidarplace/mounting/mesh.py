@@ -63,17 +63,15 @@ class Mesh:
         vertices = np.array(self.vertices, np.float64).reshape(-1, 3)
         faces = np.asarray(self.faces).reshape(-1, 3)
         if not np.isfinite(vertices).all():
-            raise ValueError("a mesh needs finite coordinates")
+            raise InputError(key="vertices", expected="finite coordinates")
         outside = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
         if outside.any():
-            raise InputError(
-                f"a triangle of a mesh has vertices {faces[outside][0].tolist()}",
-                expected=f"numbers from 0 to {len(vertices) - 1}",
-            )
+            most, face = len(vertices) - 1, faces[outside][0].tolist()
+            raise InputError(key="faces", expected=f"vertices from 0 to {most}", found=face)
         faces = faces.astype(np.int32)
         faces = faces[np.linalg.norm(_area_vectors(vertices[faces]), axis=1) > 0]
         if not len(faces):
-            raise InputError("a mesh needs triangles that have an area", found="none")
+            raise InputError(key="faces", expected="triangles that have an area", found="none")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.atomic import first_line
 from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
@@ -64,48 +64,39 @@ def read_mesh(
 
     with regular(path).open("rb"):  # trimesh says of what it cannot open that it is no known format
         pass
-    with _reports() as told:
+    with at(path), _reports() as told:
         try:
             read: Any = trimesh.load(path, force="mesh", process=False)
         except ModuleNotFoundError:
             raise
         except Exception as error:  # readers of formats raise whatever comes
-            raise InputError(f"not a readable mesh: {first_line(error)}", place=path) from None
-    for record in told:
-        if not _LOOKS.search(record.getMessage()):
-            raise InputError(f"is a damaged mesh: {record.getMessage()}", place=path)
-    if len(read.faces) > MOST_TRIANGLES:
-        raise InputError(
-            f"{len(read.faces):,} triangles",
-            place=path,
-            expected=f"at most {MOST_TRIANGLES:,}",
-            fix="simplify the mesh",
-        )
+            raise InputError(f"not a readable mesh: {first_line(error)}") from None
     turn = np.eye(3) if rotation is None else rotation
-    try:
-        with np.errstate(all="ignore"):  # numbers like 1e300, which the size check below reports
+    with at(path):
+        for record in told:
+            if not _LOOKS.search(record.getMessage()):
+                raise InputError("is a damaged mesh", found=record.getMessage())
+        if (count := len(read.faces)) > MOST_TRIANGLES:
+            most = f"at most {MOST_TRIANGLES:,} triangles"
+            raise InputError(expected=most, found=f"{count:,}", fix="simplify the mesh")
+        with np.errstate(all="ignore"):  # numbers like 1e300, which `_check_size` reports
             mesh = Mesh(scale * np.asarray(read.vertices) @ turn.T + origin, np.asarray(read.faces))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    low, high = mesh.triangles.min(axis=(0, 1)), mesh.triangles.max(axis=(0, 1))
-    sides = " by ".join(f"{side:,.3g}" for side in high - low)
-    if not SHORTEST_M <= (high - low).max() <= LONGEST_M:
-        raise InputError(
-            f"is {sides} m; a vehicle has {SHORTEST_M:g} to {LONGEST_M:g} m; scale is the "
-            "metres of a unit of the file, 0.001 for millimetres",
-            place=path,
-        )
-    if low[2] < -DEEPEST_M:
-        raise InputError(
-            f"is {sides} m and reaches {-low[2]:.3g} m under the ground; origin is where the "
-            "file's origin is in the ego frame, and roll_deg: 90 turns a file whose y axis "
-            "points up",
-            place=path,
-        )
-    if np.abs([low[:2], high[:2]]).max() > LONGEST_M:
-        raise InputError(
-            f"is up to {np.abs([low[:2], high[:2]]).max():,.3g} m from the middle of the "
-            "vehicle; origin is where the file's origin is in the ego frame",
-            place=path,
-        )
+        _check_size(mesh)
     return mesh
+
+
+def _check_size(mesh: Mesh) -> None:
+    low, high = mesh.triangles.min(axis=(0, 1)), mesh.triangles.max(axis=(0, 1))
+    sides = " by ".join(f"{side:,.3g}" for side in high - low) + " m"
+    if not SHORTEST_M <= (high - low).max() <= LONGEST_M:
+        longest = f"a longest side of {SHORTEST_M:g} to {LONGEST_M:g} m"
+        unit = "scale is the metres of a unit of the file, 0.001 for millimetres"
+        raise InputError(expected=longest, found=sides, fix=unit)
+    origin = "origin is where the file's origin is in the ego frame"
+    if low[2] < -DEEPEST_M:
+        deepest, found = f"at most {DEEPEST_M:g} m under the ground", f"{-low[2]:.3g} m ({sides})"
+        turned = f"{origin}; roll_deg: 90 turns a file whose y axis points up"
+        raise InputError(expected=deepest, found=found, fix=turned)
+    if (far := np.abs([low[:2], high[:2]]).max()) > LONGEST_M:
+        farthest = f"at most {LONGEST_M:g} m from the middle of the vehicle"
+        raise InputError(expected=farthest, found=f"{far:,.3g} m", fix=origin)

@@ -24,10 +24,10 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
     Raises ValueError for no vertex, one that is not finite, or edges that cross or touch."""
     rounded = [(round(float(x), GRID_DIGITS), round(float(y), GRID_DIGITS)) for x, y in vertices]
     if not rounded:
-        raise InputError("a polygon needs at least one vertex", found="none")
+        raise InputError(key="polygon", expected="at least one vertex", found="none")
     for vertex in rounded:
         if not all(map(math.isfinite, vertex)):
-            raise InputError("a polygon needs finite vertices", found=vertex)
+            raise InputError(key="polygon", expected="finite vertices", found=vertex)
     result = tuple(a for a, b in _edges(tuple(rounded)) if a != b) or (rounded[0],)
     first, last = min(result), max(result)
     length = math.dist(first, last)
@@ -36,10 +36,8 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
     clash = _clash(result)
     if clash:
         (a, b), (c, d) = clash
-        raise InputError(
-            "a polygon needs edges that meet at their ends only",
-            found=f"{a} to {b} and {c} to {d} in contact",
-        )
+        touch = f"{a} to {b} and {c} to {d} in contact"
+        raise InputError(key="polygon", expected="edges that meet at their ends only", found=touch)
     return result
 
 
@@ -98,7 +96,8 @@ def above_x_axis(vertices: Polygon) -> Polygon | None:
     try:
         return polygon(_without_spikes(kept))
     except ValueError:  # what joins the pieces runs along y = 0, to and fro
-        raise ValueError("the part of the polygon with y > 0 is in several pieces") from None
+        one, fix = "one piece with y > 0", "split the zone"
+        raise InputError(expected=one, found="several", fix=fix) from None
 
 
 def _without_spikes(vertices: list[Vertex]) -> list[Vertex]:

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.mesh import Mesh, depths
 from lidarplace.mounting.zone import Zone, position
@@ -42,19 +42,14 @@ class Vehicle:
         boxes = np.array(self.boxes, np.float64)
         if boxes.size == 0:
             boxes = np.empty((0, 2, 3))
-        if boxes.ndim != 3 or boxes.shape[1:] != (2, 3):
-            raise InputError(
-                f"vehicle {self.name!r}: boxes need a lower and an upper corner (x, y, z) "
-                "each, shape (n, 2, 3)",
-                found=f"shape {boxes.shape}",
-            )
-        bad = ~(np.isfinite(boxes).all(axis=(1, 2)) & (boxes[:, 0] <= boxes[:, 1]).all(axis=1))
-        if bad.any():
-            number = int(bad.argmax())
-            raise InputError(
-                f"vehicle {self.name!r}: box {number} needs finite corners, the lower one first",
-                found=boxes[number].tolist(),
-            )
+        with at(f"vehicle {self.name!r}"):
+            if boxes.ndim != 3 or boxes.shape[1:] != (2, 3):
+                corners = "a lower and an upper corner (x, y, z) of each, shape (n, 2, 3)"
+                raise InputError(key="boxes", expected=corners, found=f"shape {boxes.shape}")
+            finite = np.isfinite(boxes).all(axis=(1, 2))
+            for n in np.flatnonzero(~(finite & (boxes[:, 0] <= boxes[:, 1]).all(axis=1))):
+                corners = "finite corners, the lower one first"
+                raise InputError(key=f"boxes[{n}]", expected=corners, found=boxes[n].tolist())
         object.__setattr__(self, "boxes", boxes)
 
     @classmethod

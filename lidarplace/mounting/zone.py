@@ -12,7 +12,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.number_text import point
 from lidarplace.base.roi import Interval
 from lidarplace.mounting.polygon import NANOMETRE, Polygon, above_x_axis, nearest, polygon, sections
@@ -42,16 +42,12 @@ class Zone:
     z: Interval
 
     def __post_init__(self) -> None:
-        try:
-            object.__setattr__(self, "polygon", polygon(self.polygon))
-        except ValueError as error:
-            raise ValueError(f"zone {self.name!r}: {error}") from None
         low, high = (float(height) for height in self.z)
         object.__setattr__(self, "z", (low, high))
-        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            raise InputError(
-                f"zone {self.name!r}: z needs finite low <= high", found=f"[{low}, {high}]"
-            )
+        with at(f"zone {self.name!r}"):
+            object.__setattr__(self, "polygon", polygon(self.polygon))
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise InputError(key="z", expected="finite low <= high", found=f"[{low}, {high}]")
 
     @classmethod
     def box(cls, name: str, x: Interval, y: Interval, z: Interval) -> Zone:
@@ -71,7 +67,7 @@ def position(zone: Zone, u: float, v: float, w: float) -> tuple[float, float, fl
     Onto the zone. x grows with u over the zone's length; y grows with v over its width at that x,
     without the gaps where the polygon is not convex; z grows with w."""
     if not all(0 <= share <= 1 for share in (u, v, w)):
-        raise InputError("shares must lie within [0, 1]", found=(u, v, w))
+        raise InputError("shares must be within [0, 1]", found=(u, v, w))
     x, widths = _section(zone, _between(zone.x, u))
     ends = _ends(widths)
     i = bisect_left(ends, v, lo=1) - 1
@@ -86,10 +82,8 @@ def shares(zone: Zone, x: float, y: float, z: float) -> tuple[float, float, floa
     ValueError if it is more than TOLERANCE away."""
     outside = distance(zone, x, y, z)
     if not outside <= TOLERANCE:
-        raise ValueError(
-            f"{point(x, y, z)} lies {outside:.4g} m outside of zone {zone.name!r}, "
-            f"expected a point of the zone"
-        )
+        found = f"{point(x, y, z)}, {outside:.4g} m outside"
+        raise InputError(place=f"zone {zone.name!r}", expected="a point of the zone", found=found)
     x, y = nearest(zone.polygon, _snapped(zone, x), y)
     x, widths = _section(zone, min(max(x, zone.x[0]), zone.x[1]))
     i = min(range(len(widths)), key=lambda i: max(widths[i][0] - y, y - widths[i][1]))
@@ -118,7 +112,8 @@ def grid(zone: Zone, step: float) -> NDArray[np.float64]:
     across it at that x. So no part is too narrow for a candidate, and a zone that is symmetric to
     the plane y = 0 has symmetric candidates. Boundaries are included where they are a multiple."""
     if not (math.isfinite(step) and step > 0):
-        raise InputError(f"zone {zone.name!r}: step must be a positive length", found=step)
+        place = f"zone {zone.name!r}"
+        raise InputError(place=place, key="step", expected="a positive length", found=step)
     heights = _levels(zone.z, step)
     points = []
     for level in _levels(zone.x, step):
@@ -131,10 +126,8 @@ def left_half(zone: Zone) -> Zone | None:
     """The part with y > 0 and its boundary, or else that with y = 0; None if there is neither.
     Raises ValueError if it is in several pieces, as never in a zone symmetric to the plane y =
     0."""
-    try:
+    with at(f"zone {zone.name!r}"):
         part = above_x_axis(zone.polygon)
-    except ValueError as error:
-        raise ValueError(f"zone {zone.name!r}: {error}, expected one; split the zone") from None
     return replace(zone, polygon=part) if part else on_centre_line(zone)
 
 
@@ -143,10 +136,8 @@ def on_centre_line(zone: Zone) -> Zone | None:
     `left_half`."""
     intervals = sections(zone.polygon, 1, 0.0)
     if len(intervals) > 1:
-        raise ValueError(
-            f"zone {zone.name!r}: the part with y = 0 is in {len(intervals)} pieces, "
-            "expected one; split the zone"
-        )
+        place, one, fix = f"zone {zone.name!r}", "one piece with y = 0", "split the zone"
+        raise InputError(place=place, expected=one, found=len(intervals), fix=fix)
     return replace(zone, polygon=tuple((x, 0.0) for x in intervals[0])) if intervals else None
 
 

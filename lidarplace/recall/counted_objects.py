@@ -111,9 +111,9 @@ class CountedObjects:
             vehicle: carries the LiDARs; None: a sedan.
         """
         if frames is not None and frames < 1:
-            raise InputError("frames must be at least 1", found=frames)
+            raise InputError(key="frames", expected="at least 1", found=frames)
         if not 0 < azimuth_share <= 1:
-            raise InputError("azimuth_share must be within (0, 1]", found=azimuth_share)
+            raise InputError(key="azimuth_share", expected="a share in (0, 1]", found=azimuth_share)
         some = evenly(log.frames.reset_index(drop=True), frames)
         boxes = log.boxes[log.boxes["frame"].isin(some["frame"])].reset_index(drop=True)
         log = replace(log, boxes=boxes, frames=some)

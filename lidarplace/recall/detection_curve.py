@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lidarplace.base.errors import InputError
+from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import read_text, write_text
 
 CELL_M = 0.2
@@ -55,7 +56,7 @@ class DetectionCurves(BaseModel):
         known = [(curve.object_class, curve.iou) for curve in self.curves]
         twice = {key for key in known if known.count(key) > 1}
         if twice:
-            raise ValueError(f"there are two curves of {sorted(twice)[0]}")
+            raise InputError("duplicate curve", key="curves", found=sorted(twice)[0])
         return self
 
     def has(self, object_class: str, iou: float) -> bool:
@@ -73,10 +74,8 @@ class DetectionCurves(BaseModel):
             if curve.object_class == object_class and curve.iou == iou:
                 return curve
         known = ", ".join(f"{curve.object_class} at {curve.iou:g}" for curve in self.curves)
-        raise ValueError(
-            f"no detection curve of {object_class} at IoU {iou:g}; there are {known}; "
-            "lidarplace calibrate makes others"
-        )
+        asked, fix = f"{object_class} at {iou:g}", "lidarplace calibrate makes others"
+        raise InputError("no detection curve", expected=known, found=asked, fix=fix)
 
 
 def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> DetectionCurve:
@@ -122,9 +121,7 @@ def read_curves(path: Path) -> DetectionCurves:
     try:
         return DetectionCurves.model_validate_json(read_text(path))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{key + ': ' if key else ''}{first['msg']}", place=path) from None
+        raise fault(error, str(path)) from None
 
 
 def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> None:

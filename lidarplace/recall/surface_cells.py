@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.hashed import stream_of, uniform
 from lidarplace.clouds.raycast import (
@@ -122,10 +123,8 @@ def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
     slices = np.maximum(np.ceil(geometry[:, 3:6] / cell - 1e-9), 1.0)
     most = slices.prod(axis=1).max(initial=1.0)
     if most > MOST_CELLS:
-        raise ValueError(
-            f"a box has {most:.3g} cells of {cell:g} m, allowed are {MOST_CELLS:,}; "
-            "its size is wrong, or the cells of the curve are too small"
-        )
+        limit, fix = f"at most {MOST_CELLS:,} cells of a box", "correct its size, or their edge"
+        raise InputError(expected=limit, found=f"{most:.3g} of {cell:g} m", fix=fix)
     return slices.astype(np.int64)
 
 

@@ -38,17 +38,14 @@ class Area:
             y = (min(self.y)[0], max(high for _, high in self.y))
         if self.distance is not None:
             if not len(vehicle.extents):
-                raise InputError(
-                    "is from the vehicle's body, and the vehicle has none", key="where.distance"
-                )
+                raise InputError(key="where.distance", expected="a vehicle with a body")
             low, high = vehicle.extents[:, 0].min(axis=0), vehicle.extents[:, 1].max(axis=0)
             far = self.distance[1]
             x = max(x[0], low[0] - far), min(x[1], high[0] + far)
             y = max(y[0], low[1] - far), min(y[1], high[1] + far)
         if not all(map(math.isfinite, (*x, *y))):
-            raise InputError(
-                "has no end", key="where", fix="name a distance, or both x and y (or lanes)"
-            )
+            fix = "name a distance, or both x and y (or lanes)"
+            raise InputError("has no end", key="where", fix=fix)
         if x[0] > x[1] or y[0] > y[1]:
             raise InputError("is empty: no place is within all of its limits", key="where")
         return (float(x[0]), float(x[1])), (float(y[0]), float(y[1]))
@@ -92,10 +89,8 @@ def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
     sides = area.sides(vehicle)
     numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]
     if math.prod(numbers) > MOST_POSITIONS:
-        raise InputError(
-            f"{step:g} m makes {math.prod(numbers):,} positions, allowed are {MOST_POSITIONS:,}",
-            key="step",
-        )
+        most, found = f"at most {MOST_POSITIONS:,} positions", f"{math.prod(numbers):,}"
+        raise InputError(key="step", expected=most, found=f"{found} at {step:g} m")
     x, y = (np.linspace(*side, number) for side, number in zip(sides, numbers, strict=True))
     held = area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():

@@ -47,18 +47,14 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
     positions = grid_over(requirement.area, vehicle, requirement.step)
     points = positions.points
     if len(points) * placed.headings > MOST_OBJECTS:
-        raise InputError(
-            f"{placed.headings} headings at {len(points):,} positions, allowed are "
-            f"{MOST_OBJECTS:,} objects",
-            key="what",
-        )
+        most = f"at most {MOST_OBJECTS:,} objects"
+        found = f"{placed.headings} headings at {len(points):,} positions"
+        raise InputError(key="what", expected=most, found=found)
     boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
     boxes = _outside(vehicle, boxes, placed, points)
     free = ~np.isnan(boxes[:, :, 0]).all(axis=0)
     if not free.any():
-        raise InputError(
-            "lies inside the vehicle: at each position the object would be within it", key="where"
-        )
+        raise InputError("the object is inside the vehicle at each position", key="where")
     held = positions.held.copy()
     held[held] = free
     boxes = boxes[:, free]
@@ -83,10 +79,8 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
     sides = (*requirement.area.sides(vehicle), requirement.heights)
     numbers = [max(1, math.ceil((high - low) / step - 1e-9)) for low, high in sides]
     if math.prod(numbers) > MOST_VOXELS:
-        raise InputError(
-            f"{step:g} m makes {math.prod(numbers):,} voxels, allowed are {MOST_VOXELS:,}",
-            key="step",
-        )
+        most, found = f"at most {MOST_VOXELS:,} voxels", f"{math.prod(numbers):,} of {step:g} m"
+        raise InputError(key="step", expected=most, found=found)
     # What does not fit is spread over both sides, so that symmetry stays; the bottom stays, too.
     dx, dy, dz = (n * step - (high - low) for (low, high), n in zip(sides, numbers, strict=True))
     (x0, x1), (y0, y1), (z0, z1) = sides
@@ -96,5 +90,5 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
     if not held.any():
         raise InputError("is empty: no place is within all of its limits", key="where")
     if voxels_in_body(vehicle, roi)[held].all():
-        raise InputError("lies inside the vehicle", key="where")
+        raise InputError("is inside the vehicle", key="where")
     return Laid(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, window
 from lidarplace.clouds.raycast import (
@@ -142,10 +143,9 @@ def missed_cells(
 def _cells_of(boxes: NDArray[np.float64], cell: float) -> int:
     cells = int(slices_of(boxes[:1], cell).prod())
     if cells > MOST_CELLS:
-        raise ValueError(
-            f"an object has {cells:,} cells of {cell:g} m, allowed are {MOST_CELLS:,}; make it "
-            "smaller, or ask for points"
-        )
+        most, fix = f"at most {MOST_CELLS:,}", "make it smaller, or ask for points"
+        found = f"{cells:,} of {cell:g} m"
+        raise InputError(key="cells of an object", expected=most, found=found, fix=fix)
     return cells
 
 

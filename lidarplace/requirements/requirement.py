@@ -86,12 +86,9 @@ def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
     there are too many sets."""
     dead = min(dead, sensors)
     if (sets := math.comb(sensors, dead)) > MOST_DEAD:
-        raise InputError(
-            "too many cases",
-            expected=f"at most {MOST_DEAD:,} sets of {dead} dead sensors",
-            found=f"{sets:,} of {sensors} sensors",
-            fix="lower sensors_dead",
-        )
+        most = f"at most {MOST_DEAD:,} sets of {dead} dead sensors"
+        found = f"{sets:,} of {sensors} sensors"
+        raise InputError(expected=most, found=found, fix="lower sensors_dead")
     return list(combinations(range(sensors), dead))
 
 

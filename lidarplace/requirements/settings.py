@@ -54,7 +54,7 @@ LANES = ("right", "own", "left")
 
 def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
     if not interval[0] < interval[1]:
-        raise ValueError("allowed is [min, max] with min < max")
+        raise InputError(expected="[min, max] with min < max")
     return interval
 
 
@@ -63,7 +63,7 @@ def _direction(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     if value not in SECTORS:
-        raise ValueError(f"allowed are {', '.join(SECTORS)} and [from, to] in degrees")
+        raise InputError(expected=f"one of {', '.join(SECTORS)}, or [from, to] in degrees")
     return bounds_of(SECTORS.index(value))
 
 
@@ -95,11 +95,9 @@ class WhereSettings(Settings):
 
     @model_validator(mode="after")
     def _one_way(self) -> WhereSettings:
-        others = self.model_fields_set - {"preset", "z"}
+        others = ", ".join(sorted(self.model_fields_set - {"preset", "z"}))
         if self.preset is not None and others:
-            raise InputError(
-                "excludes other keys", key="preset", fix=f"remove {', '.join(sorted(others))}"
-            )
+            raise InputError("excludes other keys", key="preset", fix=f"remove {others}")
         if self.lanes is not None and self.y is not None:
             raise InputError("exclude y", key="lanes", fix="remove one of the two")
         return self
@@ -143,7 +141,7 @@ class WhatSettings(Settings):
     def _has_a_size(self) -> WhatSettings:
         missing = [key for key in ("length", "width", "height") if getattr(self, key) is None]
         if self.object_class is None and missing:
-            raise ValueError(f"set a class, or {', '.join(missing)}, too")
+            raise InputError(expected=f"a class, or {', '.join(missing)}, too")
         return self
 
     def placed(self) -> PlacedObject:
@@ -190,22 +188,16 @@ class AtLeastSettings(Settings):
         named = [key for key, _ in self.needs]
         of_lidars = [key for key in named if key not in KIND_OF]
         if not named or len(of_lidars) > 1:
-            raise ValueError("set one of points, cells, probability and coverage, pixels or reach")
+            one = "one of points, cells, probability and coverage, pixels or reach"
+            raise InputError(expected=one, found=", ".join(named) or "none")
         if "coverage" in named and (len(named) > 1 or self.kinds > 1):
-            raise InputError(
-                "applies to LiDARs only", key="coverage", fix="remove pixels, reach and kinds"
-            )
+            raise InputError("for LiDARs only", key="coverage", fix="remove pixels, reach, kinds")
         if self.kinds > len(named):
-            raise InputError(
-                key="kinds",
-                expected=f"at most {len(named)}, as many as have a measure (a measure of "
-                "LiDARs, pixels, reach)",
-                found=self.kinds,
-            )
+            most = f"at most {len(named)}, a measure for each (of LiDARs, pixels, reach)"
+            raise InputError(key="kinds", expected=most, found=self.kinds)
         if (self.sensors or self.kinds) < self.kinds:
-            raise InputError(
-                key="sensors", expected=f"at least kinds, {self.kinds}", found=self.sensors
-            )
+            least = f"at least kinds, {self.kinds}"
+            raise InputError(key="sensors", expected=least, found=self.sensors)
         return self
 
     @property
@@ -236,7 +228,7 @@ class MountsOffSettings(OffsetSettings):
     @model_validator(mode="after")
     def _some(self) -> MountsOffSettings:
         if not self.errors():
-            raise ValueError("name offset or angle_deg; both are 0")
+            raise InputError(expected="offset or angle_deg above 0")
         return self
 
 
@@ -267,7 +259,7 @@ class AlsoWhenSettings(Settings):
     @model_validator(mode="after")
     def _dead_once(self) -> AlsoWhenSettings:
         if self.one_lidar_dead and self.sensors_dead is not None:
-            raise ValueError("one_lidar_dead and sensors_dead: set only one of the two")
+            raise InputError("excludes sensors_dead", key="one_lidar_dead", fix="remove one")
         return self
 
 
@@ -331,24 +323,21 @@ class RequirementSettings(Settings):
             others = self.model_fields_set - {"name", "common_view"}
             if others:
                 named = sorted(str(type(self).model_fields[own].alias or own) for own in others)
-                raise InputError(
-                    "excludes other keys", key="common_view", fix=f"remove {', '.join(named)}"
-                )
+                fix = f"remove {', '.join(named)}"
+                raise InputError("excludes other keys", key="common_view", fix=fix)
             return self
         assert self.at_least is not None
         assert self.where is not None
         if self.at_least.measure == "coverage":
-            if self.what is not None or "share" in self.model_fields_set:
-                raise InputError(
-                    "coverage counts all voxels", key="at_least", fix="remove what and for"
-                )
-            return self
+            if self.what is None and "share" not in self.model_fields_set:
+                return self
+            raise InputError("coverage counts all voxels", key="at_least", fix="remove what, for")
         if "z" in self.where.model_fields_set:
-            raise InputError("applies to coverage only; an object is on the ground", key="where.z")
+            raise InputError("for coverage only; an object is on the ground", key="where.z")
         if self.what is None:
-            raise InputError(f"missing; {self.at_least.measure} need an object", key="what")
+            raise InputError(key="what", expected=f"an object for {self.at_least.measure}")
         if self.at_least.probability is not None and self.what.object_class is None:
-            raise InputError("a probability needs a class, which has a detection curve", key="what")
+            raise InputError(key="what", expected="a class with a detection curve, for probability")
         return self
 
     def not_of(self, lidar: Lidar) -> tuple[str, str] | None:
@@ -396,8 +385,6 @@ def _of_presets(value: Any) -> Any:
         return value
     found: list[Any] = []
     for own in [value] if isinstance(value, str) else value:
-        if isinstance(own, str) and own not in PRESETS:
-            raise InputError(f"no preset {own!r}", expected=f"one of {', '.join(PRESETS)}")
         found += preset_file(own).requirements if isinstance(own, str) else (own,)
     return found
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from cachetools import LRUCache
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import BoxLog, read_boxes, read_frames
 from lidarplace.scenes.sumo.record import record
 from lidarplace.scenes.sumo.settings import SumoScene
@@ -33,8 +34,8 @@ class LogFrames:
     def check(self, number: int) -> None:
         """Raise ValueError if the log has no such frame."""
         if number not in self._place:
-            listed = f"{len(self.numbers)} frames, {min(self.numbers)} to {max(self.numbers)}"
-            raise ValueError(f"no frame {number}; the log has {listed}")
+            known = f"one of {len(self.numbers)} frames, {min(self.numbers)} to {max(self.numbers)}"
+            raise InputError(key="frame", expected=known, found=number)
 
     def log_of(self, number: int) -> BoxLog:
         """A part of the log with this frame. Raises ValueError: it is not there, or unreadable."""

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from lidarplace.base.errors import at
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.placement import MountSettings, PlacementSettings
 from lidarplace.configuration.settings import fault
@@ -71,10 +72,8 @@ class Rig:
         """The rig of a mapping with `mounts` and `convention`. Raises as `MountedLidar` does."""
         lidars = []
         for number, mount in enumerate(written.get("mounts", ())):
-            try:
+            with at(f"mounts[{number}]"):
                 lidars.append(MountedLidar(mount, folder=folder))
-            except ValueError as error:
-                raise ValueError(f"mounts[{number}].{error}") from None
         further = {key: written[key] for key in ("cameras", "radars") if key in written}
         return cls(name, tuple(lidars), written.get("convention") == "carla", further)
 

@@ -13,7 +13,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import at
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
@@ -128,10 +128,8 @@ class RigsFile:
         """The requirements, laid out around the body. Raises ValueError if one cannot be."""
         laid, curves = [], default_curves()
         for own in self.settings.requirements:
-            try:
+            with at(self.path), at(f"requirements {own.name!r}"):
                 laid.append(lay_out(own.requirement(self.body, curves), self.body))
-            except ValueError as error:
-                raise InputError(f"requirements {own.name!r}: {error}", place=self.path) from None
         return tuple(laid)
 
     def text_with(self, rigs: Sequence[Rig]) -> str:

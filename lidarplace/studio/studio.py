@@ -132,14 +132,14 @@ class Studio:
         """Select another rig. Raises ValueError if there is none of that name."""
         names = [rig.name for rig in self.rigs]
         if name not in names:
-            raise ValueError(f"no rig {name!r}; there are {', '.join(names)}")
+            raise InputError("no such rig", expected=", ".join(names), found=repr(name))
         with self._editing:
             self._history.do(replace(self._history.value, current=names.index(name)))
 
     def copy_rig(self, name: str) -> None:
         """Select a copy of the rig under another name. Raises ValueError: it is empty or taken."""
         if not name or name in [rig.name for rig in self.rigs]:
-            raise InputError("a rig needs a name of its own", found=repr(name))
+            raise InputError(key="rig", expected="a new name", found=repr(name))
         self._begun[name] = self._begun.get(self.rig.name, self.rig)
         rigs = (*self.rigs, replace(self.rig, name=name))
         with self._editing:

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import OBJECTS_M, blind_lidars
 from lidarplace.mounting.body_share import body_share
@@ -178,7 +179,7 @@ def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
 def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:
     """Raise ValueError if a sweep would refuse the rig: a LiDAR inside of the body, or blind."""
     for one in (*_inside(rig, file), *blind(rig, file, roi)):
-        raise ValueError(f"rig {rig.name!r}: {one.text}")
+        raise InputError(one.text, place=f"rig {rig.name!r}")
 
 
 def unmet(outcomes: Sequence[Outcome]) -> Iterator[Violation]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import cast, expected_share
 from lidarplace.clouds.shade import ends_in_rig
@@ -61,7 +62,8 @@ def why_unseen(
     surroundings = Surroundings(frame.log)
     ids = frame.log.boxes["object_id"].iloc[surroundings.rows(number)].astype(str).tolist()
     if object_id not in ids:
-        raise ValueError(f"no object {object_id!r} in frame {number}; there are {', '.join(ids)}")
+        known, place = ", ".join(ids), f"frame {number}"
+        raise InputError("no such object", place=place, expected=known, found=repr(object_id))
     own = ids.index(object_id)
     object_class = surroundings.classes(number)[own]
     names = NAMES | dict(enumerate(ids)) | {PANE - n: known for n, known in enumerate(ids)}

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.correction import CorrectionFile
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLASSES, POINTS, points_of
@@ -116,10 +116,8 @@ def validate(
     if correction is None:
         mask = shadow()
         problem = Problem.of(objects, own, mask[own.lidar, own.sector])
-        try:
+        with at(folder / "boxes.parquet"):
             final, intervals = problem.fit(), problem.intervals()
-        except ValueError as error:
-            raise InputError(str(error), place=str(folder / "boxes.parquet")) from None
     else:
         problem = Problem.of(objects, own, np.ones(len(own.box)))
         final, intervals, mask = _given(correction), {}, _masks(correction, names)
@@ -165,48 +163,39 @@ def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
         found = sorted({own for own in ids if name and own.startswith(name)})
         if name not in found and len(found) != 1:
             raise InputError(
-                f"no single object {name!r}",
-                place=str(folder / "boxes.parquet"),
-                key="object_id",
+                f"no single object {name!r}", place=folder / "boxes.parquet", key="object_id",
                 expected="the object_id of one object, or its beginning",
                 found=", ".join(found[:2]) + (", …" if len(found) > 2 else "") or "none",
-            )
+            )  # fmt: skip
         gone.add(name if name in found else found[0])
     return replace(log, boxes=log.boxes[~ids.isin(gone)])
 
 
 def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
     """The rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
-    table, rigs = str(folder / "boxes.parquet"), str(folder / "rig.json")
+    table, rigs = folder / "boxes.parquet", folder / "rig.json"
     if not len(log.boxes):
-        raise InputError("no boxes", place=table, expected="boxes with real points")
+        raise InputError(place=table, expected="boxes with real points", found="no boxes")
     if POINTS not in log.boxes or log.boxes[POINTS].notna().sum() == 0:
-        raise InputError(
-            "no real points of any box", place=table, expected=f"a column {POINTS}",
-            fix="convert the data set again; with --clouds where it has no counts",
-        )  # fmt: skip
+        fix = "convert the data set again; with --clouds where it has no counts"
+        raise InputError(place=table, key=POINTS, expected="real points", found="none", fix=fix)
     counted = log.boxes.loc[log.boxes[POINTS].notna(), "scene"].unique()
     missing = [scene for scene in counted if scene not in log.rigs]
     if missing:
         raise InputError(
-            f"scene {missing[0]}: real points without the rig that recorded them",
-            place=rigs, expected=f"the rigs of {len(counted)} scenes",
-            found=f"{len(counted) - len(missing)}",
+            "real points without the rig that recorded them", place=rigs, key=f"scene {missing[0]}",
+            expected=f"the rigs of {len(counted)} scenes", found=len(counted) - len(missing),
             fix="convert the data set again with its calibration, or with --rig",
         )  # fmt: skip
-    try:
+    with at(rigs):
         rig = one_rig({scene: log.rigs[scene] for scene in counted})
-    except ValueError as error:
-        raise InputError(str(error), place=rigs) from None
     if unknown := sorted(set(points_of(log.boxes)) - set(rig.names)):
-        raise InputError(
-            f"real points of LiDAR {unknown[0]}, which is not in the rig",
-            place=table, expected=", ".join(rig.names), found=unknown[0],
-        )  # fmt: skip
+        known = f"real points of {', '.join(rig.names)}, the LiDARs of the rig"
+        raise InputError(place=table, key=POINTS, expected=known, found=unknown[0])
     frames = log.frames[log.frames["scene"].isin(counted)]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
     if not (boxes[POINTS] > 0).any():
-        raise InputError("every box has 0 real points", place=table)
+        raise InputError(place=table, key=POINTS, expected="real points", found="0 of every box")
     return rig, replace(log, boxes=boxes, frames=frames)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.clouds.points_in_boxes import MARGIN_M, count_points
@@ -47,8 +48,9 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
     rows = log.frames[log.frames["frame"] == number]
     if rows.empty:
         listed = log.frames["frame"]
-        what = f"{len(listed)} frames, {listed.min()} to {listed.max()}" if len(listed) else "none"
-        raise ValueError(f"no frame {number}; the log has {what}")
+        known = f"one of {len(listed)} frames, {listed.min()} to {listed.max()}"
+        known = known if len(listed) else "a log with frames"
+        raise InputError(key="frame", expected=known, found=number)
     row = rows.iloc[0]
     own = replace(
         log,

@@ -6,6 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tests.refused import refused
+
 pytest.importorskip("carla")
 from carla_world import MODELS, SLOPE_DEG, Server
 
@@ -161,10 +163,10 @@ def test_a_stopped_collection_goes_on_with_the_next_route(tmp_path, dies_at, col
 
 def test_another_scene_or_placement_needs_another_place(tmp_path):
     run(tmp_path, placements=[CENTER])
-    with pytest.raises(ValueError, match=r"scene\.json: density is 8, now 9"):
+    with refused(("scene.json", "density", "9"), "expected 8 "):
         run(tmp_path, scene=SCENE.model_copy(update={"density": 9}))
     other = Placement("center", [Mount(z=2.5)], LIDAR)
-    with pytest.raises(ValueError, match=r"placement\.json: mounts is"):
+    with refused(("placement.json", "mounts", "2.5")):
         run(tmp_path, placements=[other])
     # Where the server is does not matter.
     run(tmp_path, scene=SCENE.model_copy(update={"host": "elsewhere"}), placements=[CENTER])
@@ -226,17 +228,17 @@ def test_frames_are_left_out_until_the_ego_has_moved(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "message"),
+    ("key", "value", "told", "expected"),
     [
-        ("density", 25, "density 25: only 24 vehicles found room at the 24 starts of Town01"),
-        ("towns", ("Town06",), "no map Town06; it has Town01, Town03"),
-        ("ego", "vehicle.none", "no blueprint vehicle.none"),
-        ("routes", 25, "Town01 has 24 starts, too few for 25 routes"),
+        ("density", 25, ("Town01", "density", "25"), "at most 24"),
+        ("towns", ("Town06",), ("CARLA server", "map", "Town06"), "Town01, Town03"),
+        ("ego", "vehicle.none", ("", "ego", "vehicle.none"), ""),
+        ("routes", 25, ("Town01", "", "24"), "25 starts"),
     ],
 )
-def test_what_the_town_lacks(tmp_path, key, value, message):
+def test_what_the_town_lacks(tmp_path, key, value, told, expected):
     server = Server()
-    with pytest.raises(ValueError, match=message):
+    with refused(told, expected):
         run(tmp_path, server, SCENE.model_copy(update={key: value}), placements=[])
     assert all(not world.actors for world in server.worlds)
 

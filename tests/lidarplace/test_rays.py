@@ -233,7 +233,7 @@ def test_a_stride_thins_the_rays_and_weighs_them(counts):
     assert thinned(RIG, 1) == RIG
     for view in ((0.0, 1.0), (-1.0, 1.0), (2.0, 4.5)):
         assert ray_weight(RIG.with_lidar(replace(LIDAR, azimuth=view)), 4) == 4
-    with refused("azimuth_stride.*found 0"):
+    with refused(("", "azimuth_stride", "0")):
         ray_counts(RIG, ROI, "dda", azimuth_stride=0)
     with refused(("", "azimuth", "[1.0, 1.1)")):
         thinned(RIG.with_lidar(replace(LIDAR, azimuth=(1.0, 1.1))), 10**6)

@@ -100,15 +100,15 @@ def broken(folder):
     return [
         ("none.stl", "none.stl: No such file or directory"),
         ("log", "log: Is a directory"),
-        ("mm.stl", "is 4e+03 by 1.8e+03 by 1.3e+03 m; a vehicle has 0.5 to 40 m; scale is"),
-        ("tiny.stl", "is 0.004 by 0.0018 by 0.0013 m; a vehicle has 0.5 to 40 m"),
-        ("low.stl", "reaches 0.65 m under the ground; origin is where"),
-        ("away.stl", "is up to 62 m from the middle of the vehicle; origin is where"),
+        ("mm.stl", "side of 0.5 to 40 m, found 4e+03 by 1.8e+03 by 1.3e+03 m; scale is"),
+        ("tiny.stl", "side of 0.5 to 40 m, found 0.004 by 0.0018 by 0.0013 m"),
+        ("low.stl", "at most 0.5 m under the ground, found 0.65 m"),
+        ("away.stl", "from the middle of the vehicle, found 62 m; origin is where"),
         ("empty.stl", "empty.stl: "),
         ("text.obj", "text.obj: "),
         ("cut.stl", "cut.stl: "),
         ("body.xyz", "body.xyz: "),
-        ("line.obj", "a mesh needs triangles that have an area, found none"),
+        ("line.obj", "expected triangles that have an area, found none"),
         ("nan.obj", "nan.obj: "),
     ]
 
@@ -126,7 +126,7 @@ def test_wrong_files_are_one_line(folder):
 
 def test_too_many_triangles_and_no_trimesh(folder, monkeypatch):
     monkeypatch.setattr("lidarplace.mounting.mesh_file.MOST_TRIANGLES", 11)
-    told = r"body\.stl: 12 triangles; expected at most 11; simplify the mesh"
+    told = r"body\.stl: expected at most 11 triangles, found 12; simplify the mesh"
     with pytest.raises(ConfigError, match=told):
         read_sweep(sweep_file(folder))
     monkeypatch.setitem(sys.modules, "trimesh", None)

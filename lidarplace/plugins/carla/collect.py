@@ -61,7 +61,7 @@ def collect(
         for lidar in placement.lidars:
             check_possible(lidar, f"placement {name!r}: lidar")
         if not name or Path(name).name != name or name.startswith("."):
-            raise ValueError(f"placement {name!r}: its name must do for a folder")
+            raise InputError(place="placements", expected="names of folders", found=repr(name))
     # Where the server is does not decide what is seen.
     elsewhere = {"host", "port", "traffic_manager_port", "timeout_s"}
     contents = {out / "scene.json": scene.model_dump(mode="json", exclude=elsewhere)}
@@ -109,14 +109,11 @@ def _check_same(path: Path, content: Mapping[str, object]) -> None:
         return
     before = read_json(path)
     if not isinstance(before, dict):
-        raise InputError("must hold keys and values", place=path, fix="take another folder")
+        raise InputError(place=path, expected="keys and values", fix="take another folder")
     for key, value in json.loads(json.dumps(content)).items():  # as it comes back
         if before.get(key) != value:
-            raise InputError(
-                f"{key} is {before.get(key)}, now {value} is asked for",
-                place=path,
-                fix="take another folder or another name",
-            )
+            same, fix = f"{before.get(key)} as before", "take another folder or another name"
+            raise InputError(place=path, key=key, expected=same, found=value, fix=fix)
 
 
 def _check_seen(traffic: Traffic, clouds: PointClouds, route: str, report: Report) -> None:

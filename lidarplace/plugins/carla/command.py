@@ -52,10 +52,8 @@ class Collection(Settings):
             elif name in PAPER_PLACEMENTS:
                 rigs[name] = PAPER_PLACEMENTS[name].with_lidar(lidar)
             else:
-                raise InputError(
-                    f"{name} has no mounts; allowed without are {', '.join(PAPER_PLACEMENTS)}",
-                    key="placements",
-                )
+                known = f"mounts, which only {', '.join(PAPER_PLACEMENTS)} may lack"
+                raise InputError(key=f"placements.{name}", expected=known, found="none")
             for own in rigs[name].lidars:
                 check_possible(own, f"placements: {name}")
         return rigs
@@ -89,6 +87,6 @@ def carla(
         collection = Collection.model_validate(content)
         collect(collection.scene, collection.rigs(), out, report=say)
     except ValidationError as error:
-        wrong(f"{config}: {fault(error)}")
+        wrong(fault(error, str(config)))
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         wrong(error)

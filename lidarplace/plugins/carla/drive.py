@@ -66,7 +66,7 @@ def _spawn_vehicles(
     models = sorted(library.filter("vehicle.*"), key=lambda model: model.id)
     ego_model = next((model for model in models if model.id == scene.ego), None)
     if ego_model is None:
-        raise InputError(f"the CARLA server has no blueprint {scene.ego}", key="ego")
+        raise InputError(key="ego", expected="a blueprint of the CARLA server", found=scene.ego)
     points = list(world.get_map().get_spawn_points())
     start = starts([(p.location.x, p.location.y) for p in points], route.start + 1, scene, route)
     ego = own.spawn(ego_model, points.pop(start))
@@ -89,10 +89,8 @@ def _spawn_vehicles(
     if boxless:
         report(f"{route.name}: without a believable box, so left out: {', '.join(sorted(boxless))}")
     if len(vehicles) < scene.density:
-        raise ValueError(
-            f"density {scene.density}: only {len(vehicles)} vehicles found room at the "
-            f"{len(points) + 1} starts of {route.town}"
-        )
+        most = f"at most {len(vehicles)}, as many as found room"
+        raise InputError(place=route.town, key="density", expected=most, found=scene.density)
     return vehicles
 
 
@@ -103,7 +101,8 @@ def starts(
     drawn by the scene's seed, each next one lies farthest from those before it, so that the routes
     cover the town."""
     if len(points) < count:
-        raise ValueError(f"{route.town} has {len(points)} starts, too few for {count} routes")
+        expected = f"{count} starts, one for each route"
+        raise InputError(place=route.town, expected=expected, found=len(points))
     place = np.array(points)
     index = seed_of(scene.seed, 0, *route.town.encode()) % len(place)
     distance = np.full(len(place), math.inf)

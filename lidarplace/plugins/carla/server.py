@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from lidarplace.base.errors import InputError
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.scenes.routes import STEP_S
 
@@ -42,11 +43,12 @@ def check_versions(client: carla.Client, scene: CarlaScene) -> None:
         ) from error
     ours = client.get_client_version()
     if _release(ours) != _release(theirs):
-        raise ValueError(
-            f"the CARLA server at {scene.host}:{scene.port} is version {theirs}, the client "
-            f"{ours}; they must match: pip install carla=={_release(theirs)}, or the wheel in "
-            "PythonAPI/carla/dist of the server's release"
-        )
+        raise InputError(
+            "client and server have different versions",
+            place=f"CARLA server at {scene.host}:{scene.port}", expected=ours, found=theirs,
+            fix=f"pip install carla=={_release(theirs)}, or the wheel in PythonAPI/carla/dist of "
+            "the server's release",
+        )  # fmt: skip
 
 
 def _release(version: str) -> str:
@@ -62,10 +64,8 @@ def load_town(client: carla.Client, town: str) -> carla.World:
 
     maps = sorted(path.rsplit("/", 1)[-1] for path in client.get_available_maps())
     if town not in maps:
-        raise ValueError(
-            f"the CARLA server has no map {town}; it has {', '.join(maps)}. Some towns are a "
-            "package of their own, AdditionalMaps, in addition to CARLA's release"
-        )
+        known, fix = ", ".join(maps), "further towns are in CARLA's package AdditionalMaps"
+        raise InputError(place="CARLA server", key="map", expected=known, found=town, fix=fix)
     world = client.load_world(town)
     if hasattr(world, "enable_environment_objects"):
         kinds = carla.CityObjectLabel

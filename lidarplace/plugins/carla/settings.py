@@ -85,7 +85,7 @@ class CarlaScene(RouteSettings):
     @classmethod
     def _not_empty(cls, crop: Crop) -> Crop:
         if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
-            raise InputError("crop needs x0 < x1, y0 < y1, z0 < z1", found=crop)
+            raise InputError(expected="x0 < x1, y0 < y1, z0 < z1")
         return crop
 
     def plan(self) -> tuple[Route, ...]:

@@ -19,10 +19,8 @@ def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
     entropy = np.empty(p.shape)
     bad = _binary_entropy(p.reshape(-1), rest.reshape(-1), entropy.reshape(-1))
     if bad >= 0:
-        raise InputError(
-            "p and 1 - p must be within [0, 1] and add up to 1",
-            found=f"{p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}",
-        )
+        found = f"{p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}"
+        raise InputError("p and 1 - p must be within [0, 1] and add up to 1", found=found)
     return entropy
 
 

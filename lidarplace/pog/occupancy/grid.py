@@ -83,11 +83,10 @@ class OccupancyGrid(Plottable):
         `frames`."""
         _check_frames(frames)
         if not isinstance(roi, Roi):
-            raise InputError("roi is a Roi", found=repr(roi))
+            raise InputError(key="roi", expected="a Roi", found=repr(roi))
         if isinstance(classes, str):
-            raise InputError(
-                "classes is a list of names", found=repr(classes), fix=f"write [{classes!r}]"
-            )
+            several = f"a list, such as [{classes!r}]"
+            raise InputError(key="classes", expected=several, found=repr(classes))
         check_boxes(boxes)
         for name in classes:
             _check_class(name, boxes)
@@ -99,9 +98,8 @@ class OccupancyGrid(Plottable):
         found = np.count_nonzero(np.bincount(frame[rows]))
         if found > frames:
             names = ", ".join(repr(name) for name in of_class)
-            raise ValueError(
-                f"the boxes of class {names} come from {found} frames, more than frames={frames}"
-            )
+            least = f"at least {found}, those with boxes of class {names}"
+            raise InputError(key="frames", expected=least, found=frames)
         geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
         grids = {}
         for name, rows in of_class.items():
@@ -118,15 +116,13 @@ class OccupancyGrid(Plottable):
         parts = iter(parts)
         first = next(parts, None)
         if first is None:
-            raise InputError("merged() needs at least one grid", found="none")
+            raise InputError(key="parts", expected="at least one grid", found="none")
         counts, frames = first.counts.copy(), first.frames
         for part in parts:
             for name in ("roi", "object_class"):
-                expected, found = getattr(first, name), getattr(part, name)
-                if found != expected:
-                    raise InputError(
-                        f"grids to merge must agree in {name}", found=f"{expected!r} and {found!r}"
-                    )
+                one, other = getattr(first, name), getattr(part, name)
+                if other != one:
+                    raise InputError(key=f"parts: {name}", expected=repr(one), found=repr(other))
             frames += part.frames
             _check_frames(frames)
             counts += part.counts
@@ -167,15 +163,16 @@ class OccupancyGrid(Plottable):
 def _check_class(name: str, boxes: pd.DataFrame) -> None:
     """A class that never occurs is empty; one that is neither known nor there is mistyped."""
     if not isinstance(name, str):
-        raise InputError("object_class is the name of a class", found=repr(name))
+        raise InputError(key="object_class", expected="the name of a class", found=repr(name))
     there = counts_of(boxes["class"])
     if name not in CLASSES and name not in there:
-        hint = did_you_mean(name, {*there, *CLASSES})
-        raise ValueError(f"no box is of class {name!r}{hint}; there are {listed(there)}")
+        found = f"{name!r}{did_you_mean(name, {*there, *CLASSES})}"
+        known = f"a class of the boxes, {listed(there)}"
+        raise InputError(key="object_class", expected=known, found=found)
 
 
 def _check_frames(frames: int) -> None:
     if not isinstance(frames, Integral):
-        raise InputError("frames must be a whole number", found=repr(frames))
+        raise InputError(key="frames", expected="a whole number", found=repr(frames))
     if not 1 <= frames < 2**31:  # counts are int32
-        raise InputError("frames must be within 1 and 2**31 - 1", found=frames)
+        raise InputError(key="frames", expected="1 to 2**31 - 1", found=frames)

@@ -195,15 +195,14 @@ class SubmodularChoice(ABC):
 
     def _check(self, limits: Limits) -> None:
         if limits.candidates != self.candidates:
-            raise ValueError(
-                f"limits are for {limits.candidates} candidates, there are {self.candidates}"
-            )
+            count = f"{self.candidates} candidates"
+            raise InputError(key="limits", expected=count, found=limits.candidates)
 
 
 def check_weights(weights: Mapping[str, float], classes: Sequence[str]) -> None:
     """Raise ValueError for a weight of an unknown class, or one that is negative or not finite."""
     for name, weight in weights.items():
         if name not in classes:
-            raise ValueError(f"weights has {name!r}, but the classes are {', '.join(classes)}")
+            raise InputError(key="weights", expected=", ".join(classes), found=repr(name))
         if not 0 <= weight < np.inf:
-            raise InputError(f"the weight of {name} must be finite and >= 0", found=weight)
+            raise InputError(key=f"weights.{name}", expected="a finite number >= 0", found=weight)

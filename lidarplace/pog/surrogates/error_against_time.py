@@ -74,12 +74,12 @@ def accuracy(
     resolution that does not divide the ROI, or a bad box log."""
     for share in frame_shares:
         if not 0 < share <= 1:
-            raise InputError("a share of the frames must be within (0, 1]", found=share)
+            raise InputError(key="frame_shares", expected="a number within (0, 1]", found=share)
     for steps in azimuth_steps:
         if steps < 1:
-            raise InputError("azimuth steps must be at least 1", found=steps)
+            raise InputError(key="azimuth_steps", expected="at least 1", found=steps)
     if not len(frames):
-        raise InputError(expected="at least one frame", found="none")
+        raise InputError(key="frames", expected="at least one", found="none")
     finest = min(roi.resolution, *resolutions, roi.resolution)
     rois = [replace(roi, resolution=r) for r in dict.fromkeys((roi.resolution, *resolutions))]
     settings = [(grid_roi, 1) for grid_roi in rois]

@@ -68,9 +68,7 @@ def evaluate(
 def check_grid(grid: OccupancyGrid) -> None:
     """Raise ValueError unless it is one."""
     if not isinstance(grid, OccupancyGrid):
-        raise InputError(
-            "grid is an OccupancyGrid, as from_boxes counts it", found=reprlib.repr(grid)
-        )
+        raise InputError(key="grid", expected="an OccupancyGrid", found=reprlib.repr(grid))
 
 
 def evaluate_many(
@@ -95,7 +93,7 @@ def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any
     check_grid(grid)
     names = pd.Index([placement.name for placement in placements], name="placement")
     if (twice := names[names.duplicated()]).size:
-        raise InputError("placements need names of their own", found=f"{twice[0]!r} twice")
+        raise InputError("duplicate name", key="placements", found=repr(twice[0]))
     found = evaluate_many({grid.object_class: grid}, placements, **options)
     own = [result[grid.object_class] for result in found]
     shown = POG_SURROGATES.among((*SURROGATES.own, *own[0].values))
@@ -118,14 +116,11 @@ def evaluate_classes(
     `seconds` of each class is the common part plus its own, without what depends on the POG alone,
     which is computed with the first placement and kept."""
     if not isinstance(placement, Placement):
-        raise InputError(
-            "placement is a Placement, such as PAPER_PLACEMENTS['line']",
-            found=reprlib.repr(placement),
-        )
+        one, found = "a Placement, such as PAPER_PLACEMENTS['line']", reprlib.repr(placement)
+        raise InputError(key="placement", expected=one, found=found)
     if isinstance(surrogates, str):
-        raise InputError(
-            "surrogates is a list of names", found=repr(surrogates), fix=f"write [{surrogates!r}]"
-        )
+        several = f"a list, such as [{surrogates!r}]"
+        raise InputError(key="surrogates", expected=several, found=repr(surrogates))
     _check_names(surrogates)
     check_method(method)
     _check_probability(detection_probability)
@@ -266,7 +261,7 @@ def common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
     """The ROI of all classes. Raises ValueError if they differ."""
     rois = {grid.roi for grid in grids.values()}
     if len(rois) != 1:
-        raise InputError("the grids must share one ROI", found=len(rois))
+        raise InputError(key="grids", expected="one ROI", found=len(rois))
     return rois.pop()
 
 
@@ -289,13 +284,11 @@ def _check_names(surrogates: Collection[str]) -> None:
     for name in surrogates:
         plug_in = SURROGATES.path(name) is not None and not SURROGATES[name].of_objects
         if not plug_in and name not in RAY_SURROGATES.own:
-            raise InputError(
-                f"surrogates takes {', '.join(RAY_SURROGATES.own)} (the others are always "
-                "computed) and plug-ins",
-                found=f"{name!r}{did_you_mean(name, RAY_SURROGATES.own)}",
-            )
+            known = f"{', '.join(RAY_SURROGATES.own)} (the others are always computed) or a plug-in"
+            found = f"{name!r}{did_you_mean(name, RAY_SURROGATES.own)}"
+            raise InputError(key="surrogates", expected=known, found=found)
 
 
 def _check_probability(q: float) -> None:
     if not 0 < q <= 1:
-        raise InputError("detection_probability must be within (0, 1]", found=q)
+        raise InputError(key="detection_probability", expected="a number within (0, 1]", found=q)

@@ -78,14 +78,12 @@ def pog_sampling_error(
     `frames` are left out; `surrogates` may be of plug-ins. Raises ValueError: fewer than two blocks
     or resamples, or what `OccupancyGrid.by_class` raises."""
     if resamples < 2:
-        raise InputError("resamples must be at least 2", found=resamples)
+        raise InputError(key="resamples", expected="at least 2", found=resamples)
     of_frame = frame_blocks(frames, blocks)
     lengths = np.bincount(of_frame)
     if len(lengths) < 2:
-        raise InputError(
-            "the sampling error needs at least 2 blocks of frames",
-            found=f"{len(lengths)} for {len(frames)} frames",
-        )
+        found = f"{len(lengths)} of {len(frames)} frames"
+        raise InputError(key="blocks", expected="at least 2", found=found)
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
     every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
@@ -159,11 +157,10 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
     their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
     Raises ValueError without a column `frame`, frames or blocks."""
     if "frame" not in frames.columns:
-        raise InputError("the frames table has no column frame", found=list(frames.columns))
+        raise InputError(key="frames", expected="a column frame", found=list(frames.columns))
     if blocks < 1 or not len(frames):
-        raise InputError(
-            expected="at least 1 block and 1 frame", found=f"{blocks} and {len(frames)}"
-        )
+        found = f"{blocks} and {len(frames)}"
+        raise InputError(expected="at least 1 block and 1 frame", found=found)
     keys = [key for key in ("scene", "route") if key in frames.columns]
     route = frames.groupby(keys).ngroup().to_numpy() if keys else np.zeros(len(frames), np.int64)
     result, first = np.empty(len(frames), np.int64), 0

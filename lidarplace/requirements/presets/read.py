@@ -50,9 +50,7 @@ class PresetFile(Settings):
 def preset_file(name: str) -> PresetFile:
     """What a preset says. Raises ValueError: there is none of that name."""
     if name not in PRESETS:
-        raise InputError(
-            f"found {name!r}", key="where.preset", expected=f"one of {', '.join(PRESETS)}"
-        )
+        raise InputError(key="preset", expected=", ".join(PRESETS), found=repr(name))
     text = files(__package__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return PresetFile.model_validate(yaml.safe_load(text))
 
@@ -61,9 +59,7 @@ def preset(name: str, vehicle: Vehicle) -> Area:
     """The area of a preset around this vehicle. Raises ValueError: the vehicle has no body."""
     area = preset_file(name).area
     if not len(vehicle.extents):
-        raise InputError(
-            f"{name} needs the vehicle's body, and the vehicle has none", key="where.preset"
-        )
+        raise InputError(key="where.preset", expected=f"a vehicle with a body, for {name}")
     rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
     front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
     ends = {"front": front, "rear": rear, "left": left, "right": right}

@@ -113,7 +113,7 @@ class Files:
         """A file in the folder of the rigs. Raises ValueError for one that is not."""
         if not re.fullmatch(r"(?!\.)[^/\x00-\x1f]+\.ya?ml", name):
             expected = "NAME.yaml without a folder, NUL or line break"
-            raise InputError("file name: invalid", expected=expected, found=repr(name))
+            raise InputError(key="file name", expected=expected, found=repr(name))
         return self._studio.file.path.parent / name
 
     def _asking(self, write: Callable[[bool], str]) -> str:

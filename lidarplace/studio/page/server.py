@@ -60,11 +60,8 @@ def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, s
         server = Local(HOST, free_port(port, FIRST_PORT, HOST), title, verbose=False)
     try:
         if not called.called:
-            raise InputError(
-                f"viser {viser.__version__}: does not let its requests be checked",
-                expected="1.1",
-                fix="pip install 'viser==1.1.*'",
-            )
+            problem, fix = "does not let its requests be checked", "pip install 'viser==1.1.*'"
+            raise InputError(problem, place=f"viser {viser.__version__}", expected="1.1", fix=fix)
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         server.gui.main_panel.dock_right()
         yield server, f"http://{server.get_host()}:{server.get_port()}/{token}"

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.mounting.mesh_file import read_mesh
+from tests.refused import refused
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -54,7 +55,7 @@ def test_huge_coordinates_are_one_line(tmp_path, capfd, recwarn, number):
 def test_a_damaged_normal_is_named(tmp_path, capfd):
     path = tmp_path / "body.stl"
     path.write_bytes(FILES["stl_ascii"].replace(b"normal ", b"normal !", 1))
-    with pytest.raises(ValueError, match=r"body\.stl: is a damaged mesh: .* face_normals"):
+    with refused(("body.stl", "", "face_normals")):
         read_mesh(path)
     path.write_bytes(FILES["stl_ascii"])
     assert np.allclose(np.ptp(read_mesh(path).vertices, axis=0), [4.0, 2.0, 1.5])

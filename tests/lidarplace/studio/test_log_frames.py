@@ -9,6 +9,7 @@ from lidarplace.studio.log_frames import PORTIONS, LogFrames
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
 from tests.lidarplace.studio.rigs import ROI, log_of, written
+from tests.refused import refused
 
 FRAMES = 23
 CARS = [(-9.0, 2.0), (-6.0, -3.0)]
@@ -62,7 +63,7 @@ def test_a_studio_shows_all_frames_and_its_numbers_are_of_some(folder, tmp_path)
     assert studio.numbers() == Studio(file, few, ROI).numbers() != whole.numbers()
     studio.show_frame(115)
     assert studio.plot().data
-    with pytest.raises(ValueError, match="no frame 6; the log has 23 frames, 5 to 225"):
+    with refused(("", "frame", "6"), "23 frames, 5 to 225"):
         studio.show_frame(6)
     assert studio.view.number == 115
 
@@ -71,7 +72,7 @@ def test_a_frame_that_cannot_be_read_is_told(folder, tmp_path):
     studio = Studio(read_rigs(written(tmp_path)), read_box_log(folder, 2), ROI, folder=folder)
     (folder / "boxes.parquet").write_bytes(b"")
     studio.show_frame(115)
-    with pytest.raises(ValueError, match=r"boxes\.parquet"):
+    with refused(("boxes.parquet", "", "")):
         _ = studio.view
     studio.show_frame(225)
     assert studio.view.number == 225

@@ -17,6 +17,7 @@ from lidarplace.studio.page.tables import message, numbers_table
 from lidarplace.studio.rig import POSE
 from lidarplace.studio.rigs_file import read_rigs
 from tests.lidarplace.studio.rigs import ROI, TEXT, studio_of
+from tests.refused import refused
 
 pytest.importorskip("viser")
 
@@ -269,9 +270,8 @@ def test_a_page_writes_beside_its_file_alone(page):
     hidden = (".yaml", ".yml", "..yaml", ".a.yaml")
     elsewhere = ("../other.yaml", "/srv/other.yaml", "", "rigs.txt")
     for name in (*hidden, *elsewhere, "a\0.yaml", "a\nb.yaml", "a.yaml\n"):
-        with pytest.raises(ValueError, match=r"file name: .*found") as told:
+        with refused(("", "file name", repr(name))):
             page.files.beside(name)
-        assert str(told.value).endswith(repr(name))
     assert page.files.beside("a.yml").name == "a.yml"
     assert page.files.sweep().startswith("lidarplace run ")
     with pytest.raises(FileExistsError):

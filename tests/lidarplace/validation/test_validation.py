@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from lidarplace.base.errors import InputError
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.points_in_boxes import count_points_per_object
 from lidarplace.commands.convert import app as convert
@@ -21,6 +20,7 @@ from lidarplace.validation.validation import validate
 from lidarplace.validation.verdict import verdict
 from tests.lidarplace.validation.vehicle import NAMES, NOTHING, REAL, RIG, recorded
 from tests.other_simulator import write_log
+from tests.refused import refused
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +111,8 @@ def test_a_wrong_label_is_left_out(real, found):
     mended = validate(wrong, folder, without=["van"])
     pd.testing.assert_frame_equal(mended.scores, found.scores, check_exact=True)
     assert with_world(mended) == "static world for 0% of the objects; left out: van"
-    for name, says in (("bus", "found none"), ("", "found none"), ("0-", "found 0-0, 0-1, …")):
-        with pytest.raises(InputError, match=f"object_id: no single object '{name}'.*{says}"):
+    for name, there in (("bus", "none"), ("", "none"), ("0-", "0-0, 0-1, …")):
+        with refused(("boxes.parquet", "object_id", there), f"'{name}'"):
             validate(wrong, folder, without=[name])
 
 
@@ -155,23 +155,19 @@ def test_ground_hides_nothing(real):
 
 def test_what_cannot_be_compared_is_one_line(real):
     folder, log = real
-    boxes = log.boxes
-    for says, change in {
-        "no real points": {"boxes": boxes.drop(columns="points")},
-        r"boxes\.parquet: no boxes": {"boxes": boxes.iloc[:0]},
-        "without the rig that recorded them": {"rigs": {}},
-        "every box has 0 real": {"boxes": boxes.assign(points=0.0)},
-        "too few objects with both real": {
-            "boxes": boxes.assign(points=30.0 * (boxes["object_id"] == "0-0"))
-        },
-        "drive0 and drive1 have LiDARs of other names or models": {
-            "rigs": {**log.rigs, "drive1": RIG.subset(["up"])}
-        },
-        "real points of LiDAR roof": {"boxes": boxes.assign(**{"points/roof": 1.0})},
-    }.items():
-        with pytest.raises(InputError, match=says) as error:
+    boxes, other = log.boxes, RIG.subset(["up"])
+    lone = boxes["object_id"] == "0-0"
+    for (name, *said), told, change in (
+        (("boxes.parquet", "points", "none"), "", {"boxes": boxes.drop(columns="points")}),
+        (("boxes.parquet", "", "no boxes"), "", {"boxes": boxes.iloc[:0]}),
+        (("rig.json", "scene drive0", "0"), "", {"rigs": {}}),
+        (("boxes.parquet", "points", "0 of every box"), "", {"boxes": boxes.assign(points=0.0)}),
+        (("boxes.parquet", "", ""), "real and sim", {"boxes": boxes.assign(points=30.0 * lone)}),
+        (("rig.json", "", ""), "drive0 and drive1", {"rigs": {**log.rigs, "drive1": other}}),
+        (("boxes.parquet", "points", "roof"), "", {"boxes": boxes.assign(**{"points/roof": 1.0})}),
+    ):
+        with refused((f"{folder}/{name}", *said), told):
             validate(replace(log, **change), folder)
-        assert str(error.value).startswith(f"{folder}/")
 
 
 def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
