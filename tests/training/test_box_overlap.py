@@ -173,7 +173,7 @@ def test_tensors_in_tensors_out(dtype):
         (np.zeros((2, 6)), r"shape \(N, 7\).*found \(2, 6\)"),
         (box(x=math.nan), "finite"),
         (box(yaw=math.inf), "finite"),
-        (box(width=-1.0), "at least 0, found -1"),
+        (box(width=-1.0), "at least 0; found -1"),
     ],
 )
 def test_bad_boxes_on_either_path(iou, bad, message):

@@ -187,7 +187,7 @@ def test_what_is_larger_than_the_file_is_not_unpacked(tmp_path, monkeypatch):
         packed.writestr("a/data/999", bytes(10**6))
     monkeypatch.setattr(zipfile.ZipFile, "testzip", pytest.fail)
     monkeypatch.setattr(torch, "load", pytest.fail)
-    with pytest.raises(ValueError, match=r"bomb\.pth is no checkpoint: expected what torch\.save"):
+    with pytest.raises(ValueError, match=r"bomb\.pth is no checkpoint; expected what torch\.save"):
         load_checkpoint(Sparse(), bomb)
 
 

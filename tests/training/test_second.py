@@ -102,5 +102,5 @@ def test_range_grows_to_whole_cells_and_must_be_high_enough():
     paper = build_detector("second_paper", CLASSES)
     assert paper.point_range == (0, -20, -3, 40, 20, 1)
     model.load_state_dict(paper.state_dict())
-    with pytest.raises(ValueError, match=r"at least 3\.84 m high, found 2\.08 m"):
+    with pytest.raises(ValueError, match=r"at least 3\.84 m high; found 2\.08 m"):
         build_detector("second_tiny", CLASSES, point_range=(0, -20, 0, 40, 20, 2))
