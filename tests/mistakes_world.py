@@ -45,7 +45,7 @@ lidarplace.studio.rigs_file tests.lidarplace.test_detections
 tests.test_own_detector tracking.run_folders.search tracking.run_folders.sweep
 tracking.run_folders.sweep_json tracking.run_folders.sweep_tables
 tracking.findings.best_placement tracking.statistics.power training training.detectors.contract
-training.ops.sparse_conv
+training.ops.sparse_conv training.typical_objects
 """
 TESTS = """
 tests.lidarplace.company_table tests.lidarplace.selection.test_exposure

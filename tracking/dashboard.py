@@ -85,17 +85,15 @@ def _tracking(where: str) -> tuple[str, str | None]:
         about = [path / name for name in ("sweep.json", "search.json")]
         there = [file for file in about if file.is_file()]
         if not there:
-            raise InputError(
-                "neither sweep.json nor search.json is there, so no results", place=where
-            )
+            raise InputError("no results: neither sweep.json nor search.json", place=where)
         known = read_result_file(there[0], _About)
         uri, name = absolute_uri(known.tracking_uri), known.name
     else:
         uri = absolute_uri(f"sqlite:///{where}")
     database = sqlite_file(uri)
     if database is not None and not (database.is_file() and database.stat().st_size):
-        said = "is an empty file" if database.is_file() else "no such database"
-        raise InputError(f"{said}; a sweep makes runs/mlflow.db", place=database)
+        fault = "an empty file" if database.is_file() else "no such database"
+        raise InputError(fault, place=database, fix="a sweep makes runs/mlflow.db")
     return uri, name
 
 

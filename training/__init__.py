@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic_core import PydanticCustomError
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.registry import OneOf, Registry
 from training.detectors.build import PLUG_INS, build, network_and_preset
 from training.detectors.build import PRESETS as PRESETS
@@ -59,7 +60,7 @@ def build_detector(
         DETECTORS.check(name)
     except PydanticCustomError:
         known = ", ".join(DETECTORS.names())
-        raise ValueError(f"unknown detector {name!r}; choose one of {known}") from None
+        raise InputError(f"unknown detector {name!r}", expected=f"one of {known}") from None
     return build(name, classes, preset, point_range, typical)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import regular
 from training.detectors.detector import Detector
@@ -53,65 +53,59 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     model is then left as it was.
     """
     content, digest = read_checkpoint(path)
+    with at(path):
+        return LoadReport(_load(model, content, new_heads), digest)
+
+
+def _load(model: Detector, content: Mapping[str, Any], new_heads: bool) -> tuple[str, ...]:
     found = content.get("model_state", content)
     tensors = isinstance(found, Mapping) and all(isinstance(v, Tensor) for v in found.values())
     if not tensors or not found:
-        raise ValueError(f"{path} is no checkpoint: it holds no state_dict of tensors")
+        raise InputError("not a checkpoint", expected="a state_dict of tensors")
     own = model.state_dict()
-    _same_keys(path, own, found)
+    _same_keys(own, found)
     if odd := [key for key in own if not _is_plain(found[key], own[key])]:
         key, kind = odd[0], "floats" if own[odd[0]].is_floating_point() else "integers"
         more = f", and so are {len(odd) - 1} more" * (len(odd) > 1)
-        raise InputError(
-            f"checkpoint {path}: {key} must be a dense tensor of {kind}",
-            found=f"{_kind(found[key])}{more}",
-        )
+        wanted, its = f"a dense tensor of {kind}", f"{_kind(found[key])}{more}"
+        raise InputError(key=key, expected=wanted, found=its)
     found = _in_our_layout(own, found)
     if broken := [key for key, value in found.items() if not torch.isfinite(value).all()]:
-        raise ValueError(f"checkpoint {path} has numbers that are not finite in {_some(broken)}")
+        raise InputError(key=_some(broken), expected="finite numbers")
     fresh = [key for key in own if own[key].shape != found[key].shape]
     if not fresh:
-        fault = _other_classes(model, content) or _other_anchors(path, model, content)
+        fault = _other_classes(model, content) or _other_anchors(model, content)
         if fault and not new_heads:
-            raise ValueError(f"checkpoint {path} {fault}")
+            raise fault
         fresh = [key for key in own if fault and _of_head(key)]
     elif not (new_heads and all(map(_of_head, fresh))):
-        both = ((key, list(found[key].shape), list(own[key].shape)) for key in fresh)
-        shapes = _some([f"{key} {its}, the detector's {ours}" for key, its, ours in both], "; ")
-        hint = " (heads for other classes; new_heads: true trains them afresh)"
-        hint *= all(map(_of_head, fresh))
-        raise ValueError(f"checkpoint {path} does not fit the detector: {shapes}{hint}")
+        its, ours = (_some([f"{[*of[key].shape]}" for key in fresh]) for of in (found, own))
+        fix = "new_heads: true trains heads for other classes" * all(map(_of_head, fresh))
+        raise InputError("wrong shape", key=_some(fresh), expected=ours, found=its, fix=fix)
     model.load_state_dict({**found, **{key: own[key] for key in fresh}})
-    return LoadReport(tuple(fresh), digest)
+    return tuple(fresh)
 
 
-def _other_classes(model: Detector, content: Mapping[str, Any]) -> str | None:
+def _other_classes(model: Detector, content: Mapping[str, Any]) -> InputError | None:
     """What differs, if the file is for as many, but other classes."""
     ours = list(model.classes)
     classes = content.get("classes", list(KITTI_ORDER[: len(ours)]))
     if classes == ours:
         return None
     unnamed = " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
-    return (
-        f"is for the classes {reprlib.repr(classes)}{unnamed}, the detector for {ours}; name the "
-        "classes in the order of the file, or train new ones with new_heads: true"
-    )
+    found = f"{reprlib.repr(classes)}{unnamed}"
+    fix = "name the classes in the order of the file, or train new heads with new_heads: true"
+    return InputError(key="classes", expected=ours, found=found, fix=fix)
 
 
-def _other_anchors(path: Path, model: Detector, content: Mapping[str, Any]) -> str | None:
+def _other_anchors(model: Detector, content: Mapping[str, Any]) -> InputError | None:
     """What differs, if the heads of the file belong to other anchors than the detector's."""
-    try:
-        kept = from_plain(content)
-    except ValueError as error:
-        raise ValueError(f"checkpoint {path}: {error}") from None
-    ours, its = ({t.name: t for t in typical} for typical in (model.typical, kept))
+    ours, its = ({t.name: t for t in own} for own in (model.typical, from_plain(content)))
     for name in sorted(ours.keys() | its.keys()):
         if ours.get(name) != its.get(name):
             found, wanted = (own.get(name, f"{name} as in the preset") for own in (its, ours))
-            return (
-                f"has other anchors than the detector: {found} instead of {wanted}; leave the size "
-                "out, or train new heads with new_heads: true"
-            )
+            fix = "leave the size out, or train new heads with new_heads: true"
+            return InputError("other anchors", expected=wanted, found=found, fix=fix)
     return None
 
 
@@ -171,24 +165,25 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
     except pickle.UnpicklingError as error:
         protocol = re.search(r"pickle protocol \d+", " ".join(str(item.message) for item in told))
         if protocol:  # 3 is loaded all the same
-            raise ValueError(
-                f"{path} is written in {protocol[0]}, which torch does not load without running "
-                "code; save it again with torch.save's own pickle_protocol"
-            ) from error
-        raise ValueError(
-            f"{path} is no checkpoint, or holds objects other than tensors and plain values, "
-            "which are not loaded because they could run code; save its state_dict alone"
-        ) from error
+            fault, fix = "could run code", "save it again with torch.save's own pickle_protocol"
+            raise InputError(fault, place=path, found=protocol[0], fix=fix) from error
+        fault, fix = "not a checkpoint, or has objects that could run code", "save its state_dict"
+        wanted = "tensors and plain values"
+        raise InputError(fault, place=path, expected=wanted, fix=fix) from error
     # A damaged file raises almost anything, also KeyError and OSError.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".split("\n")[0]
-        raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: {reason}") from error
+        raise DamagedCheckpoint(f"{_DAMAGED}: {reason}", place=path) from error
     if not isinstance(content, Mapping):
-        raise ValueError(f"{path} is no checkpoint: it holds a {type(content).__name__}, no dict")
+        kind = type(content).__name__
+        raise InputError("not a checkpoint", place=path, expected="a dict", found=kind)
     return dict(content), hashlib.sha256(data).hexdigest()
 
 
-class DamagedCheckpoint(ValueError):
+_DAMAGED = "not a checkpoint, or a damaged one"
+
+
+class DamagedCheckpoint(InputError):
     """A file that is not what was written."""
 
 
@@ -201,27 +196,23 @@ def _check_sums(path: Path, data: bytes) -> None:
             unpacked = sum(entry.file_size for entry in archive.infolist())
             name = archive.testzip() if unpacked <= len(data) else None
     except Exception as error:  # a damaged archive raises almost anything
-        raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: {error}") from error
+        raise DamagedCheckpoint(f"{_DAMAGED}: {error}", place=path) from error
     if unpacked > len(data):
-        raise InputError(
-            f"{path} is no checkpoint",
-            expected="what torch.save writes, not compressed",
-            found=f"{unpacked:,} bytes in a file of {len(data):,}",
-        )
+        wanted = "what torch.save writes, not compressed"
+        size = f"{unpacked:,} bytes in a file of {len(data):,}"
+        raise InputError("not a checkpoint", place=path, expected=wanted, found=size)
     if name is not None:
-        raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: CRC-32 of {name}")
+        raise DamagedCheckpoint(f"{_DAMAGED}: CRC-32 of {name}", place=path)
 
 
-def _same_keys(path: Path, own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
+def _same_keys(own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
     missing = [key for key in own if key not in found]
     unexpected = [str(key) for key in found if key not in own]
     if missing or unexpected:
-        parts = [f"{len(missing)} entries are missing: {_some(missing)}"] * bool(missing)
-        parts += [f"{len(unexpected)} are unexpected: {_some(unexpected)}"] * bool(unexpected)
-        raise ValueError(
-            f"checkpoint {path} is not one of this network: {'; '.join(parts)} "
-            f"(the file has {len(found)} entries, the detector {len(own)})"
-        )
+        parts = [f"{len(missing)} missing ({_some(missing)})"] * bool(missing)
+        parts += [f"{len(unexpected)} unexpected ({_some(unexpected)})"] * bool(unexpected)
+        wanted, its = f"{len(own)} entries", f"{len(found)}: {', '.join(parts)}"
+        raise InputError("weights of another network", expected=wanted, found=its)
 
 
 # From [out, kd, kh, kw, in] of spconv 2, which is ours: spconv 1.0 had [kd, kh, kw, in, out], its
@@ -268,7 +259,7 @@ def _kind(value: Tensor) -> str:
     return f"{value.dtype}{' with fewer numbers than its shape says' * expanded}"
 
 
-def _some(parts: Sequence[str], between: str = ", ", most: int = 6) -> str:
+def _some(parts: Sequence[str], most: int = 6) -> str:
     """The first few, and how many more there are."""
     more = f" and {len(parts) - most} more" * (len(parts) > most)
-    return between.join(parts[:most]) + more
+    return ", ".join(parts[:most]) + more

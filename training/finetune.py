@@ -95,7 +95,7 @@ def finetune(
         ArithmeticError: the loss or its gradient is no longer a finite number; names the frames.
     """
     if len(clouds) == 0:
-        raise InputError("training needs at least one frame", found="none")
+        raise InputError(key="clouds", expected="at least one frame", found="none")
     typical = _typical(classes, ground_truth, settings, typical)
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
@@ -211,7 +211,7 @@ def _load_weights(model: Detector, settings: TrainingSettings, start: StartingWe
         return "scratch"
     report = load_checkpoint(model, path, settings.new_heads)
     if start.digest not in (None, report.digest):
-        raise ValueError(f"checkpoint {path} has changed since the training was planned")
+        raise InputError("has changed since the training was planned", place=path)
     origin = f"{path.name} sha256:{report.digest[:12]}"
     if report.reinitialised:
         origin += f", from scratch: {', '.join(report.reinitialised)}"

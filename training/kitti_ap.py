@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, METRICS, Overlaps, iou_of
+from lidarplace.files.columns import check_columns, numbers
 from lidarplace.logs.boxes import GEOMETRY, check_boxes
 from lidarplace.logs.plausible import check_yaw
 from training import kitti_labels, leave_out
@@ -109,7 +109,9 @@ def evaluation(
     object_id; and `metrics`: further ones, of plug-ins.
     """
     check_boxes(ground_truth, "ground truth")
-    _check_detections(detections)
+    check_boxes(detections, "detections")
+    check_columns(list(detections.columns), ["score"], "detections")
+    numbers(detections, ["score"], "detections")
     if refined is not None:
         check_boxes(refined.assign(**{"class": ""}), "refined boxes")
     wanted = np.unique(np.asarray(frames, np.int64))
@@ -200,18 +202,6 @@ def _means(
 
 def _stack(tables: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=list(columns))
-
-
-def _check_detections(detections: pd.DataFrame) -> None:
-    check_boxes(detections, "detections")
-    if "score" not in detections.columns:
-        raise InputError("no column score", key="detections", found=list(detections.columns))
-    if bad := int((~np.isfinite(detections["score"].to_numpy(np.float64))).sum()):
-        raise InputError(
-            "every box needs a finite score",
-            key="detections",
-            found=f"NaN or infinity in {bad} row(s)",
-        )
 
 
 def rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:

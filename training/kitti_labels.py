@@ -5,6 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
+from lidarplace.files.columns import check_columns
 from lidarplace.logs.plausible import check_yaw
 from lidarplace.scenes.kitti.labels import LABEL_COLUMNS
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
@@ -26,16 +27,13 @@ def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> p
 
     Also if a number of `more` is not finite, or one of another column but for `DontCare`.
     """
-    columns = ("frame", *LABEL_COLUMNS, *more)
-    missing = [name for name in columns if name not in table.columns]
-    if missing:
-        raise InputError(f"no column {', '.join(missing)}", place=source, found=list(table.columns))
+    check_columns(list(table.columns), ("frame", *LABEL_COLUMNS, *more), source)
     of_label = table[["frame", *(name for name in LABEL_COLUMNS if name != "class")]]
     regions = table["class"].str.lower().to_numpy(str) == "dontcare"
     bad = ~np.isfinite(of_label.to_numpy(np.float64)).all(axis=1) & ~regions
     bad |= ~np.isfinite(table[list(more)].to_numpy(np.float64)).all(axis=1)
     if bad.any():
-        raise InputError(f"row {int(np.argmax(bad))} has a number that is not finite", place=source)
+        raise InputError(place=f"{source}: row {np.argmax(bad)}", expected="finite numbers")
     check_yaw(table["rotation_y"], source)
     return table
 

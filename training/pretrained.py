@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter
 from torch import Tensor
 
 from lidarplace.base.errors import InputError
@@ -131,9 +131,9 @@ def read_generalist(path: Path = PRETRAINED) -> Generalist:
         name, classes = str(content["detector"]), tuple(content["classes"])
         weights = dict(content["model_state"])
         return Generalist(name, classes, from_plain(content), domain, weights, digest)
-    except (KeyError, TypeError, ValidationError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         fault, fix = "the checkpoint does not say what it was trained on", "lidarplace pretrain"
-        raise InputError(fault, place=str(path), fix=f"write it with {fix}") from error
+        raise InputError(fault, place=path, fix=f"write it with {fix}") from error
 
 
 def judge(

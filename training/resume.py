@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from torch import Tensor
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Clouds, JoinedClouds
 from lidarplace.logs.boxes import GEOMETRY
 from training.checkpoints import DamagedCheckpoint, read_checkpoint, save_checkpoint
@@ -60,14 +61,11 @@ class TrainingFolder:
             logging.getLogger(__name__).warning("%s; the training starts again", error)
             return None
         except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(
-                f"{path} is no checkpoint of a training; remove it to start again: {error}"
-            ) from error
+            fault, fix = f"not a checkpoint of a training: {error}", "remove it to start again"
+            raise InputError(fault, place=path, fix=fix) from error
         if found != self.fingerprint:
-            raise ValueError(
-                f"{path} is of a training with other settings, another seed or other data; "
-                "remove it, or use another folder"
-            )
+            fault, fix = "other settings, seed or data", "remove it, or use another folder"
+            raise InputError(f"of a training with {fault}", place=path, fix=fix)
         return state
 
     def save(self, state: TrainingState) -> None:

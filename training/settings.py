@@ -102,19 +102,19 @@ class TrainingSettings(Settings):
     def _number_or_auto(cls, value: Any) -> Any:
         # Not by the types of the field, whose error would name both of them.
         if value != "auto" and not (type(value) is int and value >= 1):
-            raise ValueError("allowed are auto and whole numbers from 1")
+            raise InputError(expected="auto or a whole number from 1")
         return value
 
     @field_validator("mixed_precision", mode="before")
     @classmethod
     def _switch_or_everywhere(cls, value: Any) -> Any:
         if not isinstance(value, bool) and value != "everywhere":
-            raise ValueError("allowed are true, false and everywhere")
+            raise InputError(expected="true, false or everywhere")
         return value
 
     @model_validator(mode="after")
     def _scales(self) -> "TrainingSettings":
         low, high = self.scaling
         if not 0 < low <= high:
-            raise InputError("scaling needs 0 < low <= high", found=self.scaling)
+            raise InputError(key="scaling", expected="0 < low <= high", found=self.scaling)
         return self

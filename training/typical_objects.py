@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from lidarplace.base.class_names import counts_of, listed
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration.settings import validated
 from lidarplace.logs.boxes import SIZE
 
 Size = tuple[float, float, float]
@@ -46,16 +48,14 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
         own = boxes[boxes["class"] == name]
         if own.empty:
             there = counts_of(boxes["class"])
-            raise ValueError(
-                f"no box is of class {name!r}{did_you_mean(name, there)}, so nothing tells how "
-                f"large one is; there are {listed(there)}"
-            )
+            fault = f"no box of class {name!r}{did_you_mean(name, there)}, so its size is unknown"
+            raise InputError(fault, found=listed(there))
         sizes = own[list(SIZE)]
         if "object_id" in keys:
             sizes = sizes.groupby([own[key] for key in keys], observed=True).mean()
-        length, width, height = (round(float(side), 3) for side in sizes.mean())
-        if min(length, width, height) <= 0:
-            raise ValueError(f"boxes of class {name!r} have no size; their anchors need one")
+        length, width, height = size = tuple(round(float(side), 3) for side in sizes.mean())
+        if min(size) <= 0:
+            raise InputError("no size for anchors", place=f"boxes of class {name!r}", found=size)
         bottom = float((own["z"] - own["height"] / 2).median())
         found.append(TypicalObject(name, (length, width, height), round(bottom, 3) + 0.0))
     return tuple(found)
@@ -69,7 +69,4 @@ def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, object]]:
 
 def from_plain(content: Mapping[str, Any]) -> tuple[TypicalObject, ...]:
     """Those that a checkpoint holds, if any; ValueError if they are not what `as_plain` makes."""
-    try:
-        return _TYPICAL.validate_python(content.get("typical", ()))
-    except ValidationError as error:
-        raise ValueError("typical objects of classes are not what they should be") from error
+    return validated(tuple[TypicalObject, ...], content.get("typical", ()), "typical")

@@ -41,11 +41,5 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     raise InputError(place=path, expected="several arrays by name", found="one")
 
 
-def check_numbers(name: str, array: NDArray[Any], ndim: int, path: Path) -> None:
-    """Raise ValueError unless an array of `path` holds real numbers and has so many axes."""
-    if array.dtype.kind not in "iuf" or array.ndim != ndim:
-        raise InputError(place=path, key=name, expected=f"numbers, {ndim} axes", found=_kind(array))
-
-
 def _kind(array: Any) -> str:
     return f"{array.dtype}, shape {array.shape}" if isinstance(array, np.ndarray) else "several"

@@ -22,6 +22,7 @@ from mlflow_runs_of import (
     until,
 )
 
+from tests.refused import refused
 from tracking.mlflow import log as mlflow_log
 from tracking.mlflow.connection import is_away
 from tracking.mlflow.content import EndedTrial
@@ -200,7 +201,7 @@ def test_what_mlflow_refuses_does_not_hold_up_the_rest_and_is_tried_again(uri, t
     names = ("worse", "bad", tmp_path / "missing.html")
     assert refusals == [f"MLflow refuses '{name}'" for name in names]
     assert "Invalid value" in said[0]
-    assert "missing.html is gone" in said[2]
+    assert "missing.html: no such file" in said[2]
     runs = runs_of(uri)
     assert runs["line · tiny · seed 1"].info.status == "FINISHED"
     assert runs["demo"].info.status == "FINISHED"
@@ -367,12 +368,11 @@ def test_mistakes_have_clear_errors(uri, tmp_path, monkeypatch):
     def opened(uri, **about):
         logged(uri, tmp_path, **about)
 
-    example = r"for example sqlite:///runs/mlflow.db .* found './mlruns'"
-    with pytest.raises(ValueError, match=example):
+    with refused(("", "", "'./mlruns'")):
         opened("./mlruns")
-    with pytest.raises(ValueError, match="found 'file:mlruns'"):
+    with refused(("", "", "'file:mlruns'")):
         ui_command("file:mlruns")
-    with pytest.raises(ValueError, match="key of a sweep: may have letters"):
+    with refused(("", "key", "k'1")):
         opened(uri, key="k'1")
     (tmp_path / "file").write_text("no database, and longer than a header of one " * 9)
     with pytest.raises(ValueError, match="file: file is not a database"):
@@ -384,14 +384,14 @@ def test_mistakes_have_clear_errors(uri, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"^http://a b:\*\*\*@:5000"):
         opened("http://a b:secret@:5000")
     monkeypatch.setitem(sys.modules, "psycopg2", None)
-    with pytest.raises(ValueError, match=r"u:\*\*\*@h/db needs the package psycopg2: pip install"):
+    with refused(r"u:\*\*\*@h/db: needs the package psycopg2: pip install"):
         opened("postgresql://u:secret@h/db")
     log_two(uri, tmp_path)
-    with pytest.raises(ValueError, match="has epochs = 3, now it is 4: a resumed sweep cannot"):
+    with refused("epochs: .*expected 3, found 4"):
         opened(uri, params={"epochs": 4})
     mlflow = client(uri)
     mlflow.delete_experiment(mlflow.get_experiment_by_name("demo").experiment_id)
-    with pytest.raises(ValueError, match="'demo' was deleted"):
+    with refused("experiment 'demo': "):
         opened(uri)
 
 

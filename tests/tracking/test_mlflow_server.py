@@ -63,7 +63,7 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
             assert runs[name].info.status == "FINISHED"
         assert runs["drawn"].data.tags["lidarplace.refused"]
         assert "s3cret" not in str([run.data.tags for run in runs.values()])
-        with pytest.raises(ValueError, match="has x = 1, now it is 2"), log([], params={"x": 2}):
+        with pytest.raises(ValueError, match="expected 1, found 2"), log([], params={"x": 2}):
             pass
     finally:
         kill(server)

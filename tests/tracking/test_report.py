@@ -297,11 +297,3 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(tmp_path):
     built.unlink()
     built.mkdir()
     assert report(built.parent) == (2, "", f"{built}: Is a directory\n")
-    code, _, wrong = report(tmp_path)
-    assert (code, wrong.count("\n")) == (2, 1)
-    assert f"{tmp_path}: not a run folder; missing config.yaml" in wrong
-    (tmp_path / ".lock").touch()
-    code, _, early = report(tmp_path)
-    assert (code, early.count("\n")) == (2, 1)
-    assert "its sweep has not finished" in early
-    assert "lidarplace status FILE" in early

@@ -16,6 +16,7 @@ from lidarplace.requirements.area import Area, Positions
 from lidarplace.requirements.judge import Finding, Outcome
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.requirements.tables import Ground, case_table, worst_cases
+from tests.refused import refused
 from tracking.findings.groups import met, verdicts
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map
@@ -92,10 +93,10 @@ def test_the_pages_fold_them_and_draw_what_fails(folder, page):
 def test_a_wrong_file_is_told_by_name(folder, tmp_path):
     grounds = RunFolder.read(folder).grounds
     Grounds(grounds.body, grounds.names, grounds.x, grounds.x, grounds.least).write(tmp_path)
-    with pytest.raises(ValueError, match=r"requirements\.npz: least/0/.* is not a grid of x and y"):
+    with refused(r"requirements\.npz: least/0/.*: expected shape .*, found "):
         Grounds.read(tmp_path)
     Grounds(grounds.body[0], grounds.names, grounds.x, grounds.y, grounds.least).write(tmp_path)
-    with pytest.raises(ValueError, match=r"requirements\.npz: body: expected numbers, 2 axes"):
+    with refused(("requirements.npz", "body", "(2,)")):
         Grounds.read(tmp_path)
 
 

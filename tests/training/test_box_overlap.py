@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
+from tests.refused import refused
 from training.ops import box_overlap, grouping, rotated_iou
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
@@ -168,16 +169,16 @@ def test_tensors_in_tensors_out(dtype):
 
 @pytest.mark.parametrize("iou", [box_overlap.iou_3d, box_overlap._iou_torch])
 @pytest.mark.parametrize(
-    ("bad", "message"),
+    ("bad", "found"),
     [
-        (np.zeros((2, 6)), r"shape \(N, 7\).*found \(2, 6\)"),
-        (box(x=math.nan), "finite"),
-        (box(yaw=math.inf), "finite"),
-        (box(width=-1.0), "at least 0, found -1"),
+        (np.zeros((2, 6)), "(2, 6)"),
+        (box(x=math.nan), "NaN or infinity"),
+        (box(yaw=math.inf), "NaN or infinity"),
+        (box(width=-1.0), "-1.0"),
     ],
 )
-def test_bad_boxes_on_either_path(iou, bad, message):
+def test_bad_boxes_on_either_path(iou, bad, found):
     good, wrong = torch.from_numpy(box()), torch.from_numpy(bad)
     for pair in ((good, wrong), (wrong, good)):
-        with pytest.raises(ValueError, match=message):
+        with refused(("", "boxes", found)):
             iou(*pair)

@@ -93,14 +93,14 @@ def test_official_table_says_what_counts_and_refuses_bad_labels(truth, found):
     assert 0 < hard.ground_truths < recall.ground_truths
     empty = evaluate_detections(truth[truth["class"] != "Car"], found, 50, {"Car": 0.7})
     assert (empty.value == 0).all()
-    with pytest.raises(ValueError, match="ground truth: no column occluded"):
+    with refused(("ground truth", "occluded", "")):
         evaluate_detections(truth.drop(columns="occluded"), found, 50, STRICT)
     for column, bad in (("x", np.nan), ("score", np.nan), ("score", np.inf)):
         for name in ("Car", "DontCare"):
             wrong = found.astype({"class": object})
             wrong.loc[3, [column, "class"]] = bad, name
             if (column, name) != ("x", "DontCare"):
-                with pytest.raises(ValueError, match="detections: row 3"):
+                with refused(("detections: row 3", "", "")):
                     evaluate_detections(truth, wrong, 50, STRICT)
 
 
@@ -260,7 +260,7 @@ def test_recall_is_that_of_the_refined_boxes():
     assert result["all", "recall", 0.7] == 50
     assert result["Car", "class_recall_3D", 0.7] == pytest.approx(200 / 3)
     assert values(truth, found, range(4), ["Car"], refined[:0])["all", "recall", 0.5] == 0
-    with pytest.raises(ValueError, match="refined boxes: yaw: missing column"):
+    with refused(("refined boxes", "yaw", "")):
         evaluate_boxes(truth, found, [0], ["Car"], refined.drop(columns="yaw"))
 
 
@@ -288,9 +288,9 @@ def test_bad_tables():
     truth = table([car(0, 5.0)])
     found = table([car(0, 5.0, score=np.nan)], score=True)
     for bad in (np.nan, np.inf, -np.inf):
-        with pytest.raises(ValueError, match=r"found NaN or infinity in 1 row"):
+        with refused(("detections: row 0", "score", str(bad))):
             evaluate_boxes(truth, found.assign(score=bad), [0], ["Car"])
-    with refused("no column score"):
+    with refused(("detections", "score", "")):
         evaluate_boxes(truth, found.drop(columns="score"), [0], ["Car"])
     with refused(("detections", "yaw", "")):
         evaluate_boxes(truth, found.drop(columns="yaw"), [0], ["Car"])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lidarplace.base.errors import InputError
 from lidarplace.base.rings import EDGES_M, ring_of
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
+from lidarplace.files.columns import one_of
 from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import FOUND, OBJECTS
@@ -223,19 +224,13 @@ def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
             missing = table[column.name].isna()
             known = column.needed or not missing.all()  # else nothing is known of the column
             if known and column.dtype is not None and missing.any():
-                raise InputError("a value is missing", place=f"{file}: column {column.name}")
+                raise InputError("missing value", place=file, key=column.name)
         twice = table.duplicated(keys)
         if twice.any():
-            raise InputError(f"duplicate object {table.loc[twice, 'object'].iloc[0]}", place=file)
-    other = objects.loc[~objects["class"].isin(run.classes), "class"]
-    if len(other):
-        raise InputError(
-            f"column class: found {other.iloc[0]!r}",
-            place=run.path / OBJECTS.file,
-            expected=", ".join(run.classes),
-        )
+            again = table.loc[twice, "object"].iloc[0]
+            raise InputError("duplicate value", place=file, key="object", found=again)
+    one_of(objects, "class", run.classes, str(run.path / OBJECTS.file))
     unknown = found.loc[~found["object"].isin(objects["object"]), "object"]
     if len(unknown):
-        raise InputError(
-            f"object {unknown.iloc[0]} is not in {OBJECTS.file}", place=run.path / FOUND.file
-        )
+        place, wanted = run.path / FOUND.file, f"an object of {OBJECTS.file}"
+        raise InputError(place=place, key="object", expected=wanted, found=unknown.iloc[0])

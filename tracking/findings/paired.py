@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.errors import InputError
+from lidarplace.files.columns import check_columns
 from lidarplace.pog.surrogates.table import SURROGATES
 
 
@@ -50,8 +51,8 @@ def paired(
     of `results`. Raises ValueError: a column is missing, or a row occurs twice.
     """
     keys = group_columns(axes)
-    _need(results, ["placement", "seed", "value", *keys], "results")
-    _need(surrogates, ["placement", "class", "surrogate", "value"], "surrogates")
+    check_columns(list(results), ["placement", "seed", "value", *keys], "results")
+    check_columns(list(surrogates), ["placement", "class", "surrogate", "value"], "surrogates")
     depends = _depends(surrogates, axes)
     predictors = with_sums(surrogates, axes)
     tables: dict[tuple[object, ...], pd.DataFrame] = {}  # every metric of a class has the same
@@ -102,20 +103,11 @@ def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
     twice = table.duplicated(["placement", columns])
     if twice.any():
         row = table[twice].iloc[0]
-        raise InputError(
-            f"placement {row['placement']!r}, class {row['class']!r} has two values for "
-            f"{columns} {row[columns]}",
-            place=source,
-            fix="name the axis that separates them in `axes`",
-        )
+        what = ", ".join(f"{name}={row[name]}" for name in ("placement", "class", columns))
+        fix = "name the axis that separates them in `axes`"
+        raise InputError(f"duplicate rows ({what})", place=source, fix=fix)
     placement, placements = pd.factorize(table["placement"])
     name, names = pd.factorize(table[columns])
     wide = np.full((len(placements), len(names)), np.nan)
     wide[placement, name] = table["value"]
     return pd.DataFrame(wide, placements, names)
-
-
-def _need(table: pd.DataFrame, columns: list[str], source: str) -> None:
-    if missing := [column for column in columns if column not in table.columns]:
-        found = ", ".join(map(str, table))
-        raise InputError(f"{source} has no column {', '.join(missing)}", found=found)

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.files.atomic import temporary
 from lidarplace.files.regular import regular
@@ -75,7 +76,7 @@ def _try_database(uri: str) -> None:
         engine = sqlalchemy.create_engine(uri)
     except ModuleNotFoundError as error:
         told = needs(error) or f"needs the package {error.name}"
-        raise ValueError(f"{public_url(uri)} {told}") from error
+        raise InputError(told, place=public_url(uri)) from error
     try:
         sqlalchemy.inspect(engine).get_table_names()
     finally:

@@ -30,9 +30,8 @@ class ParentRun:
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w.-]+", self.key):  # MLflow's filters know no escape
-            raise InputError(
-                "key of a sweep: may have letters, digits, '_', '-' and '.'", found=repr(self.key)
-            )
+            wanted = "letters, digits, '_', '-' and '.'"
+            raise InputError(key="key", expected=wanted, found=repr(self.key))
 
 
 @dataclass(frozen=True)

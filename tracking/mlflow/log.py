@@ -9,6 +9,7 @@ from pathlib import Path
 from threading import Condition, Event, Lock, Thread
 from typing import TypeVar
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import Away
 from tracking.mlflow.content import EndedTrial, ParentRun
@@ -91,7 +92,7 @@ class SweepLog:
             try:
                 self._database.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                raise ValueError(f"{self._uri}: {error.strerror}") from error
+                raise InputError(error.strerror, place=self._uri) from error
         self._thread.start()
         if not self._tried.wait(_OPENS_WITHIN_S):
             self._tried.set()

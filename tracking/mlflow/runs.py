@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import Away, connect, is_away, is_forbidden, is_server_error, reason
 from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
@@ -73,7 +74,7 @@ class SweepRuns:
                 raise
             if is_away(error, self._uri) and not is_forbidden(error):
                 raise Away(reason(error)) from error
-            raise ValueError(f"{public_url(self._uri)}: {reason(error)}") from error
+            raise InputError(reason(error), place=public_url(self._uri)) from error
 
     def lacks(self, trial: EndedTrial) -> bool:
         """Whether something of a trial is missing. One that is finished never fails again."""
@@ -107,7 +108,7 @@ class SweepRuns:
         """Copy a file to the artifacts of the parent run, into `folder` of them."""
         with self._connected(files=True):
             if not path.is_file():
-                raise ValueError(f"{path} is gone")
+                raise InputError("no such file", place=path)
             self._client.log_artifact(self._parent.info.run_id, str(path), folder)
 
     def end(self, status: str) -> None:
@@ -156,10 +157,8 @@ class SweepRuns:
             tags = {"mlflow.experimentKind": "custom_model_development"}
             return str(self._client.create_experiment(name, place, tags))
         if experiment.lifecycle_stage != "active":
-            raise ValueError(
-                f"the MLflow experiment {name!r} was deleted: restore it, or give the sweep "
-                "another name"
-            )
+            fix = "restore it, or give the sweep another name"
+            raise InputError("deleted in MLflow", place=f"experiment {name!r}", fix=fix)
         return str(experiment.experiment_id)
 
     def _find_runs(self) -> list[Any]:
@@ -253,10 +252,9 @@ class SweepRuns:
         params = _texts(own.params)
         for name, value in run.data.params.items():
             if params.get(name, value) != value:
-                raise ValueError(
-                    f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
-                    f"{params[name]}: a resumed sweep cannot change it, give it another name"
-                )
+                fault, fix = "changed since the sweep began", "give the sweep another name"
+                place, now = f"run {run.info.run_name!r} in MLflow", params[name]
+                raise InputError(fault, place=place, key=name, expected=value, found=now, fix=fix)
         tags = {**own.tags} | ({NOTE_TAG: own.note} if own.note else {})
         new = _each(Param, _new(params, run.data.params)), _each(RunTag, _new(tags, run.data.tags))
         self._client.log_batch(run.info.run_id, params=new[0], tags=new[1])

@@ -12,11 +12,8 @@ def absolute_uri(uri: str) -> str:
     """`uri` with the driver of its database, and a file as an absolute path for later; ValueError
     if MLflow cannot keep runs there."""
     if "://" not in uri or uri.startswith("file:"):
-        raise InputError(
-            "MLflow keeps runs in a database or on a server, for example "
-            "sqlite:///runs/mlflow.db or http://host:5000",
-            found=repr(public_url(uri)),
-        )
+        wanted = "a database or a server, such as sqlite:///runs/mlflow.db or http://host:5000"
+        raise InputError("MLflow keeps no runs there", expected=wanted, found=repr(public_url(uri)))
     check_whole("tracking.uri", uri)
     # Which driver a plain postgresql:// means depends on the version of SQLAlchemy.
     uri = re.sub("^postgresql://", "postgresql+psycopg2://", uri)

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.errors import InputError
-from lidarplace.files.arrays import check_numbers, read_npz
+from lidarplace.base.errors import InputError, at
+from lidarplace.files.arrays import read_npz
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import is_there
 from lidarplace.requirements.tables import Ground
@@ -52,25 +52,26 @@ class ArrayFile:
             for name, kind in kinds.items()
         }
         if missing := [name for name, value in found.items() if value is None]:
-            raise InputError(f"{path} has no array {', '.join(missing)}", found=", ".join(arrays))
+            known = ", ".join(arrays)
+            raise InputError("missing array", place=path, key=", ".join(missing), found=known)
         whole = cls(**found)
-        whole._check(path)
+        with at(path):
+            whole._check()
         return whole
 
-    def _check(self, path: Path) -> None:
+    def _check(self) -> None:
         """Raise ValueError unless all arrays have the shapes and kinds of the class."""
         known = {own.name: own for own in fields(self)}
         for name, array in _flat(vars(self)):
             own = known[name.partition("/")[0]]
             wanted = own.metadata["axes"]
-            if "np.str_" not in str(own.type):
-                check_numbers(name, array, len(wanted), path)
-            elif array.dtype.kind != "U":
-                raise InputError(f"{name} must hold text", place=path, found=array.dtype)
+            kinds, holds = ("U", "text") if "np.str_" in str(own.type) else ("iuf", "numbers")
+            if array.dtype.kind not in kinds:
+                raise InputError(key=name, expected=holds, found=array.dtype)
             pairs = zip(wanted, array.shape, strict=False)
             if array.ndim != len(wanted) or any(n not in (None, size) for n, size in pairs):
                 shape = ", ".join("n" if n is None else str(n) for n in wanted)
-                raise InputError(f"{name} must have shape ({shape})", place=path, found=array.shape)
+                raise InputError(key=name, expected=f"shape ({shape})", found=array.shape)
 
 
 def _flat(arrays: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -108,10 +109,10 @@ class Maps(ArrayFile):
     coverage: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
     residual: dict[str, NDArray[np.float32]] = field(metadata=_PLANE)
 
-    def _check(self, path: Path) -> None:
-        super()._check(path)
+    def _check(self) -> None:
+        super()._check()
         if missing := sorted(self.residual.keys() - self.coverage.keys()):
-            raise ValueError(f"{path} has no array coverage/{missing[0]}")
+            raise InputError("missing array", key=f"coverage/{missing[0]}")
 
 
 @dataclass(frozen=True)
@@ -132,16 +133,15 @@ class Frame(ArrayFile):
     points: dict[str, NDArray[np.float32]] = field(metadata=axes(None, 4))
     lidar: dict[str, NDArray[np.uint8]] = field(metadata=axes(None))
 
-    def _check(self, path: Path) -> None:
-        super()._check(path)
-        if len(self.boxes) != len(self.labels):
-            raise InputError(f"{len(self.boxes)} boxes, but {len(self.labels)} labels", place=path)
+    def _check(self) -> None:
+        super()._check()
+        if (boxes := len(self.boxes)) != len(self.labels):
+            raise InputError(key="labels", expected=f"{boxes}, one per box", found=len(self.labels))
         for name in {**self.points, **self.lidar}:
             points, lidar = (len(own.get(name, ())) for own in (self.points, self.lidar))
             if points != lidar:
-                raise InputError(
-                    f"{points} in points/{name}, but {lidar} in lidar/{name}", place=path
-                )
+                wanted = f"{points}, one per point"
+                raise InputError(key=f"lidar/{name}", expected=wanted, found=lidar)
 
 
 @dataclass(frozen=True)
@@ -169,12 +169,12 @@ class FailureFrames(ArrayFile):
         """Whether they show objects of these numbers under these two rigs, in this order."""
         return self.rigs.tolist() == [*rigs] and bool(np.isin(self.objects, objects).all())
 
-    def _check(self, path: Path) -> None:
-        super()._check(path)
+    def _check(self) -> None:
+        super()._check()
         places = {f"{place}/{rig}" for place in range(len(self.objects)) for rig in range(2)}
         for kind in ("points", "detections"):
             if missing := sorted(places - getattr(self, kind).keys()):
-                raise ValueError(f"{path} has no array {kind}/{missing[0]}")
+                raise InputError("missing array", key=f"{kind}/{missing[0]}")
 
 
 @dataclass(frozen=True)
@@ -241,11 +241,10 @@ class Grounds(ArrayFile):
             return None
         return Ground(self.x[number], self.y[number], least.astype(np.float64))
 
-    def _check(self, path: Path) -> None:
-        super()._check(path)
+    def _check(self) -> None:
+        super()._check()
         for name, least in self.least.items():
-            sides = [axis.get(name.partition("/")[0], ()) for axis in (self.x, self.y)]
-            if least.shape != tuple(map(len, sides)):
-                raise InputError(
-                    f"least/{name} is not a grid of x and y; its {least.shape}", place=path
-                )
+            sides = tuple(len(axis.get(name.partition("/")[0], ())) for axis in (self.x, self.y))
+            if least.shape != sides:
+                wanted = f"shape {sides}, that of x and y"
+                raise InputError(key=f"least/{name}", expected=wanted, found=least.shape)

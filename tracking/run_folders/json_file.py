@@ -80,9 +80,9 @@ class Triangles(Part):
 
     @model_validator(mode="after")
     def _possible(self) -> Triangles:
-        corners = {corner for face in self.faces for corner in face}
-        if not corners <= set(range(len(self.vertices))):
-            raise InputError(f"there are {len(self.vertices)} vertices", key="faces")
+        corners, most = {corner for face in self.faces for corner in face}, len(self.vertices) - 1
+        if unknown := corners - set(range(most + 1)):
+            raise InputError(key="faces", expected=f"vertices 0 to {most}", found=min(unknown))
         _ = self.mesh  # which has an area
         return self
 

@@ -84,8 +84,7 @@ class SearchFolder:
         """
         path = Path(path)
         if missing := [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]:
-            said = f"missing {', '.join(missing)}"
-            raise InputError(f"not the run folder of a search; {said}", place=path)
+            raise InputError(f"not a search's run folder; missing {', '.join(missing)}", place=path)
         search = SearchResult.read(path)
         config = path / "config.yaml"
         maps = UnseenMaps.read(path)

@@ -101,13 +101,10 @@ class Rig(Part):
 
     @model_validator(mode="after")
     def _as_many(self) -> Rig:
-        counts = {len(self.mounts), len(self.models), len(self.zones)}
-        if len(counts) > 1 or not self.mounts:
-            raise InputError(
-                "needs one model and one zone a mount",
-                found=f"{len(self.mounts)} mounts, {len(self.models)} models, "
-                f"{len(self.zones)} zones",
-            )
+        mounts, models, zones = map(len, (self.mounts, self.models, self.zones))
+        if not 0 < mounts == models == zones:
+            found = f"{mounts} mounts, {models} models, {zones} zones"
+            raise InputError(expected="one model and one zone per mount", found=found)
         return self
 
 
@@ -241,14 +238,14 @@ class SearchResult(ResultFile):
     @model_validator(mode="after")
     def _consistent(self) -> SearchResult:
         if not self.objectives:
-            raise InputError("needs at least one", key="objectives", found="none")
+            raise InputError(key="objectives", expected="at least one", found="none")
         for name in filter(None, (*self.best, self.baseline)):
             if name not in self.rigs:
-                raise InputError(f"has no {name!r}, which best or baseline names", key="rigs")
+                raise InputError("missing, but named in best or baseline", key=f"rigs.{name}")
             missing = [o.name for o in self.objectives if np.isnan(self.rigs[name].value(o))]
             # The baseline may lack a value: that of LiDARs without a price.
             if missing and name in self.best:
-                raise InputError(f"{name!r} has no value of {', '.join(missing)}", key="rigs")
+                raise InputError(f"missing {', '.join(missing)}", key=f"rigs.{name}.values")
         return self
 
 

@@ -13,6 +13,7 @@ from lidarplace.base.metrics import METRICS
 from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import read_text
+from lidarplace.files.columns import check_columns
 from lidarplace.files.regular import is_there
 from lidarplace.pog.surrogates.table import SURROGATES as KNOWN
 from lidarplace.rigs.placement import Mount
@@ -79,11 +80,8 @@ class RunFolder:
         required = ["config.yaml", SweepResult.FILE, *needed]
         missing = [name for name in required if not is_there(path / name)]
         if missing == required and (path / _LOCK).is_file():
-            raise ValueError(
-                f"{path} has no results yet: its sweep has not finished. "
-                f"`{command('status', 'FILE')}` shows its progress, FILE being its "
-                "configuration"
-            )
+            fix = f"{command('status', 'FILE')} shows its progress, FILE being its configuration"
+            raise InputError("no results yet, its sweep has not finished", place=path, fix=fix)
         if missing:
             raise InputError(f"not a run folder; missing {', '.join(missing)}", place=path)
         sweep = SweepResult.read(path)
@@ -98,23 +96,14 @@ class RunFolder:
             names = tables[table.name]["placement"]
             unknown = names[~names.isin(sweep.placements)]
             if len(unknown):
-                raise InputError(
-                    f"has no {unknown.iloc[0]!r}, which is in {table.file}",
-                    place=path / sweep.FILE,
-                    key="placements",
-                )
+                fault, key = f"missing, but named in {table.file}", f"placements.{unknown.iloc[0]}"
+                raise InputError(fault, place=path / sweep.FILE, key=key)
         # Names of plug-ins are known from here on, as those of ours are.
         for name in tables[SURROGATES.name]["surrogate"].unique():
             KNOWN.get(str(name))
         for name in tables[RESULTS.name]["metric"].unique():
             METRICS.get(str(name))
-        found = tables[RESULTS.name].columns
-        if missing_axes := [axis for axis in axes if axis not in found]:
-            raise InputError(
-                f"{path / RESULTS.file} has no column {', '.join(missing_axes)}, an axis of "
-                f"{TRIALS.file}",
-                found=", ".join(map(str, found)),
-            )
+        check_columns(list(tables[RESULTS.name].columns), axes, str(path / RESULTS.file))
         return cls(
             path=path,
             config=read_text(path / "config.yaml"),

@@ -13,7 +13,7 @@ import pandas as pd
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import replacing
-from lidarplace.files.columns import check_columns, integers
+from lidarplace.files.columns import check_columns, integers, numbers_if_known
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 
@@ -41,23 +41,19 @@ class Column:
         known = column.dropna()
         if not len(known) or self.dtype is None:
             return
+        wanted = _WANTED[self.dtype]
         good = {
             "numbers": known.dtype.kind in "iuf",
             "true and false": known.dtype.kind == "b",
             "text": pd.api.types.infer_dtype(known) in ("string", "categorical"),
         }
-        if not good[_WANTED[self.dtype]]:
-            raise InputError(
-                f"column {self.name} must hold {_WANTED[self.dtype]}",
-                place=file,
-                found=f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}",
-            )
+        if not good[wanted]:
+            kind = f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
+            raise InputError(place=file, key=self.name, expected=wanted, found=kind)
         if self.dtype == "int64":
             integers(column.fillna(0).to_frame(), self.name, str(file))
-        if self.finite and not np.isfinite(known.to_numpy(np.float64)).all():
-            raise InputError(
-                f"column {self.name} must hold finite numbers", place=file, found="infinity"
-            )
+        if self.finite:
+            numbers_if_known(column.to_frame(), self.name, str(file))
 
     def plain(self, column: pd.Series) -> pd.Series:
         """Whole numbers as int64 unless some are missing; numbers that are not of a NumPy type, or
@@ -141,7 +137,7 @@ class Table:
             return
         if not table.columns.is_unique:
             twice = table.columns[table.columns.duplicated()][0]
-            raise InputError(f"duplicate column {twice}", place=file)
+            raise InputError("duplicate column", place=file, key=twice)
         check_columns(list(table.columns), self._needed, str(file))
         for column in self.columns:
             if column.name in table:
@@ -158,5 +154,5 @@ class Table:
         if again.any():
             row, said = int(again.argmax()), found.astype(str)
             first = int((said == said.iloc[row]).all(axis=1).to_numpy().argmax())
-            what = ", ".join(f"{name} {value}" for name, value in said.iloc[row].items())
-            raise InputError(f"rows {first} and {row} are both of {what}", place=file)
+            what = ", ".join(f"{name}={value}" for name, value in said.iloc[row].items())
+            raise InputError(f"duplicate rows {first} and {row} ({what})", place=file)

@@ -37,7 +37,8 @@ def scores(values: Values, coefficient: str) -> Values:
         # The mean of equal numbers may be off by a rounding: such a rest is no spread.
         rounding = 1e-13 * np.abs(sample).sum(axis=-1)
     else:
-        raise InputError(f"coefficient must be one of {COEFFICIENTS}", found=repr(coefficient))
+        wanted = " or ".join(COEFFICIENTS)
+        raise InputError(key="coefficient", expected=wanted, found=repr(coefficient))
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > rounding[..., None], length, np.nan)
 

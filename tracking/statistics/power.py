@@ -27,11 +27,11 @@ def power(rho: float, n: int, coefficient: str = "pearson", reliability: float =
     is that of the mean over seeds, whose noise hides some of the correlation `rho`.
     """
     if not (-1 <= rho <= 1 and 0 <= reliability <= 1):
-        raise InputError(
-            "rho must be in [-1, 1] and reliability in [0, 1]", found=f"{rho} and {reliability}"
-        )
+        wanted = "rho in [-1, 1] and reliability in [0, 1]"
+        raise InputError(expected=wanted, found=f"{rho} and {reliability}")
     if coefficient not in ("pearson", "spearman"):
-        raise InputError("coefficient must be pearson or spearman", found=repr(coefficient))
+        wanted = "pearson or spearman"
+        raise InputError(key="coefficient", expected=wanted, found=repr(coefficient))
     if n < 3 or smallest_p(n) > ALPHA:
         return 0.0
     if coefficient == "pearson":
@@ -60,7 +60,7 @@ def placements_needed(rho: float, coefficient: str = "pearson", reliability: flo
     Raises ValueError: 10,000 do not suffice.
     """
     if power(rho, MOST_PLACEMENTS, coefficient, reliability) < TARGET:
-        raise ValueError(f"{MOST_PLACEMENTS} placements do not suffice to find rho = {rho:g}")
+        raise InputError(f"{MOST_PLACEMENTS} placements do not suffice to find rho = {rho:g}")
     sizes = range(5, MOST_PLACEMENTS + 1)
     found = bisect_left(sizes, TARGET, key=lambda n: power(rho, n, coefficient, reliability))
     return sizes[found]

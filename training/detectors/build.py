@@ -40,16 +40,17 @@ def build(
     network, own = network_and_preset(name)
     plug_in = PLUG_INS.path(network) is not None and PLUG_INS[network]
     if not plug_in and find_spec(f"training.detectors.{network}") is None:
-        raise ValueError(f"unknown detector {name!r}")
-    if preset not in (None, *PRESETS):
-        raise ValueError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
-    if own is not None and preset not in (None, own):
-        raise InputError(f"{name} has preset {own!r}", found=repr(preset))
+        raise InputError(f"unknown detector {name!r}")
+    allowed = PRESETS if own is None else (own,)
+    if preset not in (None, *allowed):
+        wanted = " or ".join(allowed)
+        raise InputError(place=name, key="preset", expected=wanted, found=repr(preset))
     if point_range is not None and not all(
         -math.inf < low < high < math.inf
         for low, high in zip(point_range[:3], point_range[3:], strict=True)
     ):
-        raise InputError("point_range needs finite low < high on every axis", found=point_range)
+        wanted = "finite low < high on every axis"
+        raise InputError(key="point_range", expected=wanted, found=point_range)
     # torch takes seconds to import, and who only evaluates does not need it.
     from training.detectors.detector import Detector
     from training.device import settle_vector_math
@@ -73,18 +74,16 @@ def build(
 def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> None:
     """Raise ValueError unless these are different names of classes whose size is known."""
     if isinstance(classes, str):
-        raise InputError(
-            "classes is a list of names", found=repr(classes), fix=f"write [{classes!r}]"
-        )
+        wanted, fix = "a list of names", f"write [{classes!r}]"
+        raise InputError(key="classes", expected=wanted, found=repr(classes), fix=fix)
     if not classes or len(set(classes)) < len(classes):
-        raise InputError("classes must be different names, at least one", found=list(classes))
+        raise InputError(key="classes", expected="different names, at least one", found=[*classes])
     for name in classes:
-        check_class_name(name)
+        check_class_name(name, key="classes")
         if name not in CLASSES and name not in [item.name for item in typical]:
-            raise ValueError(
-                f"nothing tells how large a {name} is{did_you_mean(name, CLASSES)}; known are "
-                f"{', '.join(CLASSES)}, and others by `typical` objects"
-            )
+            fault = f"unknown size of {name}{did_you_mean(name, CLASSES)}"
+            wanted = f"{', '.join(CLASSES)}, or a `typical` object"
+            raise InputError(fault, key="classes", expected=wanted)
 
 
 def network_and_preset(name: str) -> tuple[str, str | None]:

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from training.detectors.detector import Detector
 
 _COLUMNS = {"boxes": (7,), "scores": (), "labels": (), "refined": (7,)}
@@ -20,17 +20,15 @@ def checked_losses(model: Detector, losses: Mapping[str, Tensor]) -> Mapping[str
 
     A number that is not finite is `Optimisation.step`'s to report, which knows the frames.
     """
-    place = f"{_name(model)}.loss"
-    if not isinstance(losses, Mapping) or not isinstance(losses.get("loss"), Tensor):
-        expected = 'a dict with the tensor "loss"'
-        raise InputError("no loss", place=place, expected=expected, found=_kind(losses))
-    for name, value in losses.items():
-        single = value.numel() == 1 if isinstance(value, Tensor) else isinstance(value, int | float)
-        if not single:
-            kind, expected = _kind(value), "one number"
-            raise InputError("wrong shape", place=place, key=name, expected=expected, found=kind)
-    if not losses["loss"].requires_grad:
-        raise InputError("loss has no gradient", place=place, fix="compute it from the weights")
+    with at(f"{_name(model)}.loss"):
+        if not isinstance(losses, Mapping) or not isinstance(losses.get("loss"), Tensor):
+            raise InputError(expected='a dict with the tensor "loss"', found=_kind(losses))
+        for name, value in losses.items():
+            size = value.numel() if isinstance(value, Tensor) else isinstance(value, int | float)
+            if size != 1:
+                raise InputError(key=name, expected="one number", found=_kind(value))
+        if not losses["loss"].requires_grad:
+            raise InputError("no gradient", key="loss", fix="compute it from the weights")
     return {n: v if isinstance(v, Tensor) else torch.tensor(float(v)) for n, v in losses.items()}
 
 
@@ -42,20 +40,20 @@ def as_arrays(
     Raises:
         InputError: they are not what `Detector.predict` documents; names the network and the frame.
     """
-    place = f"{_name(model)}.predict"
-    if not isinstance(found, Sequence) or len(found) != len(frames):
-        expected = f"a list of {len(frames)} dicts, one per frame"
-        raise InputError("wrong result", place=place, expected=expected, found=_kind(found))
-    return [
-        _frame_arrays(item, f"{place}: frame {number}", len(model.classes))
-        for number, item in zip(frames, found, strict=True)
-    ]
+    arrays = []
+    with at(f"{_name(model)}.predict"):
+        if not isinstance(found, Sequence) or len(found) != len(frames):
+            wanted = f"a list of {len(frames)} dicts, one per frame"
+            raise InputError(expected=wanted, found=_kind(found))
+        for number, item in zip(frames, found, strict=True):
+            with at(f"frame {number}"):
+                arrays.append(_frame_arrays(item, len(model.classes)))
+    return arrays
 
 
-def _frame_arrays(item: Mapping[str, Tensor], place: str, classes: int) -> dict[str, NDArray[Any]]:
+def _frame_arrays(item: Mapping[str, Tensor], classes: int) -> dict[str, NDArray[Any]]:
     if not isinstance(item, Mapping) or not {"boxes", "scores", "labels"} <= item.keys():
-        expected = "a dict of boxes, scores and labels"
-        raise InputError("wrong result", place=place, expected=expected, found=_kind(item))
+        raise InputError(expected="a dict of boxes, scores and labels", found=_kind(item))
     arrays: dict[str, NDArray[Any]] = {}
     for name in (name for name in _COLUMNS if name in item):
         value, columns = item[name], _COLUMNS[name]
@@ -63,7 +61,7 @@ def _frame_arrays(item: Mapping[str, Tensor], place: str, classes: int) -> dict[
         rows = shape[0] if columns and shape else len(arrays.get("boxes", ()))
         if shape != (rows, *columns):
             expected, found = "(M, 7)" if columns else f"({rows},)", _kind(value)
-            raise InputError("wrong shape", place=place, key=name, expected=expected, found=found)
+            raise InputError("wrong shape", key=name, expected=expected, found=found)
         array = arrays[name] = value.detach().cpu().double().numpy()
         bad, allowed = ~np.isfinite(array), "finite numbers"
         if name == "labels":
@@ -72,8 +70,7 @@ def _frame_arrays(item: Mapping[str, Tensor], place: str, classes: int) -> dict[
             bad, allowed = bad | (array < 0) & _IS_SIZE, "finite numbers, sizes from 0"
         if bad.any():
             row = int(np.argwhere(bad)[0][0])
-            key, numbers = f"{name}[{row}]", f"{array[row].tolist()}"
-            raise InputError("out of range", place=place, key=key, expected=allowed, found=numbers)
+            raise InputError(key=f"{name}[{row}]", expected=allowed, found=array[row].tolist())
     arrays["labels"] = arrays["labels"].astype(np.int64)
     return arrays
 

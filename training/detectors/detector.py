@@ -100,7 +100,8 @@ class Detector(nn.Module, ABC):
         known = range(1, len(self.classes) + 1)
         strange = {label for item in labels for label in item.tolist()} - set(known)
         if strange:
-            raise InputError(f"labels must be 1 to {len(self.classes)}", found=sorted(strange))
+            wanted = f"1 to {len(self.classes)}"
+            raise InputError(key="labels", expected=wanted, found=sorted(strange))
         return [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
 
     @abstractmethod

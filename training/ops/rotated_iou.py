@@ -143,13 +143,11 @@ def checked(boxes: ArrayLike) -> NDArray[np.float64]:
     """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
     array = np.ascontiguousarray(boxes, np.float64)
     if array.ndim != 2 or array.shape[1] != 7:
-        raise InputError(
-            "boxes must have shape (N, 7): x, y, z, length, width, height, yaw", found=array.shape
-        )
+        raise InputError(key="boxes", expected="shape (N, 7), x to yaw", found=array.shape)
     if not np.isfinite(array).all():
-        raise InputError("boxes must be finite numbers", found="NaN or infinity")
+        raise InputError(key="boxes", expected="finite numbers", found="NaN or infinity")
     if (array[:, 3:6] < 0).any():
-        raise InputError("box sizes must be at least 0", found=array[:, 3:6].min())
+        raise InputError(key="boxes", expected="sizes from 0", found=array[:, 3:6].min())
     return array
 
 
@@ -175,7 +173,7 @@ def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]
     """
     a, b = checked(a), checked(b)
     if len(a) != len(b):
-        raise InputError("pairs need as many boxes on both sides", found=f"{len(a)} and {len(b)}")
+        raise InputError(key="b", expected=f"{len(a)} boxes, as in a", found=len(b))
     return _pair_kernel(a, b, three_d)
 
 

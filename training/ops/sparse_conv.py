@@ -114,7 +114,7 @@ class SubmanifoldConv3d(_SparseConvolution):
 
     def __init__(self, inputs: int, outputs: int, kernel: Triple = (3, 3, 3)) -> None:
         if any(size % 2 == 0 for size in kernel):
-            raise InputError("a submanifold convolution needs an odd kernel", found=kernel)
+            raise InputError(key="kernel", expected="odd sizes", found=kernel)
         super().__init__(inputs, outputs, kernel)
 
     def forward(self, x: SparseTensor) -> SparseTensor:
