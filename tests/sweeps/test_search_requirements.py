@@ -14,13 +14,13 @@ from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.facing import facing_pairs
 from lidarplace.requirements.judge import judge
-from sweeps.configuration.file import ConfigError
 from sweeps.search.output.terminal import rig_warnings, warnings_of
 from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint
 from sweeps.search.problem.problem import read_problem
+from tests.refused import refused
 
 AROUND = {"name": "somebody around", "where": {"distance": [1, 3]}, "what": "Pedestrian"}
 AROUND |= {"at_least": {"points": 4}, "for": 0.9, "step": 1.0}
@@ -221,5 +221,5 @@ def test_cameras_and_radars_that_every_rig_has(tmp_path):
     again = SweptPlacementSettings.model_validate(found_rig)
     assert again.further() == with_them.question.carrier.further
     watts = {"objective": "power", "models": {"small": "vlp16"}, "cameras": [camera]}
-    with pytest.raises(ConfigError, match="cameras: power of front: is missing; say it"):
+    with refused(("", "search.cameras", ""), "front: missing power"):
         problem_of(tmp_path, **watts)
