@@ -173,5 +173,3 @@ def test_an_axis_inside_of_a_key_of_the_command_line_keeps_its_values(config):
     assert sweep.common.ray.address == "debug"
     assert {p.point.seed for p in sweep.points} == {7}
     assert [(p.point.scene.density, p.point.scene.routes) for p in sweep.points] == [(4, 3), (7, 3)]
-    with refused(("--set scene.routes=3", "", "")):
-        read_sweep(config(grid={"scene": [{"density": 3}]}), ["scene.routes=3"])

@@ -118,8 +118,6 @@ def test_classes_of_a_log_that_count_as_others(log, tmp_path):
         plan_of(log, tmp_path, classes=["Car"], scene=scene) for scene in ({}, {"class_map": own})
     ]
     assert len({plan.trials[0].pog.key for plan in plans}) == 2
-    with refused(("", "scene.class_map", "'papers'")):
-        plan_of(log, tmp_path, scene={"class_map": "papers"})
 
 
 def test_from_a_log_to_a_decision(log, tmp_path):

@@ -17,7 +17,6 @@ from sweeps.tasks.parameters import RecallParams
 from sweeps.tasks.stages import recall
 from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, log_of
 from tests.mlflow_database import write_database
-from tests.refused import refused
 from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call
 
@@ -106,8 +105,6 @@ def test_drawn_mounts_give_the_mean_over_vehicles(log):
     single = [stage(ROWS, Placement("rig", rig.mounts, lidar=LIDAR)) for rig in params.rigs]
     every = stage(ROWS, *(Placement("rig", rig.mounts, lidar=LIDAR) for rig in params.rigs))
     pd.testing.assert_series_equal(every, sum(single) / 3)
-    with refused(("", "surrogate.mount_draws", "")):
-        read(log, surrogate=surrogate)
 
 
 def test_who_asks_for_none_pays_for_none(log):

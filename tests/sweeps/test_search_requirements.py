@@ -20,7 +20,6 @@ from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint
 from sweeps.search.problem.problem import read_problem
-from tests.refused import refused
 
 AROUND = {"name": "somebody around", "where": {"distance": [1, 3]}, "what": "Pedestrian"}
 AROUND |= {"at_least": {"points": 4}, "for": 0.9, "step": 1.0}
@@ -220,6 +219,3 @@ def test_cameras_and_radars_that_every_rig_has(tmp_path):
     found_rig = as_plain(with_them.placement_settings(RIG))
     again = SweptPlacementSettings.model_validate(found_rig)
     assert again.further() == with_them.question.carrier.further
-    watts = {"objective": "power", "models": {"small": "vlp16"}, "cameras": [camera]}
-    with refused(("", "search.cameras", ""), "front: missing power"):
-        problem_of(tmp_path, **watts)
