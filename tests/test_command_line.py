@@ -286,7 +286,7 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
 def test_the_name_of_a_file_that_can_be_none_of_a_sweep(in_folder, log, verb, content):
     path = in_folder / "mein grüner.yaml"
     path.write_text(f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n{content}")
-    told = ("name: without one it is that of the file", "'mein grüner'", "--set name=mein_grüner")
+    told = ("mein grüner.yaml: name: ", "'mein grüner'", "--set name=mein_grüner")
     assert_one_line(lidarplace(verb, path, "--dry-run"), *told)
     done = lidarplace(verb, path, "--dry-run", "--set", "name=mein_grüner")
     assert done.exit_code == 0, done.output

@@ -75,7 +75,8 @@ def test_a_sweep(changes, world):
         read_sweep(path)
     line = str(error.value).removeprefix(f"{path}: ")
     check(changes, line)
-    assert not error.value.key or line.startswith(f"{error.value.key}: ")
+    assert error.value.place == str(path)
+    assert line.startswith(f"{error.value.key}: ")
 
 
 @pytest.mark.parametrize("changes", cases("search "))

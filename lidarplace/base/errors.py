@@ -31,11 +31,18 @@ class InputError(ValueError):
 
 
 @contextmanager
-def at(place: str | PurePath, error: type[InputError] = InputError) -> Iterator[None]:
-    """Put `place` in front of a ValueError of the block, which becomes an `error`; parts stay."""
+def at(
+    place: str | PurePath = "", error: type[InputError] = InputError, key: str = ""
+) -> Iterator[None]:
+    """Put `place` and `key` in front of a ValueError of the block, which becomes an `error`; parts
+    stay. A place that is there is not repeated; one that follows a key is in the problem."""
     try:
         yield
     except ValueError as wrong:
         own = wrong if isinstance(wrong, InputError) else InputError(" ".join(str(wrong).split()))
-        where = f"{place}: {own.place}" if own.place else place
-        raise error(**vars(own) | {"place": where}) from None
+        if key and own.place:
+            own = InputError(str(own))
+        front = "" if f"{own.place}: ".startswith(f"{place}: ") else str(place)
+        paths = {"place": (front, own.place), "key": (key, own.key)}
+        joined = {name: ": ".join(filter(None, parts)) for name, parts in paths.items()}
+        raise error(**vars(own) | joined) from None

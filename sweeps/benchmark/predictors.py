@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.box_log import BoxLog
@@ -107,14 +107,14 @@ def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, fl
         by_class = dict(found) if isinstance(found, Mapping) else dict.fromkeys(_CLASSES, found)
         numbers = {key: float(value) for key, value in by_class.items()}
     except Exception as error:  # of the user's own code
-        at = traceback.extract_tb(error.__traceback__)[-1]
+        last = traceback.extract_tb(error.__traceback__)[-1]
         why = " ".join(f"{type(error).__name__}: {error}".split())
-        why += f" ({Path(at.filename).name}, line {at.lineno})"
+        why += f" ({Path(last.filename).name}, line {last.lineno})"
         raise InputError(why, place=place) from None
     for key, value in numbers.items():
         if key not in _CLASSES or not np.isfinite(value):
             expected = f"a finite number, or one for each of {', '.join(_CLASSES)}"
-            raise InputError("result", place=place, expected=expected, found=f"{key}: {value}")
+            raise InputError(place=place, key="result", expected=expected, found=f"{key}: {value}")
     return _by_metric(numbers)
 
 
@@ -137,10 +137,8 @@ def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
         fix = "write it with training.checkpoints.write_checkpoint"
         raise InputError("the checkpoint does not name its detector", place=str(path), fix=fix)
     named = {"detector": detector, "training.checkpoint": str(path)}
-    try:
+    with at(path):
         rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
-    except ValueError as error:
-        raise InputError(str(error), place=str(path)) from None
     first = with_detector(rigs.values())[0].evaluate.params
     model = build_detector(
         detector, first.classes, point_range=first.point_range, typical=first.typical

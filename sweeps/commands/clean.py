@@ -65,8 +65,8 @@ def clean(
         try:
             limit = None if quota is None else TypeAdapter(ByteSize).validate_python(quota)
         except ValidationError:
-            expected = "expected a size such as 500MB or 50GB"
-            raise InputError(expected, place=f"--quota {quota}") from None
+            expected = "a size such as 500MB or 50GB"
+            raise InputError(place="--quota", expected=expected, found=quota) from None
         opened = _store_of(store)
         with nullcontext() if unlocked or dry_run else opened.exclusive():
             opened.forget(*forget or ())

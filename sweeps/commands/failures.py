@@ -84,11 +84,9 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
 
     for name in ("objects", "found"):
         if getattr(run, name) is None:
-            raise ValueError(
-                f"{run.path} has no {name}.parquet, as its sweep ran before there was any; "
-                "its command writes it, and computes nothing again that is in the store: "
-                f"{run.sweep.command}"
-            )
+            problem = "missing, as the sweep ran before there was any"
+            fix = f"its command writes it, from what is in the store: {run.sweep.command}"
+            raise InputError(problem, place=run.path / f"{name}.parquet", fix=fix)
     run = fully_trained(run if rigs else without(run, set(copies(run))))
     every = [group for group in groups(run) if group.detector]
     chosen = [group for group in every if _holds(group, where)]
@@ -96,9 +94,8 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
         places = "; ".join(
             ", ".join(f"{key}={value}" for key, value in group.place.items()) for group in every
         )
-        raise InputError(
-            f"{run.path} has {places or 'no detector'}", place=f"--where {' '.join(where)}"
-        )
+        problem = f"{run.path} has {places or 'no detector'}"
+        raise InputError(problem, place=f"--where {' '.join(where)}")
     if rigs is None:
         ranked = ((group, headline_ranking(run, group)) for group in chosen)
         found = compared_failures(run, ranked)
@@ -119,10 +116,8 @@ def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
         raise InputError(place=f"--rigs {rigs}", expected="two placements, such as center,line")
     for name in names:
         if name not in run.placements:
-            raise InputError(
-                f"{run.path} has no placement {name}; it has {', '.join(run.placements)}",
-                place="--rigs",
-            )
+            problem, known = f"{run.path} has no placement {name}", ", ".join(run.placements)
+            raise InputError(problem, place="--rigs", expected=known)
     return names[0], names[1]
 
 

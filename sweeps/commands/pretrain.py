@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lidarplace.base.errors import at
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable, check_takes_files
@@ -45,7 +46,6 @@ def pretrain(
     which favour no placement. All classes of the configuration are trained. If it already names the
     file to be written, the training starts from scratch. Scenes and clouds are kept in the store of
     the first file; a stopped training resumes at its last epoch."""
-    from sweeps.configuration.file import named
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.pretrain_task import pretrain_task
@@ -63,7 +63,7 @@ def pretrain(
         check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         check_takes_files(out.parent)
-        with named(", ".join(map(str, configs))):
+        with at(", ".join(map(str, configs))):
             task = pretrain_task([training for _, training in found])
             store = store_of(sweep)
         tasks = with_inputs([task])
@@ -99,7 +99,6 @@ def pretrain(
 
 
 def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep, Task[Trained]]:
-    from sweeps.configuration.file import named
     from sweeps.configuration.grid import read_sweep
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import training_of
@@ -115,5 +114,5 @@ def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep,
     if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
         overrides = [*overrides, "training.checkpoint=null"]
     sweep, plan = read_plan(config, overrides)
-    with named(config):
+    with at(config):
         return sweep, training_of(sweep, plan)

@@ -59,16 +59,14 @@ class CommandJudge(Settings):
     @classmethod
     def _possible(cls, command: str) -> str:
         if not shlex.split(command) or "\0" in command:
-            raise ValueError("allowed is a program with its arguments")
+            raise InputError(expected="a program with its arguments")
         for name in re.findall(r"\{\w+\}", command):
             if name not in PLACEHOLDERS:
-                hint = did_you_mean(name, PLACEHOLDERS)
-                raise ValueError(
-                    f"unknown placeholder {name}{hint}; allowed are {', '.join(PLACEHOLDERS)}"
-                )
+                problem = f"unknown placeholder {name}{did_you_mean(name, PLACEHOLDERS)}"
+                raise InputError(problem, expected=", ".join(PLACEHOLDERS))
         for name in PLACEHOLDERS[:2]:
             if name not in command:
-                raise ValueError(f"{name} is missing: nothing else names that folder")
+                raise InputError(f"{name} is missing, and nothing else names that folder")
         return command
 
     def uses(self, placeholder: str) -> bool:
@@ -80,11 +78,8 @@ def _checked(judge: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
     if isinstance(judge, (Mapping, CommandJudge)):
         own = CommandJudge.model_validate(judge, context=info.context)
         if own.name in JUDGES:
-            raise InputError(
-                f"{own.name} is a built-in judge",
-                key="name",
-                fix="choose another name for the command",
-            )
+            problem, fix = f"{own.name} is a built-in judge", "choose another name for the command"
+            raise InputError(problem, key="name", fix=fix)
         return own
     if judge not in JUDGES:
         hint = did_you_mean(judge, JUDGES) if isinstance(judge, str) else ""

@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.registry import FOLDERS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
+from lidarplace.configuration.settings import found, key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
 from lidarplace.scenes.kinds import KINDS, source_of
@@ -51,17 +51,13 @@ class ConfigError(InputError):
 
 
 @contextmanager
-def named(place: object, file: Path | None = None) -> Iterator[None]:
-    """Raise ConfigError that begins with `place` for a ValueError of the block, or for an OSError
-    where it reads a file."""
-    try:
-        yield
-    except OSError as error:
-        if file is None:
-            raise
-        raise ConfigError(f"{place}: {file}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"{place}: {error}") from None
+def reading(key: str) -> Iterator[None]:
+    """`at` a key that names files, which the block reads: an OSError becomes ConfigError, too."""
+    with at(key=key, error=ConfigError):
+        try:
+            yield
+        except OSError as error:
+            raise InputError(str(error.strerror or error), place=error.filename or "") from None
 
 
 def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
@@ -73,17 +69,17 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
         raise ConfigError(f"cannot be read: {error.strerror}", place=path) from None
     except YamlError as error:
         raise ConfigError(str(error)) from None
-    if not isinstance(raw, dict):
-        what = "nothing" if raw is None else type(raw).__name__
-        raise ConfigError(place=path, expected="a mapping of keys", found=what)
-    unknown = [key for key in raw if key not in model.model_fields]
-    for key, (kind, verb) in _VERBS.items():
-        if key in unknown:
-            raise ConfigError(
-                f"key of {kind}", place=path, key=key, fix=f"run this file with {command(verb)}"
-            )
-    for key in map(str, unknown):
-        raise ConfigError(unknown_key(key, model), place=str(path), key=shortened(key))
+    with at(path, ConfigError):
+        if not isinstance(raw, dict):
+            what = "nothing" if raw is None else type(raw).__name__
+            raise InputError(expected="a mapping of keys", found=what)
+        unknown = [key for key in raw if key not in model.model_fields]
+        for key, (kind, verb) in _VERBS.items():
+            if key in unknown:
+                fix = f"run this file with {command(verb)}"
+                raise InputError(f"key of {kind}", key=key, fix=fix)
+        for key in map(str, unknown):
+            raise unknown_key(key, model, key=shortened(key))
     FOLDERS.append(path.parent.resolve())
     for pair in overrides:
         _override(raw, pair, path, model)
@@ -100,13 +96,10 @@ def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> 
     raw = read_yaml(path, overrides, model)
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
-        raise ConfigError(
-            f"without one it is that of the file, and {path.stem!r} cannot be a name, which "
-            "has letters, digits and _.- alone",
-            place=path,
-            key="name",
-            fix=f"give another, such as --set name={other}",
-        )
+        problem, expected = "the default is that of the file", "letters, digits and _.- alone"
+        fix = f"set another, such as --set name={other}"
+        found = repr(path.stem)
+        raise ConfigError(problem, place=path, key="name", expected=expected, found=found, fix=fix)
     return {**raw, "name": raw.get("name", path.stem)}
 
 
@@ -126,31 +119,29 @@ def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]
     except YamlError as error:
         raise ConfigError(f"the value: {error}", place=f"--set {pair}") from None
     if key.partition(".")[0] not in model.model_fields:
-        raise ConfigError(unknown_key(key, model), place=f"--set {pair}")
+        raise unknown_key(key, model, place=f"--set {pair}")
     if key.startswith("grid."):  # its keys are key paths: grid."training.lr"
         grid = raw.setdefault("grid", {})
         if not isinstance(grid, dict):
-            raise ConfigError("grid", place=path, expected="a mapping", found=repr(grid))
+            raise ConfigError(place=path, key="grid", expected="a mapping", found=repr(grid))
         grid[key.removeprefix("grid.")] = value
         return
     axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
     for axis in axes:
         if f"{key}.".startswith(f"{axis}."):
-            raise ConfigError(
-                f"{axis} is an axis of the grid", place=f"--set {pair}", fix=f"use grid.{axis}=[…]"
-            )
-    put(raw, key, value, path)
+            fix = f"use grid.{axis}=[…]"
+            raise ConfigError(f"{axis} is an axis of the grid", place=f"--set {pair}", fix=fix)
+    with at(path, ConfigError):
+        put(raw, key, value)
 
 
-def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
+def put(data: dict[str, Any], key_path: str, value: Any) -> None:
     """Set the value at a dotted key path, in copies of the mappings on the way."""
     *parents, last = key_path.split(".")
     for key in parents:
         inner = data.get(key, {})
         if not isinstance(inner, dict):
-            raise ConfigError(
-                f"{key} is {inner!r}, not a mapping of keys", place=path, key=key_path
-            )
+            raise InputError(f"{key} is {inner!r}, not a mapping of keys", key=key_path)
         data[key] = data = dict(inner)
     data[last] = deepcopy(value)
 
@@ -162,11 +153,12 @@ def check(
     names: Mapping[str, str] | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> Model:
-    """Validate, with `changes` by key path in `data`, and turn the first error into one line.
-    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole."""
+    """Validate, with `changes` by key path in `data`; raise the first mistake as InputError.
+    `path` is the file of the data. `names` maps a key path to what the user wrote it as; the empty
+    path is the model as a whole."""
     data = dict(data)
     for changed, value in (changes or {}).items():
-        put(data, changed, value, path)
+        put(data, changed, value)
     try:
         return model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
@@ -176,10 +168,20 @@ def check(
         index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
         key = names[keys] + index if names and keys in names else key_path(loc)
         if first["type"] == "extra_forbidden":
-            message = unknown_key(str(loc[-1]), _model_at(model, loc[:-1], data))
-        else:
-            message = _expected_first(what_is_wrong(_plainly(first)))
-        raise ConfigError(message, place=path, key=key) from None
+            raise unknown_key(str(loc[-1]), _model_at(model, loc[:-1], data), key) from None
+        raise _mistake(first, key) from None
+
+
+def _mistake(first: Mapping[str, Any], key: str) -> InputError:
+    """One of pydantic's `errors()`, of that key, with what was found where it is a value."""
+    inner, value = first.get("ctx", {}).get("error"), first["input"]
+    if not isinstance(inner, InputError):
+        inner, value = _in_parts(what_is_wrong(_plainly(first))), {}
+    if inner.place:
+        return InputError(str(inner), key=key)
+    key = ("." if first["loc"] else ": ").join(filter(None, (key, inner.key)))
+    there = inner.found or ("" if isinstance(value, (dict, BaseModel)) else found(value))
+    return InputError(**vars(inner) | {"key": key, "found": there})
 
 
 def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
@@ -193,14 +195,13 @@ def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
     return {**mistake, "msg": _WORDS.get(mistake["type"], said)}
 
 
-def _expected_first(line: str) -> str:
-    """`what_is_wrong` in the order of all error lines: expected X, found Y."""
-    parts = line.partition("; ") if line.startswith("found ") else ("", "", line)
-    found, semicolon, expected = parts
-    words = re.match(r"(?:Input )?(?:should (?:be|have)|allowed (?:is|are)|expected) ", expected)
-    if words is None:
-        return "missing" if line == "is missing" else line
-    return f"expected {expected[words.end() :]}" + (semicolon and f", {found}")
+def _in_parts(line: str) -> InputError:
+    """`what_is_wrong` as an error with its parts."""
+    value, _, allowed = line.partition("; ") if line.startswith("found ") else ("", "", line)
+    words = re.match(r"(?:Input )?(?:should (?:be|have)|allowed (?:is|are)|expected) ", allowed)
+    problem = "" if words else "missing" if line == "is missing" else allowed
+    expected = allowed[words.end() :] if words else ""
+    return InputError(problem, expected=expected, found=value.removeprefix("found "))
 
 
 def _model_at(
@@ -222,7 +223,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     return next((model for model in inner if model), None)
 
 
-def unknown_key(key: str, model: type[BaseModel]) -> str:
+def unknown_key(name: str, model: type[BaseModel], key: str = "", place: str = "") -> ConfigError:
     allowed = [field.alias or name for name, field in model.model_fields.items()]
-    hint = did_you_mean(key.partition(".")[0], allowed)
-    return f"unknown key{hint}; expected one of {', '.join(allowed)}"
+    problem = f"unknown key{did_you_mean(name.partition('.')[0], allowed)}"
+    return ConfigError(problem, place=place, key=key, expected=f"one of {', '.join(allowed)}")

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lidarplace.base.errors import at
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS, RANKING
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
@@ -20,7 +20,7 @@ from lidarplace.configuration.settings import found, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import ConfigError, check, named, read_named, unknown_key
+from sweeps.configuration.file import ConfigError, check, read_named, unknown_key
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
 from sweeps.configuration.whole_paths import portable
@@ -73,25 +73,25 @@ class Sweep:
 def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
     Raises ConfigError."""
-    sweep = build_sweep(read_named(path, overrides, SweepFile), path)
-    _check_mounts(sweep, path)
-    return sweep
+    raw = read_named(path, overrides, SweepFile)
+    with at(path, ConfigError):
+        sweep = build_sweep(raw, path)
+        _check_mounts(sweep)
+        return sweep
 
 
 def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
-    """The sweep of a configuration as plain data; `path` is for messages. Raises ConfigError."""
-    grid = _axes(raw, path)
+    """The sweep of the configuration `path` as plain data. Raises InputError."""
+    grid = _axes(raw)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
     own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
     # Every value of every axis by itself first: the error can then name it.
     checked_common = check(Common, common, path)
     at_first = {axis: values[0] for axis, values in grid.items()}
     first = check(Point, own, path, {axis: f"grid.{axis}[0]" for axis in grid}, at_first)
-    with named(path):
-        rigs = Rigs(checked_common.placements, first)
+    rigs = Rigs(checked_common.placements, first)
     _check_own_values(own, at_first, rigs, first, path)
-    with at(path, ConfigError):
-        rungs = _trained_rungs(checked_common, grid)
+    rungs = _trained_rungs(checked_common, grid)
     # A section in which nothing varies is one object for all points: one log is read once.
     varied = {k.partition(".")[0] for k in (*grid, *(k for _, settings in rungs for k in settings))}
     known = {key: getattr(first, key) for key in own.keys() - varied}
@@ -100,7 +100,7 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
         for i, value in enumerate(values[1:], start=1):
             names = {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"}
             check(Point, base, path, names, at_first | {axis: value})
-    exclude = _exclusions(raw.get("exclude", []), grid, path)
+    exclude = _exclusions(raw.get("exclude", []), grid)
     points = []
     for rung, settings in rungs:
         for combination in itertools.product(*grid.values()):
@@ -110,9 +110,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             names = {key: f"promote[{rung}].set.{key}" for key in settings}
             point = check(Point, base, path, names, axes | settings)
             if not settings:  # the full trainings
-                with at(path, ConfigError):
-                    _check_rungs(checked_common, point)
-            with named(f"{path}: {'grid.placement' if 'placement' in grid else 'placement'}"):
+                _check_rungs(checked_common, point)
+            with at(key="grid.placement" if "placement" in grid else "placement"):
                 rig = rigs.of(point)
             plain: Any = point.model_dump(mode="json")
             set_by_rungs = {
@@ -123,12 +122,12 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
                 axes["judge"] = point.judged_by
             points.append(GridPoint(point, rig, axes, rung, tuple(set_by_rungs)))
     if not points:
-        raise ConfigError("no point of the grid is left", place=path, key="exclude")
+        raise InputError("no point of the grid is left", key="exclude")
     source = portable(raw, path.parent)
     return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs)
 
 
-def _check_mounts(sweep: Sweep, path: Path) -> None:
+def _check_mounts(sweep: Sweep) -> None:
     """Refuse rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI, where clouds
     are simulated. A sweep that a search makes is not asked: in addition to its own rigs, which keep
     out of the body, it has the paper's for comparison, whatever vehicle they are on."""
@@ -141,12 +140,10 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
         if question in checked:
             continue
         checked.add(question)
-        try:
+        with at(key="placement"):
             check_mounts(own.rig, own.vehicle)
             if not sweep.common.allow_blind_lidars:
                 check_not_blind(own.rig, own.roi, own.vehicle)
-        except ValueError as error:
-            raise ConfigError(f"placement {error}", place=path) from None
 
 
 def _check_own_values(
@@ -159,7 +156,7 @@ def _check_own_values(
             changes = {axis: value for axis, value in at_first.items() if axis not in said}
             check(Point, own, path, changes=changes)
     if "placement" in own and "placement" in at_first:
-        with named(f"{path}: placement"):
+        with at(key="placement"):
             rigs.of(first, str(own["placement"]))
 
 
@@ -178,10 +175,10 @@ def _trained_rungs(common: Common, grid: Mapping[str, Any]) -> list[tuple[int, d
         where = f"promote[{number}].set"
         for key in rung.set:
             if key in grid:
-                raise ConfigError("is an axis of the grid", key=f"{where}.{key}")
+                raise InputError("is an axis of the grid", key=f"{where}.{key}")
             if key != "judge" and not key.startswith("training."):
                 expected = "judge or a key of training, such as training.epochs"
-                raise ConfigError(key=f"{where}.{key}", expected=expected)
+                raise InputError(key=f"{where}.{key}", expected=expected)
         refuse_overlaps(rung.set, where, grid, "an axis of the grid")
         if rung.set:
             rungs.append((number, rung.set))
@@ -192,22 +189,20 @@ def _check_rungs(common: Common, point: Point) -> None:
     for number, rung in enumerate(common.promote):
         key = f"promote[{number}]"
         if rung.by in RANKING and point.detector is None:
-            raise ConfigError(f"{rung.by} needs a detector", key=f"{key}.by")
+            raise InputError(f"{rung.by} needs a detector", key=f"{key}.by")
         if rung.by not in RANKING and rung.by not in point.surrogate.names:
-            raise ConfigError(f"{rung.by} is not among surrogate.names", key=f"{key}.by")
+            raise InputError(f"{rung.by} is not among surrogate.names", key=f"{key}.by")
         if rung.by in RANKING and rung.by not in (*METRICS.own, *point.metrics):
-            raise ConfigError(f"{rung.by} is not among metrics", key=f"{key}.by")
+            raise InputError(f"{rung.by} is not among metrics", key=f"{key}.by")
         own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
         shorter = point.training.model_copy(update=own)
         cheaper = rung.set.get("judge") in ONE_FOR_ALL and point.judge not in ONE_FOR_ALL
         if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
-            raise ConfigError(
-                "these trainings see as many frames as the full ones",
-                key=f"{key}.set",
-                fix="lower training.epochs or training.frame_share",
-            )
+            problem = "these trainings see as many frames as the full ones"
+            fix = "lower training.epochs or training.frame_share"
+            raise InputError(problem, key=f"{key}.set", fix=fix)
         if rung.object_class and rung.object_class not in point.classes:
-            raise ConfigError(f"{rung.object_class} is not among classes", key=f"{key}.class")
+            raise InputError(f"{rung.object_class} is not among classes", key=f"{key}.class")
 
 
 def refuse_overlaps(
@@ -217,12 +212,12 @@ def refuse_overlaps(
     whose: str = "which is also set",
 ) -> None:
     """Refuse a key path of the mapping `where` inside of another, or of one that is set next to it,
-    `whose`: which of the two counts would depend on their order. Raises ConfigError."""
+    `whose`: which of the two counts would depend on their order. Raises InputError."""
     for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
         what = "which is also set" if outer in key_paths else whose
-        raise ConfigError(f"is inside {outer}, {what}", key=f"{where}.{inner}")
+        raise InputError(f"is inside {outer}, {what}", key=f"{where}.{inner}")
     for outer, inner in _nested(key_paths, others):
-        raise ConfigError(f"has {inner} inside, {whose}", key=f"{where}.{outer}")
+        raise InputError(f"has {inner} inside, {whose}", key=f"{where}.{outer}")
 
 
 def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
@@ -238,35 +233,30 @@ def _effort(training: TrainingSettings) -> float:
     return training.epochs * training.frame_share
 
 
-def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
+def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
-        raise ConfigError("grid", place=path, expected="a mapping of key paths", found=found(grid))
+        raise InputError(key="grid", expected="a mapping of key paths", found=found(grid))
     for axis, values in grid.items():
+        key = f"grid.{shortened(str(axis))}"
         if str(axis).partition(".")[0] not in Point.model_fields:
-            problem = unknown_key(str(axis), Point)
-            raise ConfigError(problem, place=path, key=f"grid.{shortened(str(axis))}")
+            raise unknown_key(str(axis), Point, key)
         if not isinstance(values, list) or not values:
-            expected = f"expected a list of at least 1 value, found {found(values)}"
-            raise ConfigError(expected, place=path, key=f"grid.{axis}")
+            raise InputError(key=key, expected="a list of at least 1 value", found=found(values))
         seen = set()
         for value in values:
             if _key(value) in seen:
-                raise ConfigError(f"duplicate value {found(value)}", place=path, key=f"grid.{axis}")
+                raise InputError(f"duplicate value {found(value)}", key=key)
             seen.add(_key(value))
-    with at(path, ConfigError):
-        refuse_overlaps(grid, "grid")
+    refuse_overlaps(grid, "grid")
     names = [own.get("name", "command") for own in grid.get("judge", ()) if isinstance(own, dict)]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError(
-                f"duplicate name {found(name)} of commands", place=path, key="grid.judge"
-            )
+            raise InputError(f"duplicate name {found(name)} of commands", key="grid.judge")
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
-        raise ConfigError(
-            f"{points:,} points", place=path, key="grid", expected=f"at most {MOST_POINTS:,}"
-        )
+        expected = f"at most {MOST_POINTS:,} points"
+        raise InputError(key="grid", expected=expected, found=f"{points:,}")
     return grid
 
 
@@ -277,27 +267,25 @@ def _key(value: Any) -> Any:
     return ("list", *map(_key, value)) if isinstance(value, list) else value
 
 
-def _exclusions(rules: Any, grid: Mapping[str, list[Any]], path: Path) -> list[dict[str, set[Any]]]:
+def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set[Any]]]:
     """For every rule the excluded values of its axes, as `_key` has them."""
     if not isinstance(rules, list):
-        raise ConfigError("exclude", place=path, expected="a list of mappings", found=found(rules))
+        raise InputError(key="exclude", expected="a list of mappings", found=found(rules))
     known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
-            expected = f"expected a mapping of axes to values, found {found(rule)}"
-            raise ConfigError(expected, place=path, key=f"exclude[{i}]")
+            expected = "a mapping of axes to values"
+            raise InputError(key=f"exclude[{i}]", expected=expected, found=found(rule))
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
             where = f"exclude[{i}].{shortened(str(key))}"
             if key not in grid:
                 expected = ", ".join(grid) or "none"
-                raise ConfigError("no axis of the grid", place=path, key=where, expected=expected)
+                raise InputError("no axis of the grid", key=where, expected=expected)
             for value in values:
                 if _key(value) not in known[key]:
-                    expected = found(grid[key])
-                    raise ConfigError(
-                        place=path, key=where, expected=f"one of {expected}", found=found(value)
-                    )
+                    expected = f"one of {found(grid[key])}"
+                    raise InputError(key=where, expected=expected, found=found(value))
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

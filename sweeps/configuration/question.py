@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.number_text import point
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.own_body import check_mounts
@@ -29,8 +29,9 @@ from lidarplace.requirements.requirement import KIND_OF, dead_sets
 from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
+from sweeps.configuration.file import ConfigError, read_yaml
 from sweeps.configuration.file import check as check_file
-from sweeps.configuration.file import named, read_yaml
+from sweeps.configuration.rigs import check_names
 
 
 class RequirementsFile(Settings):
@@ -71,40 +72,36 @@ class Question:
 def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
     """Read a file, its rigs and curves, and lay out its requirements. Raises ValueError, which
     names file, key and what is wrong, and OSError."""
-    file = check_file(RequirementsFile, read_yaml(path, overrides, RequirementsFile), path)
-    curves = default_curves() if file.curves is None else read_curves(file.curves)
-    with named(path):
+    raw = read_yaml(path, overrides, RequirementsFile)
+    with at(path, ConfigError):
+        file = check_file(RequirementsFile, raw, path)
+        curves = default_curves() if file.curves is None else read_curves(file.curves)
         body = vehicle_of(file.vehicle)
         rigs, further = zip(*_rigs(file), strict=True)
         for rig, others in zip(rigs, further, strict=True):
             check_asked(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
-    vehicle = body.with_boxes(keep_out_boxes(file.keep_out))
-    laid = laid_out(file.requirements, vehicle, curves, f"{path}: ")
-    return Question(rigs, vehicle, laid, further)
+        vehicle = body.with_boxes(keep_out_boxes(file.keep_out))
+        return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves), further)
 
 
 def laid_out(
     requirements: Sequence[RequirementSettings],
     vehicle: Vehicle,
     curves: DetectionCurves,
-    where: str,
+    key: str = "requirements",
 ) -> tuple[Laid, ...]:
-    """Each around the vehicle. Raises ConfigError, which begins with `where`."""
+    """Each of those of a key around the vehicle. Raises InputError."""
     laid = []
     for number, settings in enumerate(requirements):
-        with named(f"{where}requirements[{number}] {settings.name!r}"):
+        with at(key=f"{key}[{number}] {settings.name!r}"):
             laid.append(lay_out(settings.requirement(vehicle, curves), vehicle))
     return tuple(laid)
 
 
 def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, ...]]]:
     lidar = file.lidar.lidar()
-    taken = sorted(set(file.placements) & set(PAPER_PLACEMENTS))
-    if taken:
-        raise InputError(
-            f"{taken[0]!r} is the paper's", key="placements", fix="choose another name"
-        )
+    check_names(file.placements)
     names = file.rigs or tuple(file.placements) or tuple(PAPER_PLACEMENTS)
     if len(set(names)) < len(names):
         raise InputError("duplicates", key="rigs", found=", ".join(names))
@@ -112,22 +109,20 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
     for name in names:
         if name in file.placements:
             own = file.placements[name]
-            with named(f"placements.{name}"):
+            with at(key=f"placements.{name}"):
                 rigs.append((own.placement(name, lidar), own.further()))
         elif name in PAPER_PLACEMENTS:
             rigs.append((PAPER_PLACEMENTS[name].with_lidar(lidar), ()))
         elif Path(name).is_dir() or name.endswith((".yaml", ".yml")):
             path = Path(name) / "placement.yaml" if Path(name).is_dir() else Path(name)
             rig = replace(read_placement(path, lidar), name=name)
-            with named(path):
+            with at(path):
                 rigs.append((rig, read_placement_settings(path).further()))
         else:
             known = [*file.placements, *PAPER_PLACEMENTS]
-            raise InputError(
-                f"no placement {name!r}{did_you_mean(name, known)}",
-                key="rigs",
-                expected=f"{', '.join(known)}, a FILE.yaml, a run folder",
-            )
+            problem = f"no placement {name!r}{did_you_mean(name, known)}"
+            expected = f"{', '.join(known)}, a FILE.yaml, a run folder"
+            raise InputError(problem, key="rigs", expected=expected)
     return rigs
 
 
@@ -135,10 +130,8 @@ def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> 
     for name, box in zip(keep_out, keep_out_boxes(keep_out), strict=True):
         for number, mount in enumerate(rig.mounts, start=1):
             if depth_in(box[None], np.array([mount.position])).any():
-                raise InputError(
-                    f"LiDAR {number} at {point(*mount.position)} is inside keep_out.{name}",
-                    key=repr(rig.name),
-                )
+                problem = f"LiDAR {number} at {point(*mount.position)} is inside keep_out.{name}"
+                raise InputError(problem, key=repr(rig.name))
 
 
 def check_asked(
@@ -153,10 +146,8 @@ def check_asked(
     for own in requirements:
         check_dead(own, kinds)
         if own.common_view is not None:
-            try:
+            with at(key=f"{own.name!r}: {rig.name!r}"):
                 check_pairs(own.common_view.asked(), len(kinds))
-            except ValueError as error:
-                raise InputError(f"{error} in {rig.name!r}", key=repr(own.name)) from None
     check_mounts(rig, vehicle)
 
 
@@ -166,14 +157,13 @@ def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) ->
         for number, lidar in enumerate(rig.lidars, start=1):
             if (found := own.not_of(lidar)) is not None:
                 key, told = found
-                raise InputError(
-                    f"{key}: LiDAR {number} of {rig.name!r}: {told}", key=repr(own.name)
-                )
+                problem = f"LiDAR {number} of {rig.name!r}: {told}"
+                raise InputError(problem, key=f"{own.name!r}: {key}")
 
 
 def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:
     """Raise ValueError if sensors of a rig, of these kinds, can be dead in too many ways."""
     needs = () if own.at_least is None else own.at_least.needs
     count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}
-    with named(f"{own.name!r}: also_when.sensors_dead"):
+    with at(key=f"{own.name!r}: also_when.sensors_dead"):
         dead_sets(own.also_when.sensors_dead or 0, sum(kind in count for kind in kinds))

@@ -1,10 +1,10 @@
 """The rigs of a configuration, each built once."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.rigs.lidar import Lidar
@@ -12,7 +12,6 @@ from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.rigs.weather import Weather
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import named
 from sweeps.configuration.sweep import LidarSettings, Point
 
 
@@ -22,16 +21,12 @@ class Rigs:
 
     def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
         """Build own placements as the first point has them. Raises ValueError, as `of` does."""
-        taken = sorted(set(own) & set(PAPER_PLACEMENTS))
-        if taken:
-            raise InputError(
-                f"{taken[0]!r} is the paper's", key="placements", fix="choose another name"
-            )
+        check_names(own)
         self.own = own
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
         self._subset = cache(_subset)
-        with named("placements"):
+        with at(key="placements"):
             for name in own:
                 self.of(first, name)
 
@@ -41,7 +36,7 @@ class Rigs:
         not fit them, or LiDARs of a recorded rig are not those of the point's scene."""
         name, subset = name or point.placement, None
         if names := self.recorded(name):
-            with named(f"{name}.recorded"):
+            with at(key=f"{name}.recorded"):
                 subset = self._subset(point.scene, point.lidar, names)
         return self._built(name, point.lidar.lidar(), point.weather.weather(), subset)
 
@@ -66,12 +61,17 @@ class Rigs:
         return rig.each_lidar(lambda own: self._in_weather(own, weather))
 
 
+def check_names(own: Iterable[str]) -> None:
+    """Raise InputError if a placement of one's own is called as one of the paper's."""
+    for name in sorted(set(own) & set(PAPER_PLACEMENTS)):
+        raise InputError(f"{name!r} is the paper's", key="placements", fix="choose another name")
+
+
 def _subset(scene: Scene, lidar: LidarSettings, names: tuple[str, ...]) -> Placement:
     """LiDARs of the rig that recorded a log, with what `lidar` corrects. Raises ValueError."""
     if not isinstance(scene, LogScene):
-        raise InputError(
-            "needs the recorded rig of a log", expected="scene.source log", found=scene.source
-        )
+        problem, expected = "needs the recorded rig of a log", "scene.source log"
+        raise InputError(problem, expected=expected, found=scene.source)
     subset = scene.rig.subset(names)
     models = zip(subset.names, subset.placement.lidars, strict=True)
     return replace(subset.placement, lidar=[lidar.corrected(own, name) for name, own in models])

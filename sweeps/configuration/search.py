@@ -88,7 +88,7 @@ class ZoneSettings(PlaceSettings):
             if own := self.model_fields_set & _OF_COUNTED_ZONES:
                 raise InputError("needs `lidars` in the zone", key=min(own))
         elif self.lidars[0] > self.lidars[1]:
-            raise InputError("expected a number, or [min, max] with min <= max", key="lidars")
+            raise InputError(key="lidars", expected="a number, or [min, max] with min <= max")
         if self.mirrored and any(y < 0 for _, y in self.zone("any").polygon):
             raise InputError("define only the part left of y = 0", key="mirrored")
         return self
@@ -159,18 +159,17 @@ class ObjectiveSettings(Settings):
     @classmethod
     def _varies(cls, by: str) -> str:
         if by in SURROGATES and SURROGATES[by].fixed:
-            raise ValueError(f"{by} does not depend on the placement")
+            raise InputError("does not depend on the placement")
         return by
 
     @model_validator(mode="after")
     def _has_classes(self) -> ObjectiveSettings:
         of_classes = self.by in (*SURROGATES, *RANKING)
         if self.weights is not None and not (of_classes and self.weights):
-            raise ValueError(f"{self.by} has no classes")
+            raise InputError(f"{self.by} has no classes", key="weights")
         if self.judged and not self.measured:
-            raise ValueError(
-                f"{self.by} is not measured by a detector; allowed are {', '.join(RANKING)}"
-            )
+            problem = f"{self.by} is not measured by a detector"
+            raise InputError(problem, expected=", ".join(RANKING))
         if self.also and not (self.measured and all(part.measured for part in self.parts)):
             raise InputError("is for values that detectors measure, such as recall", key="also")
         if len({part.best for part in self.parts}) > 1:
@@ -394,7 +393,7 @@ class SearchSettings(Settings):
     def _fits(self) -> SearchSettings:
         low, high = self.lidars
         if not 1 <= low <= high:
-            raise InputError("expected a number, or [min, max] with 1 <= min <= max", key="lidars")
+            raise InputError(key="lidars", expected="a number, or [min, max] with 1 <= min <= max")
         names = [objective.name for objective in self.objective]
         if len(set(names)) < len(names):
             raise InputError("duplicates", key="objective", found=", ".join(names))
@@ -427,10 +426,8 @@ class SearchSettings(Settings):
             if fixed.lidar is not None:
                 raise InputError("lidar: define it in `models`, and set `model` here", key="fixed")
             if fixed.model is not None and fixed.model not in self.models:
-                known = ", ".join(self.models) or "models"
-                raise InputError(
-                    f"unknown model {fixed.model!r}", key="fixed", expected=f"one of {known}"
-                )
+                known = f"one of {', '.join(self.models) or 'models'}"
+                raise InputError(f"unknown model {fixed.model!r}", key="fixed", expected=known)
         self._check_sampler()
         return self
 
@@ -466,48 +463,38 @@ class SearchSettings(Settings):
             if without:
                 raise InputError("missing; other zones have it", key=f"zones.{without[0]}.lidars")
             if "lidars" in self.model_fields_set:
-                raise InputError(
-                    "the zones say how many there are", key="lidars", fix="say it there alone"
-                )
+                raise InputError("remove it; the zones set the number of LiDARs", key="lidars")
             if self.symmetric:
                 raise InputError("zones with `lidars` need `mirrored`, too", key="symmetric")
             if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
                 raise InputError("no zone allows a LiDAR", key="zones")
         mountable(self.zones, vehicle_of(self.vehicle))
-        known = ", ".join(self.models) or "none: give search.models"
+        known = ", ".join(self.models) or "one of search.models, which has none"
         for name, zone in self.zones.items():
             for model in zone.models or ():
                 if model not in self.models:
-                    raise InputError(
-                        f"no model {model!r}; there are {known}", key=f"zones.{name}.models"
-                    )
+                    key = f"zones.{name}.models"
+                    raise InputError(f"no model {model!r}", key=key, expected=known)
         common = {"constraints": self.constraints.common_view}
         common |= {f"requirements {own.name!r}": own.common_view for own in self.requirements}
-        for place, view in common.items():
+        for where, view in common.items():
             if view is not None and not isinstance(view.pairs, str):
-                raise InputError(
-                    "LiDARs of a search have no fixed numbers",
-                    place=place,
-                    key="common_view.pairs",
-                    expected="all or chain",
-                    found=[list(pair) for pair in view.pairs],
-                )
+                problem = "LiDARs of a search have no fixed numbers"
+                pairs = [list(pair) for pair in view.pairs]
+                key = f"{where}.common_view.pairs"
+                raise InputError(problem, key=key, expected="all or chain", found=pairs)
         if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
             unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
             if unknown:
-                raise InputError(
-                    "not in the catalogue", key=f"models.{unknown[0]}.power", fix="set it"
-                )
+                key = f"models.{unknown[0]}.power"
+                raise InputError("not in the catalogue", key=key, fix="set it")
             if not self.models:
-                raise InputError(
-                    "define the LiDARs there, so that their power is known", key="models"
-                )
+                problem = "define the LiDARs there, so that their power is known"
+                raise InputError(problem, key="models")
             for own in self.further_settings:
                 if own.power is None:
                     key = "cameras" if own in self.cameras else "radars"
-                    raise InputError(
-                        f"power of {own.name or key}: is missing", key=key, fix="say it"
-                    )
+                    raise InputError(f"{own.name or key}: missing power", key=key, fix="set it")
         if any(o.by == "margin" for o in self.objective) and not self.requirements:
             raise InputError("margin needs search.requirements", key="objective")
 
@@ -515,20 +502,15 @@ class SearchSettings(Settings):
         if self.sampler != "cmaes":
             return
         if len(self.objective) > 1:
-            raise InputError(
-                "cmaes knows one objective", key="sampler", fix="take nsga2, nsga3, tpe or gp"
-            )
+            problem, fix = "cmaes supports one objective", "use nsga2, nsga3, tpe or gp"
+            raise InputError(problem, key="sampler", fix=fix)
         own = self.constraints.model_dump().items()
         limits = [k for k, v in own if v is not None and (k, v) != ("distance", 0)]
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
         if limits and not self.objective[0].judged:
-            raise InputError(
-                f"CMA-ES ignores constraints ({', '.join(limits)}) and would search "
-                "infeasible rigs",
-                key="sampler",
-                fix="use tpe, gp, nsga2 or nsga3, or remove the constraints "
-                "(constraints.distance: 0)",
-            )
+            problem = f"cmaes ignores constraints ({', '.join(limits)})"
+            fix = "use tpe, gp, nsga2 or nsga3, or remove them (constraints.distance: 0)"
+            raise InputError(problem, key="sampler", fix=fix)
 
 
 class RobustnessSettings(Settings):

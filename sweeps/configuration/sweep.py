@@ -268,13 +268,11 @@ class Point(Settings):
     @classmethod
     def _different(cls, classes: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if len(set(classes)) < len(classes):
-            raise ValueError("each class once")
+            raise InputError(expected="each class once")
         strange = [name for name in classes if name not in CLASSES]
         if strange and isinstance(info.data.get("scene"), SumoScene):
-            raise ValueError(
-                f"simulated traffic has no {strange[0]}{did_you_mean(strange[0], CLASSES)}; it has "
-                f"{', '.join(CLASSES)}"
-            )
+            problem = f"simulated traffic has no {strange[0]}{did_you_mean(strange[0], CLASSES)}"
+            raise InputError(problem, expected=", ".join(CLASSES))
         return classes
 
     @field_validator("scene")
@@ -283,7 +281,7 @@ class Point(Settings):
         tests = not (isinstance(scene, LogScene) and info.data.get("detector", "") is None)
         for split, count in zip(("train", "test"), scene.frame_counts(), strict=True):
             if count == 0 and (split == "train" or tests):
-                raise ValueError(f"no frame is in the {split} split; {scene.remedy(split)}")
+                raise InputError(f"no frame is in the {split} split", fix=scene.remedy(split))
         return scene
 
     @model_validator(mode="after")
@@ -294,11 +292,8 @@ class Point(Settings):
         ):
             for name in named:
                 if name not in known:
-                    raise InputError(
-                        f"{name} is not among classes{did_you_mean(name, known)}, which are "
-                        f"{', '.join(self.classes)}",
-                        key=key,
-                    )
+                    problem = f"{name} is not among classes{did_you_mean(name, known)}"
+                    raise InputError(problem, key=key, expected=", ".join(self.classes))
         return self
 
     @model_validator(mode="after")
@@ -306,25 +301,18 @@ class Point(Settings):
         sides = (self.roi.x, self.roi.y, self.roi.z)
         voxels = math.prod((high - low) / self.surrogate.resolution for low, high in sides)
         if voxels > MOST_VOXELS:
-            raise InputError(
-                f"{self.surrogate.resolution:g} m divides the ROI into {voxels:.3g} voxels",
-                key="surrogate.resolution",
-                expected=f"at most {MOST_VOXELS:.3g}",
-            )
+            problem = f"{self.surrogate.resolution:g} m divides the ROI into {voxels:.3g} voxels"
+            expected = f"at most {MOST_VOXELS:.3g}"
+            raise InputError(problem, key="surrogate.resolution", expected=expected)
         self.voxel_roi()
         if self.surrogate.mount_draws and not self.mounting_errors.errors():
-            raise InputError(
-                "no mount is off",
-                key="surrogate.mount_draws",
-                fix="set mounting_errors, such as {offset: 0.01, angle_deg: 0.5}",
-            )
+            fix = "set mounting_errors, such as {offset: 0.01, angle_deg: 0.5}"
+            raise InputError("no mount is off", key="surrogate.mount_draws", fix=fix)
         corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
         if isinstance(self.scene, SumoScene) and corner > KEEP_M:
-            raise InputError(
-                f"simulated traffic is logged up to {KEEP_M:g} m from the vehicle, and the "
-                f"corner of the ROI is {corner:.1f} m away",
-                key="roi",
-            )
+            problem = f"the corner is {corner:.1f} m from the vehicle"
+            expected = f"at most {KEEP_M:g} m, as simulated traffic is logged"
+            raise InputError(problem, key="roi", expected=expected)
         return self
 
     def own_ious(self) -> dict[str, Overlaps]:
@@ -418,19 +406,14 @@ class Rung(Settings):
     @model_validator(mode="after")
     def _clear(self) -> Rung:
         if self.by in RANKING and not self.set:
-            raise InputError(
-                f"a rung by {self.by} needs shorter trainings than the full ones", key="set"
-            )
+            problem = f"a rung by {self.by} needs shorter trainings than the full ones"
+            raise InputError(problem, key="set")
         if self.by not in RANKING and self.set:
-            raise InputError(
-                f"does not apply, because nothing is trained for a rung by {self.by}", key="set"
-            )
+            raise InputError(f"nothing is trained for a rung by {self.by}", key="set")
         if self.direction is None and self.by in SURROGATES and SURROGATES[self.by].contested:
-            raise InputError(
-                f"{self.by} is highest for a placement that sees nothing",
-                key="direction",
-                fix="set maximize (as in the paper) or minimize",
-            )
+            problem = f"{self.by} is highest for a placement that sees nothing"
+            fix = "set maximize (as in the paper) or minimize"
+            raise InputError(problem, key="direction", fix=fix)
         return self
 
     @property

@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.registry import plugin_place
 from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import write_text
@@ -89,4 +90,4 @@ def _read(path: Path) -> Failure:
     try:
         return read_record(path, Failure, "record of a failure")
     except ValueError as error:
-        raise ValueError(f"{error}; remove it, and its task is tried again") from None
+        raise InputError(str(error), fix="remove it, and its task is tried again") from None

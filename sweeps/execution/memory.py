@@ -47,13 +47,11 @@ def check_memory(tasks: Iterable[Task], ray: str) -> None:
     total, _ = machine_memory()
     if largest is not None and ray in ("local", "debug") and voxel_memory(largest) > total:
         roi = _roi_of(largest)
-        raise InputError(
-            f"{math.prod(roi.shape):.3g} voxels of {roi.resolution:g} m need "
-            f"{decimal(voxel_memory(largest))} of memory ({largest.stage})",
-            key="surrogate.resolution",
-            expected=f"at most {decimal(total)}, all that this machine has",
-            fix="take larger voxels or a smaller roi",
-        )
+        problem = f"{math.prod(roi.shape):.3g} voxels of {roi.resolution:g} m need "
+        problem += f"{decimal(voxel_memory(largest))} of memory ({largest.stage})"
+        expected = f"at most {decimal(total)}, all that this machine has"
+        fix = "use larger voxels or a smaller roi"
+        raise InputError(problem, key="surrogate.resolution", expected=expected, fix=fix)
 
 
 def machine_memory() -> tuple[int, int]:

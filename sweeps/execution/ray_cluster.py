@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.registry import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps import PACKAGES
@@ -58,7 +58,8 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
                     _check_alone(ray)
                 else:
                     _check_token_file()
-                    _join(ray, settings.address)
+                    with at(f"ray.address {settings.address}", ClusterError):
+                        _join(ray, settings.address)
             with stopped_by_signals():  # Ray's core would print its stack
                 yield ray
         except SystemExit:  # of the handler that Ray has for SIGTERM while it starts
@@ -133,35 +134,33 @@ def enter_folder(folder: str) -> None:
 
 
 def _join(ray: ModuleType, address: str) -> None:
-    where = f"ray.address {address}"
     if address.startswith("ray://"):
         if importlib.util.find_spec("grpc") is None:
-            raise ClusterError("needs grpcio: pip install 'lidarplace[cluster]'", place=where)
+            raise InputError("needs grpcio", fix="pip install 'lidarplace[cluster]'")
         hint = (
             "Is it the port of the cluster's client server, does RAY_AUTH_TOKEN or "
             "RAY_AUTH_TOKEN_PATH name its token, and was the head started with "
             "GRPC_ENABLE_FORK_SUPPORT=0?"
         )
-        _check_port(where, address.removeprefix("ray://"))
+        _check_port(address.removeprefix("ray://"))
         # It logs the end of its channel as an error; a lost cluster is an exception of a call too.
         logging.getLogger("ray.util.client").setLevel(logging.CRITICAL)
     else:
         hint = "Did the cluster stop?"
         if address != "auto":
-            _check_port(where, address)
-        _check_head(where, address)
+            _check_port(address)
+        _check_head(address)
     try:
         with warnings.catch_warnings(action="ignore"):
             ray.init(address=address, runtime_env=_cluster_environment(), **_QUIET)
     except (ConnectionError, ray.exceptions.RayError) as error:
-        why = _last_line(str(error))
-        raise ClusterError(f"Ray does not answer: {why}. {hint}", place=where) from None
+        raise InputError(f"Ray does not answer: {_last_line(str(error))}. {hint}") from None
     except RuntimeError as error:
         if "Version mismatch" not in str(error):
             raise
-        raise ClusterError(f"{where}: {' '.join(str(error).split())}") from None
+        raise InputError(" ".join(str(error).split())) from None
     try:
-        _check_nodes(ray, where)
+        _check_nodes(ray)
     except BaseException:
         ray.shutdown()
         raise
@@ -189,36 +188,34 @@ def _python_path() -> str:
     return os.pathsep.join(filter(None, dict.fromkeys([*folders, os.environ.get("PYTHONPATH")])))
 
 
-def _check_port(where: str, address: str) -> None:
+def _check_port(address: str) -> None:
     """Ray itself would wait much longer for a port at which nothing listens."""
     host, _, port = address.rpartition(":")
     try:
         socket.create_connection((host, int(port)), timeout=_CONNECT_S).close()
     except OSError as error:
-        raise ClusterError(f"cannot be reached: {error.strerror or error}", place=where) from None
+        raise InputError(f"cannot be reached: {error.strerror or error}") from None
 
 
-def _check_head(where: str, address: str) -> None:
+def _check_head(address: str) -> None:
     """Ask for the cluster's status in a process of its own: Ray's driver ends or hangs instead."""
     command = [sys.executable, "-m", "ray.scripts.scripts", "status", "--address", address]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_STATUS_S)
     except subprocess.TimeoutExpired:
-        raise ClusterError(f"does not answer within {_STATUS_S:.0f} s", place=where) from None
+        raise InputError(f"does not answer within {_STATUS_S:.0f} s") from None
     if not done.returncode:
         return
     text = done.stdout + done.stderr
     if "InvalidAuthToken" in text or "AuthenticationError" in text:
-        raise ClusterError(
-            "the cluster refuses the token",
-            place=where,
-            fix="set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN or RAY_AUTH_TOKEN_PATH to that "
-            "of its head",
+        fix = (
+            "set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN or RAY_AUTH_TOKEN_PATH to that of its head"
         )
-    raise ClusterError(f"is not the head of a Ray cluster: {_last_line(text)}", place=where)
+        raise InputError("the cluster refuses the token", fix=fix)
+    raise InputError(f"is not the head of a Ray cluster: {_last_line(text)}")
 
 
-def _check_nodes(ray: ModuleType, where: str) -> None:
+def _check_nodes(ray: ModuleType) -> None:
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
     look = ray.remote(num_cpus=0)(_look_at_node)
@@ -229,21 +226,15 @@ def _check_nodes(ray: ModuleType, where: str) -> None:
     try:
         nodes = ray.get(looks, timeout=_NODES_S)
     except ray.exceptions.RayError as error:
-        raise ClusterError(f"a node cannot work: {_last_line(str(error))}", place=where) from None
+        raise InputError(f"a node cannot work: {_last_line(str(error))}") from None
     for name, folder_is_there, versions in nodes:
         if not folder_is_there:
-            raise ClusterError(
-                f"node {name} has no folder {os.getcwd()}",
-                place=where,
-                fix="start the sweep in one that all nodes share",
-            )
+            problem = f"node {name} has no folder {os.getcwd()}"
+            raise InputError(problem, fix="start the sweep in one that all nodes share")
         for package, there in versions.items():
             if there != own[package]:
-                raise ClusterError(
-                    f"node {name} has {package} {there}, and this driver {own[package]}; "
-                    "results would depend on the node",
-                    place=where,
-                )
+                problem = f"node {name} has {package} {there}, and this driver {own[package]}"
+                raise InputError(f"{problem}; results would depend on the node")
 
 
 def _look_at_node(folder: str) -> tuple[str, bool, dict[str, str]]:

@@ -3,10 +3,11 @@
 import pandas as pd
 
 from lidarplace.base.class_names import counts_of, listed
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import ConfigError
+from sweeps.configuration.file import reading
 from sweeps.configuration.sweep import Point
 from training.typical_objects import TypicalObject, typical_objects
 
@@ -14,12 +15,10 @@ from training.typical_objects import TypicalObject, typical_objects
 def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
     """Boxes of the frames to train on and to test on. Raises ConfigError: the log cannot be
     read."""
-    try:
+    with reading("scene"):
         train = test = scene.read()
         if scene.test_folder is not None:
             test = scene.model_copy(update={"folder": scene.test_folder}).read()
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"scene: {error}") from None
     found = {}
     for split, log in {"train": train, "test": test}.items():
         frames = log.frames.loc[log.frames["split"] == split, "frame"]
@@ -29,7 +28,7 @@ def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
 
 def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
     """What is to be known of classes that the training frames of a log lack, a sentence each.
-    Raises ConfigError for a class that the configuration names by itself. Of the three that are
+    Raises InputError for a class that the configuration names by itself. Of the three that are
     meant unless others are named, some may be missing, or all where nothing is there at all."""
     assert isinstance(point.scene, LogScene)
     counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
@@ -46,7 +45,7 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
             hint, there = did_you_mean(name, counts["train"]), listed(counts["train"])
             why = f"{where}: no box of class {name} in the training frames{hint}; found {there}"
         if none or name not in CLASSES:
-            raise ConfigError(why, key="classes")
+            raise InputError(why, key="classes")
         said.append(f"{why}.")
     return said
 
@@ -54,7 +53,7 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
 def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[TypicalObject, ...]:
     """Of the classes whose anchors are not the preset's, in the order of the classes, by
     `boxes_by_split` of a log; None: traffic is simulated, and all stand on the ground. Raises
-    ConfigError: the boxes of a class have no size."""
+    InputError: the boxes of a class have no size."""
     found = []
     for name in point.classes:
         size = point.class_settings[name].size if name in point.class_settings else None
@@ -62,10 +61,7 @@ def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[Typ
             continue
         measured = TypicalObject(name, size or (1.0, 1.0, 1.0))
         if boxes is not None and name in set(boxes["train"]["class"]):
-            try:
+            with at(key=f"class_settings.{name}.size"):
                 (measured,) = typical_objects(boxes["train"], [name])
-            except ValueError as error:
-                hint = f"class_settings.{name}.size names it"
-                raise ConfigError(f"{error}; {hint}", key="classes") from None
         found.append(TypicalObject(name, size or measured.size, measured.bottom))
     return tuple(found)

@@ -8,12 +8,13 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidarplace.base.errors import InputError, at
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import crop_for
 from lidarplace.files.regular import regular
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.rigs.placement import Placement
-from sweeps.configuration.file import ConfigError, named
+from sweeps.configuration.file import reading
 from sweeps.configuration.sweep import Point
 from training import NETWORKS, build_detector, network_of
 from training.settings import PRETRAINED
@@ -33,22 +34,20 @@ def curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
 
 def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> DetectionCurves:
     """Detection curves, with one for each of `classes`: its own, or that of another."""
-    with named("surrogate.curves", path):
+    with reading("surrogate.curves"):
         curves = default_curves() if path is None else read_curves(path)
         for name, other in classes:
             if other is not None and curves.has(name, IOU):
-                raise ValueError(
-                    f"has a curve of {name} of its own; remove class_settings.{name}.curve"
-                )
+                fix = f"remove class_settings.{name}.curve"
+                raise InputError(f"has a curve of {name} of its own", fix=fix)
             if other is not None:
                 curves = curves.lent(other, name, IOU)
             if not curves.has(name, IOU):
                 known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)
-                raise ValueError(
-                    f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
-                    f"{known}; remove expected_recall from surrogate.names, borrow a curve with "
-                    f"class_settings.{name}.curve, or fit one with lidarplace calibrate"
-                )
+                problem = f"expected_recall has no detection curve of {name} at IoU {IOU:g}"
+                fix = "remove expected_recall from surrogate.names, borrow a curve with "
+                fix += f"class_settings.{name}.curve, or fit one with lidarplace calibrate"
+                raise InputError(problem, expected=known, fix=fix)
     return curves
 
 
@@ -67,7 +66,7 @@ def checkpoint_of(
     # torch, which a sweep from scratch need not wait for
     from training.checkpoints import load_checkpoint, read_checkpoint
 
-    with named("training.checkpoint", path):
+    with reading("training.checkpoint"):
         known = {item.name: item for item in typical}
         if not new_heads:
             kept = from_plain(read_checkpoint(path)[0])
@@ -78,18 +77,14 @@ def checkpoint_of(
 
 
 def generalist_of(point: Point) -> Generalist:
-    """The generalist of `judge: pretrained`. Raises ConfigError: the file cannot be read, or
+    """The generalist of `judge: pretrained`. Raises InputError: the file cannot be read, or
     belongs to another network."""
     path = point.training.checkpoint or PRETRAINED
-    with named("training.checkpoint", path):
+    with reading("training.checkpoint"):
         found = _read_generalist(path)
     if point.detector != found.detector:
-        raise ConfigError(
-            f"{path} has weights of another network",
-            key="detector",
-            expected=found.detector,
-            found=point.detector,
-        )
+        problem, own = f"{path} has weights of another network", found.detector
+        raise InputError(problem, key="detector", expected=own, found=point.detector)
     return found
 
 
@@ -117,7 +112,7 @@ def check_network(
 ) -> None:
     """Build a network of a plug-in: errors are reported before hours of scenes."""
     if NETWORKS.roots([network_of(detector)]):
-        with named("detector"):
+        with at(key="detector"):
             build_detector(detector, classes, point_range=point_range, typical=typical)
 
 
@@ -125,7 +120,7 @@ def digests_of(paths: Sequence[Path]) -> tuple[str, ...]:
     """Hashes of the content of files, and of folders with the names in them."""
     found = []
     for path in paths:
-        with named("judge.depends_on", path):
+        with reading("judge.depends_on"):
             if path.is_dir():
                 files = (own for own in path.rglob("*") if own.is_file() and own.suffix != ".pyc")
                 parts = [

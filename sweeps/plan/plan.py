@@ -14,6 +14,7 @@ import numpy as np
 from cachetools import cached
 
 from lidarplace import Lidar, Placement, Roi
+from lidarplace.base.errors import InputError, at
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import crop_for
 from lidarplace.clouds.profiles import with_tilt_in_degrees
@@ -31,7 +32,7 @@ from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.command import CommandJudge
-from sweeps.configuration.file import ConfigError, named
+from sweeps.configuration.file import ConfigError, reading
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
@@ -63,12 +64,12 @@ ACCURACY_VOXELS = 60_000_000
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
     """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
     sweep = read_sweep(path, overrides)
-    with named(path):
+    with at(path, ConfigError):
         return sweep, make_plan(sweep)
 
 
 def make_plan(sweep: Sweep) -> Plan:
-    """Tasks and trials of a sweep. Raises ConfigError: a checkpoint to start from, a map or
+    """Tasks and trials of a sweep. Raises InputError: a checkpoint to start from, a map or
     recorded clouds are not there or do not fit; a requirement cannot be asked of the vehicle, or of
     a rig with a LiDAR inside of it; or two points of the grid are the same work."""
     builder = _Builder(sweep)
@@ -79,11 +80,9 @@ def make_plan(sweep: Sweep) -> Plan:
             judge = trial.grid_point.point.judge
             seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
             hint = ", or name {seed} in judge.command" if seedless else ""
-            raise ConfigError(
-                f"'{same.label}' and '{trial.label}' are the same trial, which does not "
-                f"depend on {_difference(same, trial)}; exclude one{hint}",
-                key="grid",
-            )
+            problem = f"'{same.label}' and '{trial.label}' are the same trial, which does not "
+            problem += f"depend on {_difference(same, trial)}"
+            raise InputError(problem, key="grid", fix=f"exclude one{hint}")
     laid = builder.laid(sweep.points[0].point)
     return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
 
@@ -128,7 +127,7 @@ class _Builder:
 
     def trial(self, grid_point: GridPoint) -> Trial:
         point, rig = grid_point.point, grid_point.rig
-        with named("scene"):
+        with at(key="scene"):
             parts = self._parts_of(point.scene)
         typical = self._typical(point)
         if point.detector is not None and point.training.mixed_precision == "everywhere":
@@ -242,14 +241,14 @@ class _Builder:
         if not self._common.requirements:
             return ()
         known = self._curves(curves, ())
-        return laid_out(self._common.requirements, vehicle_of(body), known, "")
+        return laid_out(self._common.requirements, vehicle_of(body), known)
 
     def _requirements(self, grid_point: GridPoint) -> Task | None:
         laid = self.laid(grid_point.point)
         if not laid:
             return None
         vehicle = vehicle_of(grid_point.point.vehicle)
-        with named("requirements"):
+        with at(key="requirements"):
             own = self._common.placements.get(grid_point.point.placement)
             further = () if own is None else own.further()
             check_asked(grid_point.rig, vehicle, self._common.requirements, further)
@@ -347,7 +346,7 @@ class _Builder:
         point = trial.grid_point.point
         outside = named_files.outside_of(point, self._as_collected(point, trial.grid_point.rig))
         if outside is not None:
-            raise ConfigError(f"placement {point.placement}: {outside}")
+            raise InputError(outside, key=f"placement: {point.placement!r}")
         found = named_files.generalist_of(point)
         path = point.training.checkpoint or PRETRAINED
         weights = self._once(
@@ -372,11 +371,8 @@ class _Builder:
     ) -> Task:
         """The training on many rigs: every frame under some of them, every rig in some frames."""
         if point.lidar.misaligned_heights:
-            raise ConfigError(
-                f"{point.judge}: lidar.misaligned_heights crops the clouds of each rig differently",
-                key="judge",
-                expected="specialist",
-            )
+            problem = "lidar.misaligned_heights crops the clouds of each rig differently"
+            raise InputError(problem, key="judge", expected="specialist", found=point.judge)
         settings = point.generalist
         rigs = self._training_rigs(point)
         every = -(-len(rigs) // min(settings.rigs_per_frame, len(rigs)))
@@ -396,20 +392,18 @@ class _Builder:
     def _training_rigs(self, point: Point) -> list[Placement]:
         """The rigs of a generalist: drawn with the seed of the training, or named."""
         rigs = point.generalist.rigs
-        with named("generalist.rigs"):
+        with at(key="generalist.rigs"):
             if isinstance(rigs, int):
                 judged = sorted(self._placements)
                 around = [self._rigs.of(point, name) for name in judged]
                 return self._random_rigs(tuple(around), rigs, point.seed)
             judged = sorted(set(rigs) & set(self._placements))
             if judged:
-                raise ValueError(f"{judged[0]} is evaluated, so it cannot be a training rig")
+                raise InputError(f"{judged[0]} is evaluated, so it cannot be a training rig")
             own = [self._rigs.of(point, name) for name in rigs]
             if has_other_lidar(self._rigs.of(point), own):
-                raise ValueError(
-                    f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs with "
-                    "the evaluated LiDAR models"
-                )
+                problem = f"none of {', '.join(rigs)} has a LiDAR of {point.placement}"
+                raise InputError(problem, fix="name rigs with the evaluated LiDAR models")
             return own
 
     def _collection(
@@ -419,29 +413,18 @@ class _Builder:
         scene, lidar = point.scene, point.lidar
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:
-                raise ConfigError(
-                    "recorded clouds are as they are", key="lidar", fix="leave the quirks out"
-                )
+                raise InputError("recorded clouds have no quirks", key="lidar", fix="remove them")
             if point.mounting_errors.errors() or point.judge in ("generalist", "finetuned"):
-                raise ConfigError(
-                    "recorded clouds belong to one rig",
-                    key="scene.clouds",
-                    fix="remove judge and mounting_errors",
-                )
+                fix = "remove judge and mounting_errors"
+                raise InputError("recorded clouds belong to one rig", key="scene.clouds", fix=fix)
+            problem = "does not apply to recorded clouds"
             if point.weather != WeatherSettings():
-                raise ConfigError(
-                    "does not apply to recorded clouds", key="weather", fix="remove it"
-                )
-            if lidar.cloud_share != 1:
-                raise ConfigError(
-                    "does not apply to recorded clouds",
-                    key="lidar.cloud_share",
-                    expected="1",
-                    found=f"{lidar.cloud_share:g}",
-                )
+                raise InputError(problem, key="weather", fix="remove it")
+            if (share := lidar.cloud_share) != 1:
+                raise InputError(problem, key="lidar.cloud_share", expected=1, found=f"{share:g}")
             names = self._rigs.recorded(point.placement)
             folder = scene.real_clouds if names else scene.folder / "clouds" / point.placement
-            try:
+            with reading("placement"):
                 if not names:
                     check_rig(folder, placement)
                     return parameters.RecordedParams(folder, self._digest_of(folder), split, crop)
@@ -449,8 +432,6 @@ class _Builder:
                 lidars = scene.rig.subset(names).names
                 digest = self._digest_of(folder)
                 return parameters.RecordedParams(folder, digest, split, crop, scene.rig, lidars)
-            except (OSError, ValueError) as error:
-                raise ConfigError(f"placement: {error}") from None
         placement = self._as_collected(point, placement)
         errors, vehicle = point.mounting_errors.errors(), point.mounting_errors.vehicle
         if split == "test" and vehicle is not None:
@@ -462,7 +443,7 @@ class _Builder:
     def _as_collected(self, point: Point, placement: Placement) -> Placement:
         """A rig as clouds are simulated: with the quirk of its angles and fewer azimuth steps."""
         share = point.lidar.cloud_share
-        with named(f"lidar.cloud_share: {share:g}"):
+        with at(key=f"lidar.cloud_share: {share:g}"):
             return self._simulated(placement, point.lidar.tilt_in_degrees, share)
 
     def _simulate(self, placement: Placement, tilted: bool, share: float) -> Placement:

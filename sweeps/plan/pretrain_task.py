@@ -5,8 +5,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.trial import Plan, with_detector
 from sweeps.tasks.parameters import PretrainParams, TrainingParams
@@ -19,23 +19,19 @@ _MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate
 
 def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
     """A training on the clouds of all placements of a sweep, with the seed of its first point.
-    Raises ConfigError: no detector, or several, or trainings, scenes, ROIs, lists of classes."""
+    Raises InputError: no detector, or several, or trainings, scenes, ROIs, lists of classes."""
     for axis in sweep.axes:
         # A value may be a list or a mapping.
         values = {repr(grid_point.axes[axis]) for grid_point in sweep.points}
         if axis.partition(".")[0] not in _MIXED and len(values) > 1:
-            raise ConfigError(
-                "a base is trained for one value",
-                key=f"grid.{axis}",
-                found=", ".join(sorted(values)),
-                fix=f"choose with --set 'grid.{axis}=[…]'",
-            )
+            key, fix = f"grid.{axis}", f"choose with --set 'grid.{axis}=[…]'"
+            every = ", ".join(sorted(values))
+            raise InputError("a base is trained for one value", key=key, found=every, fix=fix)
     found = [trial.finetune for trial in with_detector(plan.trials)]
     trainings = [training for training in found if training is not None]
     if not trainings:
-        raise ConfigError(
-            "null or a command trains nothing", key="detector", fix="name the detector of the base"
-        )
+        fix = "name the detector of the base"
+        raise InputError("null or a command trains nothing", key="detector", fix=fix)
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
     params = trainings[0].params
     params = replace(params, point_range=_around([own.params.point_range for own in trainings]))
@@ -44,17 +40,13 @@ def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
 
 def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
     """One training on the clouds of several, of sweeps or of the generalists of searches, with the
-    network and the settings that they share. Raises ConfigError: they differ in these."""
+    network and the settings that they share. Raises InputError: they differ in these."""
     every = [training.params for training in trainings]
     for name in ("detector", "classes", "training", "typical", "seed"):
         values = {repr(getattr(params, name)) for params in every}
         if len(values) > 1:
-            raise ConfigError(
-                "one network is trained on all configurations",
-                key=name,
-                expected="the same",
-                found=" and ".join(sorted(values)),
-            )
+            found, expected = " and ".join(sorted(values)), "one network for all configurations"
+            raise InputError(key=name, expected=expected, found=found)
     same = {own.name: getattr(every[0], own.name) for own in fields(TrainingParams)}
     params = PretrainParams(
         **same | {"point_range": _around([own.point_range for own in every])},

@@ -48,10 +48,8 @@ def keys_in(data: bytes, named: object) -> set[str]:
         keys = json.loads(data)
     if isinstance(keys, list):
         return set(keys)
-    found = repr(data[:40])
-    raise InputError(
-        place=str(named), expected="a list of keys", found=found, fix="run the sweep again"
-    )
+    expected, fix = "a list of keys", "run the sweep again"
+    raise InputError(place=str(named), expected=expected, found=repr(data[:40]), fix=fix)
 
 
 def size_of(entries: Iterable[Entry]) -> int:

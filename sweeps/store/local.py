@@ -168,10 +168,8 @@ class Store:
         known = self._sweeps()
         for name in names:
             if name not in known:
-                there = ", ".join(known) or "none"
-                raise InputError(
-                    f"no sweep {name!r} in {self.shown}", place="--forget", found=there
-                )
+                problem, there = f"no sweep {name!r} in {self.shown}", ", ".join(known) or "none"
+                raise InputError(problem, place="--forget", found=there)
         for name in names:
             self._remove_file(f"{SWEEPS}/{name}.json")
 

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from lidarplace.base.errors import InputError
+
 _FILE = ".lock"
 _PATIENCE_S = 1.0
 _STEP_S = 0.05
@@ -23,7 +25,7 @@ def locked(folder: Path, alone: bool) -> Iterator[None]:
         give_up = time.monotonic() + _PATIENCE_S
         while not _taken(file, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH):
             if time.monotonic() >= give_up:
-                raise ValueError(f"{folder} is in use by a running sweep")
+                raise InputError("in use by a running sweep", place=folder)
             time.sleep(_STEP_S)
         yield
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fsspec import get_filesystem_class
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.files.atomic import check_takes_files
 from lidarplace.files.secret_urls import check_whole, hide_secrets, public_url
 from sweeps.configuration.file import ConfigError
@@ -30,12 +30,11 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> Stor
         get_filesystem_class(protocol)
     except ImportError as error:
         needed = getattr(error.__cause__, "name", None)
-        raise InputError(
-            f"{protocol}:// needs the package {needed}: pip install {needed}", key="store"
-        ) from None
+        problem = f"{protocol}:// needs the package {needed}"
+        raise InputError(problem, key="store", fix=f"pip install {needed}") from None
     except ValueError:
-        shown = public_url(url)
-        raise InputError(f"{shown}: fsspec has no protocol {protocol!r}", key="store") from None
+        problem = f"fsspec has no protocol {protocol!r}"
+        raise InputError(problem, key="store", found=public_url(url)) from None
     store = RemoteStore((cache or own).absolute(), url.rstrip("/"))
     try:
         store.find(SWEEPS)
@@ -49,15 +48,13 @@ def store_of(sweep: Sweep) -> Store:
     """The store of a sweep. Raises ConfigError: its URL is of no known kind or cannot be had, a
     quota is given for a URL, or the store is the run folder."""
     settings = sweep.common.store
-    try:
+    with at(error=ConfigError):
         store = open_store(settings.url, sweep.common.output, settings.cache)
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
     if isinstance(store, RemoteStore) and settings.quota_gb is not None:
         raise ConfigError("applies to folders only; a URL has no lock", key="store.quota_gb")
     if store.folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
-        said = f"name: the run folder would be the store {store.folder}; choose another name"
-        raise ConfigError(said)
+        problem, fix = f"the run folder would be the store {store.folder}", "choose another name"
+        raise ConfigError(problem, key="name", fix=fix)
     return store
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from fsspec import AbstractFileSystem
 from fsspec.core import url_to_fs
 
+from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import public_url
 from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
@@ -155,10 +156,8 @@ class RemoteStore(Store):
 
     def exclusive(self) -> AbstractContextManager[None]:
         """Always raises ValueError: sweeps on other machines cannot be seen."""
-        raise ValueError(
-            f"{self.shown} has no lock, so a sweep may be using it; "
-            "if none does, say so with --unlocked"
-        )
+        problem, fix = "has no lock, so a sweep may be using it", "if none does, add --unlocked"
+        raise InputError(problem, place=self.shown, fix=fix)
 
     def _remote(self) -> tuple[AbstractFileSystem, str]:
         """The filesystem and the store's place on it. Each thread gets its own from fsspec."""

@@ -62,7 +62,7 @@ class Code:
         first = set[_Node]()
         for root in roots:
             if not (nodes := set(self._nodes(root))):
-                raise ValueError(f"{root} is not in {', '.join(self._packages)}")
+                raise InputError(f"is not in {', '.join(self._packages)}", place=root)
             first |= nodes
         open_ = list(first)
         while open_:

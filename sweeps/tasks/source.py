@@ -16,6 +16,8 @@ from operator import or_
 from pathlib import Path
 from typing import Any
 
+from lidarplace.base.errors import InputError, at
+
 
 @dataclass(frozen=True)
 class Definition:
@@ -64,15 +66,13 @@ def read_source(path: Path, module: str) -> Source:
         changed = _changed_by(statement)
         bound.get(changed or "", effects).append(statement)
     paths = imports | {name: f"{module}.{name}" for name in bound}
-    try:
+    with at(path):
         return Source(
             definitions={name: _definition(found, paths) for name, found in bound.items()},
             imports=imports,
             runs=frozenset(runs),
             effects=_definition(effects, paths) if effects else None,
         )
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 _SHOWS = {"__repr__", "_repr_html_", "plot"}
@@ -231,7 +231,8 @@ class _Speech:
             ] if prefix.endswith("."):
                 path = f"{prefix}*"
             case _:
-                raise ValueError(f"line {node.lineno}: {called} of what the source does not say")
+                problem = f"{called} of what the source does not say"
+                raise InputError(problem, place=f"line {node.lineno}")
         self.uses.add((called, path))
 
 

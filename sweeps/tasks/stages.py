@@ -236,11 +236,8 @@ def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
 
     if isinstance(params, RecordedParams):
         if clouds_digest(params.folder) != params.digest:
-            raise InputError(
-                "the clouds have changed since the command was given",
-                place=params.folder,
-                fix="give the command again",
-            )
+            problem, fix = "the clouds have changed since the start", "run the command again"
+            raise InputError(problem, place=params.folder, fix=fix)
         numbers, kept = _frames_of(log, params.split), None
         if params.rig is not None:
             kept = [n for n, name in enumerate(params.rig.names) if name in params.lidars]
@@ -281,7 +278,7 @@ def pretrained(params: PretrainedParams) -> Trained:
 
     found = read_generalist(params.path)
     if found.digest != params.digest:
-        raise ValueError(f"checkpoint {params.path} has changed since it was planned with")
+        raise InputError("the checkpoint has changed since the start", place=params.path)
     origin = f"{params.path.name} sha256:{found.digest[:12]}"
     curve = pd.DataFrame(columns=["epoch", "metric", "value"])
     return Trained(found.state_dict, curve, found.classes, 1, False, origin, 0.0)

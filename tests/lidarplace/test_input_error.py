@@ -32,3 +32,17 @@ def test_a_place_comes_in_front_and_parts_stay():
     with pytest.raises(InputError) as error, at(Path("a.csv")):
         float("far")
     assert str(error.value) == "a.csv: could not convert string to float: 'far'"
+
+
+@pytest.mark.parametrize(
+    ("inner", "place", "key", "line"),
+    [
+        ({"key": "z", "found": 1}, "a.yaml", "roof: z", "a.yaml: roof: z: low; found 1"),
+        ({"place": "b.csv", "key": "z"}, "a.yaml", "roof", "a.yaml: roof: b.csv: z: low"),
+        ({}, "a.yaml", "roof", "a.yaml: roof: low"),
+    ],
+)
+def test_a_key_comes_in_front_and_a_place_is_not_repeated(inner, place, key, line):
+    with pytest.raises(InputError) as error, at("a.yaml"), at("a.yaml"), at(key="roof"):
+        raise InputError("low", **inner)
+    assert (error.value.place, error.value.key, str(error.value)) == (place, key, line)

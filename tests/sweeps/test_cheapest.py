@@ -244,17 +244,17 @@ def test_time_that_is_over_leaves_a_gap(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("changes", "line"),
+    ("changes", "key"),
     [
-        ({"greedy": None}, "search.greedy: no candidates to choose from; expected"),
-        ({"requirements": []}, "search.requirements: nothing to meet; expected"),
-        ({"models": {}, "cheapest": {"by": "price"}}, "search.cheapest.by: price of models is"),
-        ({"cheapest": {"recall": 80}}, "search.cheapest.recall: no generalist judges rigs; exp"),
-        ({"cheapest": {"by": "weight"}}, "search.cheapest.by: expected 'lidars', 'price', 'pow"),
+        ({"greedy": None}, "greedy"),
+        ({"requirements": []}, "requirements"),
+        ({"models": {}, "cheapest": {"by": "price"}}, "cheapest.by"),
+        ({"cheapest": {"recall": 80}}, "cheapest.recall"),
+        ({"cheapest": {"by": "weight"}}, "cheapest.by"),
     ],
 )
-def test_mistakes_are_one_line(tmp_path, changes, line):
+def test_mistakes_are_one_line(tmp_path, changes, key):
     done = run(tmp_path, **changes)
     assert done.exit_code == 2
-    assert line in done.stderr
+    assert f": search.{key}: expected " in done.stderr
     assert done.stderr.count("\n") == 1

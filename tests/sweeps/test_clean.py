@@ -164,7 +164,7 @@ def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
     a, b = saved(store, "a", "b", size=1_000_000)
     store.refer("tiny", [a.key])
     with store.in_use():
-        assert run(config, code=2) == f"{store.folder} is in use by a running sweep"
+        assert run(config, code=2) == f"{store.folder}: in use by a running sweep"
         told = run(config, "--dry-run")
     assert "would be removed: 1 (1.0 MB); left: 1.0 MB" in told
     assert store.has(b)

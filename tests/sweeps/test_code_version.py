@@ -10,6 +10,7 @@ from sweeps import PACKAGES
 from sweeps.tasks.code_version import Code
 from sweeps.tasks.source import read_source
 from sweeps.tasks.stages import FUNCTIONS
+from tests.refused import refused
 
 ROOT = Path(__file__).parents[2]
 TRAINED = ("pretrain", "finetune", "evaluate", "judge")
@@ -206,13 +207,13 @@ def test_an_import_that_cannot_be_followed_is_refused(tmp_path, call):
         "app/__init__.py": "",
         "app/go.py": f"from importlib import import_module\ndef run(name):\n    return {call}\n",
     }
-    with pytest.raises(ValueError, match=r"go\.py: line 3"):
+    with refused(("go.py: line 3", "", "")):
         code_of(tmp_path, files).version("app.go.run")
 
 
 @pytest.mark.parametrize("root", ["app.go.run", "app.stages.nothing", "other.train"])
 def test_a_root_that_leads_nowhere_is_refused(tmp_path, root):
-    with pytest.raises(ValueError, match=root.split(".")[1] + "|other"):
+    with refused((root, "", "")):
         version(tmp_path, root=root)
 
 

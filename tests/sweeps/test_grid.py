@@ -13,6 +13,7 @@ from lidarplace import Lidar
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
+from tests.refused import refused
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
 BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}
@@ -63,7 +64,7 @@ def test_exclusions_leave_out_just_what_they_name(tmp_path_factory, placements, 
     if rules:
         expected -= {(placements[0], excluded)}
     if not expected:
-        with pytest.raises(ConfigError, match="no point of the grid is left"):
+        with refused(("grid.yaml", "exclude", "")):
             read_sweep(path)
         return
     found = [(g.point.placement, g.point.seed) for g in read_sweep(path).points]
@@ -136,7 +137,7 @@ def test_a_mistake_of_any_size_is_one_line(config, key, changes):
     path = config(**changes)
     with pytest.raises(ConfigError) as error:
         read_sweep(path)
-    assert str(error.value).startswith(f"{path}: {key}: ")
+    assert (error.value.place, error.value.key) == (str(path), key)
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 1000
 
@@ -147,7 +148,7 @@ def test_surrogates_alone_need_no_test_frames(tmp_path):
     frames = pd.read_parquet(tmp_path / "log/frames.parquet")
     frames.assign(split="train").to_parquet(tmp_path / "log/frames.parquet", index=False)
     assert len(read_plan(path)[1].trials) == 2
-    with pytest.raises(ConfigError, match="no frame is in the test split"):
+    with refused((str(path), "scene", "")):
         read_plan(path, ["detector=pointpillars_tiny"])
 
 
@@ -172,5 +173,3 @@ def test_an_axis_inside_of_a_key_of_the_command_line_keeps_its_values(config):
     assert sweep.common.ray.address == "debug"
     assert {p.point.seed for p in sweep.points} == {7}
     assert [(p.point.scene.density, p.point.scene.routes) for p in sweep.points] == [(4, 3), (7, 3)]
-    with pytest.raises(ConfigError, match="scene is an axis of the grid"):
-        read_sweep(config(grid={"scene": [{"density": 3}]}), ["scene.routes=3"])

@@ -101,7 +101,7 @@ def test_the_second_driver_of_a_sweep_is_refused(tmp_path):
         process = sweep.start()
         assert process.wait(timeout=GUARD_S) == 2
     assert sweep.output().count("\n") == 1
-    assert "runs/tiny is in use by a running sweep" in sweep.output()
+    assert "runs/tiny: in use by a running sweep" in sweep.output()
     assert not (sweep.folder / "runs/store").exists()
 
 

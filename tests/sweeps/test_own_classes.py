@@ -11,11 +11,11 @@ from small_log import SMALL, write_sweep
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.pog.surrogates.table import ASKED_FOR
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import build_sweep
 from sweeps.plan.plan import make_plan
 from tests.forked import run_forked
 from tests.mlflow_database import write_database
+from tests.refused import refused
 from training.checkpoints import write_checkpoint
 from training.typical_objects import typical_objects
 
@@ -69,7 +69,7 @@ def test_a_class_of_test_frames_alone(log, tmp_path):
     tests = own.frames.loc[own.frames["split"] == "test", "frame"]
     gone = (own.boxes["class"] == "Truck") & ~own.boxes["frame"].isin(tests)
     write_box_log(tmp_path / "log", BoxLog(own.boxes[~gone], own.frames))
-    with pytest.raises(ConfigError, match="log: Truck has 16 boxes in the test frames and none"):
+    with refused(("", "classes", ""), "log: Truck has 16 boxes in the test frames"):
         plan_of(tmp_path / "log", tmp_path)
     # Of KITTI's three some may be missing, and the others go on.
     three = plan_of(tmp_path / "log", tmp_path, classes=["Car", "Cyclist", "Pedestrian"])
@@ -80,10 +80,9 @@ def test_a_class_of_test_frames_alone(log, tmp_path):
 def test_a_curve_that_is_lent(log, tmp_path):
     lent = {"Truck": {"curve": "Car"}, "Scooter": {"curve": "Cyclist"}}
     surrogate = {"names": ["expected_recall"]}
-    told = r"surrogate.curves: .*curve of Truck .*class_settings.Truck.curve, .*lidarplace calib"
-    with pytest.raises(ConfigError, match=told):
+    with refused(("", "surrogate.curves", ""), "class_settings.Truck.curve"):
         plan_of(log, tmp_path, surrogate=surrogate)
-    with pytest.raises(ConfigError, match="curve of Tram"):
+    with refused(("", "surrogate.curves", ""), "curve of Tram"):
         plan_of(log, tmp_path, class_settings={"Truck": {"curve": "Tram"}}, surrogate={})
     plan = plan_of(log, tmp_path, class_settings=lent, surrogate=surrogate)
     curves = plan.trials[0].recall.params.curves
@@ -103,7 +102,7 @@ def test_a_checkpoint_says_how_large_classes_are(log, tmp_path):
     write_checkpoint(path, model.state_dict(), "pointpillars_tiny", CLASSES, model.typical)
     training = {"checkpoint": str(path)}
     assert plan_of(log, tmp_path, training=training).typical == tuple(larger)
-    with pytest.raises(ConfigError, match=r"training.checkpoint: .*Truck 9.00 × .* Truck 8.00"):
+    with refused(("", "training.checkpoint", ""), "Truck 9.00 × "):
         plan_of(log, tmp_path, training=training, class_settings={"Truck": {"size": [8, 2.5, 3]}})
 
 
@@ -119,8 +118,6 @@ def test_classes_of_a_log_that_count_as_others(log, tmp_path):
         plan_of(log, tmp_path, classes=["Car"], scene=scene) for scene in ({}, {"class_map": own})
     ]
     assert len({plan.trials[0].pog.key for plan in plans}) == 2
-    with pytest.raises(ConfigError, match=r"scene\.class_map: expected paper, .*, found 'papers'"):
-        plan_of(log, tmp_path, scene={"class_map": "papers"})
 
 
 def test_from_a_log_to_a_decision(log, tmp_path):

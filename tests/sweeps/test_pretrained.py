@@ -10,13 +10,12 @@ import torch
 from small_log import write_small_log, write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
-from lidarplace.base.errors import InputError
 from lidarplace.clouds.collect import crop_for
 from sweeps.command_line import app
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
+from tests.refused import refused
 from tests.sweeps.toy import call
 from tracking.run_folders.search import SearchFolder
 from training.checkpoints import read_checkpoint, save_checkpoint
@@ -102,10 +101,10 @@ def test_other_weights_are_other_results(folder):
 def test_a_file_without_what_it_was_trained_on_is_refused(folder):
     content, _ = read_checkpoint(folder / "base.pt")
     save_checkpoint(folder / "old.pt", {k: v for k, v in content.items() if k != "domain"})
-    with pytest.raises(InputError, match="does not say what it was trained on"):
+    with refused((str(folder / "old.pt"), "", "")):
         read_generalist(folder / "old.pt")
     save_checkpoint(folder / "odd.pt", content | {"domain": content["domain"] | {"lidars": ["a"]}})
-    with pytest.raises(InputError, match="does not say what it was trained on"):
+    with refused((str(folder / "odd.pt"), "", "")):
         read_generalist(folder / "odd.pt")
 
 
@@ -154,14 +153,14 @@ def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
 
 
 @pytest.mark.parametrize(
-    ("changes", "line"),
+    ("changes", "key", "words"),
     [
-        ({"lidars": 5}, "search: rigs of the zones: outside of what .*: 5 LiDARs; expected 4 to 4"),
-        ({"seeds": [1, 2]}, "search.seeds: a pretrained generalist has one seed; expected 1"),
+        ({"lidars": 5}, "search", "rigs of the zones: "),
+        ({"seeds": [1, 2]}, "search.seeds", "found 2"),
     ],
 )
-def test_a_search_outside_is_refused_before_it_begins(folder, changes, line):
-    with pytest.raises(ConfigError, match=line):
+def test_a_search_outside_is_refused_before_it_begins(folder, changes, key, words):
+    with refused(("", key, ""), words):
         read_problem(search(folder, **changes))
 
 

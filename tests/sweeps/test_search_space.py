@@ -15,6 +15,7 @@ from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered, rounded
 from sweeps.search.problem.families import family_params
 from sweeps.search.problem.space import Placed, Space, placed_in, rig_of
+from tests.refused import refused
 
 SHAPE = [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]]
 ROOF = {"polygon": SHAPE, "z": [1.8, 2.2], "standoff": None}
@@ -135,13 +136,11 @@ def test_the_number_of_lidars_is_a_parameter_and_fixed_ones_are_in_every_rig():
 def test_symmetry_needs_room():
     right = {"right": {"x": [0, 1], "y": [-0.6, -0.2], "z": 2}}
     for zones in (right, {"roof": {"x": [0, 1], "y": [-0.2, 0.6], "z": 2}}):
-        with pytest.raises(ValueError, match="is not symmetric to y = 0, and no other zone"):
+        with refused(("", "search.symmetric", "")):
             space_of(zones=zones, lidars=2, symmetric=True)
     left = {"left": {"x": [0, 1], "y": [0.2, 0.6], "z": 2}}
     space_of(zones=left, lidars=2, symmetric=True)
     space_of(zones=left | right, lidars=2, symmetric=True)
-    with pytest.raises(ValueError, match="an odd number needs a zone that meets y = 0"):
-        space_of(zones=left, lidars=3, symmetric=True)
 
 
 CORNERS = {
@@ -203,9 +202,9 @@ def test_angles_of_a_search_may_pass_a_turn(angles):
 def test_a_rig_that_the_zones_have_no_room_for_is_refused():
     space = cornered()
     level = [Mount(x, 0.1, 2) for x in (-0.3, 0.0, 0.3)]
-    with pytest.raises(ValueError, match="has a LiDAR at"):
+    with refused("a LiDAR at"):
         placed_in(space, [Choice("", "", mount) for mount in level])
-    with pytest.raises(ValueError, match="more or fewer"):
+    with refused("more or fewer"):
         placed_in(space, [Choice("", "", level[0])])
-    with pytest.raises(ValueError, match="the zones say how many there are"):
+    with refused("Value error, lidars: "):
         cornered(lidars=4)

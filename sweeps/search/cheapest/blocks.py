@@ -114,12 +114,11 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
             found.setdefault(key, []).append(values)
         size = number * sum(own[0].nbytes for own in found.values())
         if size > _MOST_BYTES:
+            most, there = (f"{own / 1e9:.0f} GB" for own in (_MOST_BYTES, size))
+            problem = f"too many candidates: numbers of {number:,} LiDARs"
+            fix = "enlarge position_step or angle_step_deg, or step of the requirements"
             raise InputError(
-                "too many candidates",
-                key="search.greedy",
-                expected=f"numbers of at most {_MOST_BYTES / 1000000000.0:.0f} GB",
-                found=f"{size / 1000000000.0:.0f} GB of {number:,} LiDARs",
-                fix="enlarge position_step or angle_step_deg, or step of the requirements",
+                problem, key="search.greedy", expected=f"at most {most}", found=there, fix=fix
             )
     return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
 

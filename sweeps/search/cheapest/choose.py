@@ -120,31 +120,16 @@ def check(problem: Problem) -> str:
     is not known."""
     search, carrier, file = problem.file.search, problem.question.carrier, problem.path
     if search.greedy is None:
-        raise InputError(
-            "no candidates to choose from",
-            place=file,
-            key="search.greedy",
-            expected="a grid in zones, such as greedy: {position_step: 0.5}",
-            found="none",
-        )
+        grid = "a grid in zones, such as greedy: {position_step: 0.5}"
+        raise InputError(place=file, key="search.greedy", expected=grid, found="none")
     if not (carrier.requirements or search.cheapest.recall):
-        raise InputError(
-            "nothing to meet",
-            place=file,
-            key="search.requirements",
-            expected="one or more",
-            found="none",
-        )
+        raise InputError(place=file, key="search.requirements", expected="at least 1", found="none")
     if (by := search.cheapest.by) in TOTALS:
         costs = [carrier.totals[by][model] for model in problem.space.models]
         if any(map(math.isnan, costs)) or not any([*costs, *carrier.mount_prices.values()]):
-            raise InputError(
-                f"{by} of models is unknown",
-                place=file,
-                key="search.cheapest.by",
-                expected=f"search.models with a {by} of each",
-                found=dict(zip(problem.space.models, costs, strict=True)),
-            )
+            key, expected = "search.cheapest.by", f"search.models with a {by} of each"
+            found = dict(zip(problem.space.models, costs, strict=True))
+            raise InputError(place=file, key=key, expected=expected, found=found)
     mounts = check_grid(problem)
     low, high = problem.space.numbers
     return (

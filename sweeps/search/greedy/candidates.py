@@ -54,12 +54,9 @@ def check_grid(problem: Problem) -> int:
     settings, number = problem.file.search.greedy, _number_of_candidates(problem)
     assert settings is not None
     if number > settings.most:
-        raise InputError(
-            f"{number:,} candidates",
-            key="search.greedy",
-            expected=f"at most {settings.most:,}",
-            fix="enlarge position_step or angle_step_deg, or set `greedy: null`",
-        )
+        expected, found = f"at most {settings.most:,} candidates", f"{number:,}"
+        fix = "enlarge position_step or angle_step_deg, or set `greedy: null`"
+        raise InputError(key="search.greedy", expected=expected, found=found, fix=fix)
     return number
 
 

@@ -153,7 +153,7 @@ def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certific
             if read_record(path, _Keyed, "certificate of a search").key == problem.key:
                 return read_record(path, Certificate, "certificate of a search")
         except ValueError as error:
-            raise ConfigError(f"{error}; remove it, and it is made again") from None
+            raise ConfigError(str(error), fix="remove it, and it is made again") from None
     certificate = certify(problem, traffic)
     if certificate is not None:
         write_text(path, json.dumps(asdict(certificate), indent=1))

@@ -97,13 +97,8 @@ def recall_of(
         return None
     objective, classes = search.objective[0], problem.file.classes
     if not problem.pretrained:
-        raise InputError(
-            "no generalist judges rigs",
-            place=problem.path,
-            key="search.cheapest.recall",
-            expected="objective: pretrained.recall or another of pretrained",
-            found=objective.name,
-        )
+        key, own = "search.cheapest.recall", "objective: pretrained.recall or another of pretrained"
+        raise InputError(place=problem.path, key=key, expected=own, found=objective.name)
 
     def recall(rig: Choices) -> float:
         if (outside := problem.outside(rig)) is not None:

@@ -11,10 +11,11 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
+from lidarplace.base.errors import at
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
-from sweeps.configuration.file import check, put
+from sweeps.configuration.file import ConfigError, check, put
 from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import SearchFile
@@ -81,7 +82,8 @@ class SearchConfig:
                 data[key] = self.source[key]
             elif isinstance(section := data[key], BaseModel):
                 data[key] = section.model_dump(mode="json", exclude_defaults=True)
-        return check(Point, data, self.path, names, changes)
+        with at(self.path, ConfigError):
+            return check(Point, data, self.path, names, changes)
 
     def sweep_of(
         self, rigs: Mapping[str, Choices], trials: Sequence[str], changes: Mapping[str, Any]
@@ -118,7 +120,7 @@ class SearchConfig:
         if file.verify is not None:
             config["grid"]["seed"] = list(file.verify.seeds)
             for key, value in file.verify.set.items():
-                put(config, key, value, Path(file.name))
+                put(config, key, value)
         return config
 
 

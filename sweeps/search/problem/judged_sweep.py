@@ -5,6 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS
+from lidarplace.base.errors import at
+from sweeps.configuration.file import ConfigError
 from sweeps.configuration.search import PRETRAINED
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
@@ -62,5 +64,6 @@ def _trials(
     changes: Mapping[str, Any],
 ) -> list[DetectorTrial]:
     """Those of a sweep of rigs with the seeds of the search; `others` are placements, too."""
-    sweep = problem.sweep_of({**others, **rigs}, list(rigs), changes)
-    return with_detector(make_plan(sweep).trials)
+    with at(problem.path, ConfigError):
+        sweep = problem.sweep_of({**others, **rigs}, list(rigs), changes)
+        return with_detector(make_plan(sweep).trials)

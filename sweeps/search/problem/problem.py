@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.blind_lidars import check_not_blind
@@ -20,11 +20,17 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
-from sweeps.configuration.file import ConfigError, check, named, read_named
+from sweeps.configuration.file import ConfigError, check, read_named, reading
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
 from sweeps.configuration.question import check_dead, check_lidars, laid_out
 from sweeps.configuration.rigs import Rigs
-from sweeps.configuration.search import PRETRAINED, SearchFile, Tests, TrafficSettings
+from sweeps.configuration.search import (
+    PRETRAINED,
+    ObjectiveSettings,
+    SearchFile,
+    Tests,
+    TrafficSettings,
+)
 from sweeps.configuration.whole_paths import portable
 from sweeps.execution.memory import check_memory
 from sweeps.plan.named_files import outside_of
@@ -179,7 +185,7 @@ class Problem(SearchConfig):
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
         """The tasks that lead to its POG, and the trial that has them. Raises ConfigError."""
-        with named(self.path):
+        with at(self.path, ConfigError):
             plan = make_plan(sweep)
         (trial,) = plan.trials
         return plan.needed_for([trial.pog]), trial
@@ -198,113 +204,106 @@ class Problem(SearchConfig):
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     """Read the configuration of a search. Raises ConfigError: anything wrong with it."""
     source = read_named(path, overrides, SearchFile)
+    with at(path, ConfigError):
+        problem = _problem(source, path)
+        _check_what_comes_later(problem)
+        return problem
+
+
+def _problem(source: dict[str, Any], path: Path) -> Problem:
     file = check(SearchFile, source, path)
-    _check_keys(file, source, path)
+    _check_keys(file, source)
     settings = file.search
-    with named(path):
-        rigs = Rigs(file.placements, file)
-        weather = file.weather.weather()
-        own = file.lidar.lidar().in_weather(weather)
-        chosen = {
-            name: model.lidar().in_weather(weather) for name, model in settings.models.items()
-        } or {OWN_MODEL: own}
-        fixed = [Choice(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed]
-        space = Space(settings, tuple(chosen), fixed)
-        start = {name: _start(file, rigs, name, space) for name in settings.start}
+    rigs = Rigs(file.placements, file)
+    weather = file.weather.weather()
+    own = file.lidar.lidar().in_weather(weather)
+    chosen = {
+        name: model.lidar().in_weather(weather) for name, model in settings.models.items()
+    } or {OWN_MODEL: own}
+    fixed = [Choice(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed]
+    space = Space(settings, tuple(chosen), fixed)
+    start = {name: _start(file, rigs, name, space) for name in settings.start}
     models = chosen | {OWN_MODEL: own}
-    _check_body(file, space, fixed, models, path)
+    _check_body(file, space, fixed, models)
     for key in file.verify.set if settings.models and file.verify is not None else ():
         if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
-            raise ConfigError(
-                f"{key} would change the paper's rigs alone, as those of the search have the "
-                "models of search.models",
-                place=path,
-                key="verify.set",
-            )
+            problem = "changes only the paper's rigs; the others have a model of search.models"
+            raise InputError(problem, key=f"verify.set.{key}")
     question = Question(
         objectives=settings.objective,
         constraints=constraints_of(file),
-        carrier=Carrier.of(file, models, _laid(file, chosen, path)),
+        carrier=Carrier.of(file, models, _laid(file, chosen)),
         surrogate=file.surrogate,
         azimuth_stride=settings.azimuth_stride,
         errors=file.mounting_errors.errors(),
         seed=file.scene.seed,
     )
     whole = portable(source, path.parent)
-    problem = Problem(path, whole, file, models, space, start, question, rigs)
-    _check_what_comes_later(problem)
-    return problem
+    return Problem(path, whole, file, models, space, start, question, rigs)
 
 
-def _laid(file: SearchFile, models: Mapping[str, Lidar], path: Path) -> tuple[Laid, ...]:
-    """The requirements around the vehicle. Raises ConfigError."""
+def _laid(file: SearchFile, models: Mapping[str, Lidar]) -> tuple[Laid, ...]:
+    """The requirements around the vehicle. Raises InputError."""
     asked, curves = file.search.requirements, file.surrogate.curves
     if not asked:
         return ()
-    with named(f"{path}: search.requirements"):
+    with at(key="search.requirements"):
         for name, lidar in models.items():
             check_lidars(Placement(name, [Mount()], lidar), asked)
         for own in asked:
             further = (sensor.kind for sensor in file.search.further())
             check_dead(own, [*["lidar"] * file.search.most_lidars, *further])
-    try:
+    with reading("surrogate.curves"):
         known = default_curves() if curves is None else read_curves(curves)
-    except (ValueError, OSError) as error:
-        raise ConfigError(f"{path}: surrogate.curves: {error}") from None
-    return laid_out(asked, with_keep_outs(file.search), known, f"{path}: search.")
+    return laid_out(asked, with_keep_outs(file.search), known, "search.requirements")
 
 
-def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None:
-    """Refuse keys that say nothing here, or contradict each other. Raises ConfigError."""
+def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:
+    """Refuse keys that say nothing here, or contradict each other. Raises InputError."""
     settings = file.search
     others = {"placement": "start", "promote": "trials"}
     for key in ("seed", "placement", "promote", "requirements", "vehicle"):
         if key in source:
             own = f"search.{others.get(key, key)}"
-            raise ConfigError(f"key of a sweep; a search has {own}", place=path, key=key)
+            raise InputError(f"key of a sweep; a search has {own}", key=key)
     if "judge" in source:
-        raise ConfigError(
-            "key of a sweep; in a search the objective selects it, such as generalist.recall",
-            place=path,
-            key="judge",
-        )
+        fix = "select it by search.objective, such as generalist.recall"
+        raise InputError("key of a sweep", key="judge", fix=fix)
     if file.verify is not None:
-        where = f"{path}: verify.set"
-        refuse_overlaps(file.verify.set, where)
+        refuse_overlaps(file.verify.set, "verify.set")
         for key in ("placement", "seed"):
             if key in file.verify.set:
-                raise ConfigError(
-                    "the verification varies it", key=f"{where}.{key}", fix="set verify.seeds"
-                )
+                fix = "set verify.seeds"
+                raise InputError("the verification varies it", key=f"verify.set.{key}", fix=fix)
     if OWN_MODEL in settings.models:
-        raise ConfigError(
-            "is the name of the key `lidar`", place=path, key=f"search.models.{OWN_MODEL}"
-        )
+        raise InputError("is the name of the key `lidar`", key=f"search.models.{OWN_MODEL}")
     for objective in settings.objective:
-        where, classes = f"{path}: search.objective: {objective.name}", file.classes
-        for name in (name for part in objective.parts for name in part.weights or ()):
-            if name not in classes:
-                known = f"{', '.join(classes)}{did_you_mean(name, classes)}"
-                raise ConfigError(f"{name} is not among the classes {known}", place=where)
-        if objective.measured and file.detector is None:
-            raise ConfigError(f"{where} needs a detector")
-        if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
-            raise ConfigError(f"{where} uses the declared mounts; remove lidar.tilt_in_degrees")
+        with at(key=f"search.objective: {objective.name}"):
+            _check_objective(objective, file)
+
+
+def _check_objective(objective: ObjectiveSettings, file: SearchFile) -> None:
+    for name in (name for part in objective.parts for name in part.weights or ()):
+        if name not in file.classes:
+            problem = f"{name} is not among classes{did_you_mean(name, file.classes)}"
+            raise InputError(problem, expected=", ".join(file.classes))
+    if objective.measured and file.detector is None:
+        raise InputError("needs a detector")
+    if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
+        raise InputError("uses the declared mounts", fix="remove lidar.tilt_in_degrees")
 
 
 def _check_body(
-    file: SearchFile, space: Space, fixed: list[Choice], models: Mapping[str, Lidar], path: Path
+    file: SearchFile, space: Space, fixed: list[Choice], models: Mapping[str, Lidar]
 ) -> None:
     """Refuse zones and fixed LiDARs inside of the body, and fixed ones that are blind."""
     vehicle = vehicle_of(file.search.vehicle)
     for zone in space.zones:
         if zone_in_body(zone, vehicle)[1]:
-            raise ConfigError(
-                "is inside the vehicle's body", place=path, key=f"search.zones.{zone.name}"
-            )
+            raise InputError("is inside the vehicle's body", key=f"search.zones.{zone.name}")
     if not fixed:
         return
-    with named(f"{path}: search: fixed"):
+    with at(key="search.fixed"):
         rig = placement_of(tuple(fixed), models, "fixed")
         check_mounts(rig, vehicle)
         if not file.allow_blind_lidars:
@@ -312,99 +311,80 @@ def _check_body(
 
 
 def _check_what_comes_later(problem: Problem) -> None:
-    """A mistake is better told now than after the search. Raises ConfigError."""
+    """A mistake is better told now than after the search. Raises InputError."""
     problem.key  # noqa: B018 - the scene
-    path, file = problem.path, problem.file
+    file = problem.file
     for name, changes in (file.robustness.scenes if file.robustness else {}).items():
-        _check_scene(changes, f"{path}: robustness.scenes.{name}", "scene.density")
+        _check_scene(changes, f"robustness.scenes.{name}", "scene.density")
         problem.pog_tasks(problem.sweep(changes))
     if problem.judged:
         _check_traffic(problem)
     if file.verify is None:
         return
     config = problem.verify_settings({"found_1": problem.paper_rigs()["line"]}, ["line"])
-    try:
-        sweep = build_sweep(config, path)
-    except ConfigError as error:
-        raise ConfigError(f"{error} (with verify.set)") from None
+    with at(key="verify"):
+        sweep = build_sweep(config, problem.path)
     if sweep.points[0].point.detector is None:
-        raise ConfigError("needs a detector", place=path, key="verify")
+        raise InputError("needs a detector", key="verify")
 
 
 def _check_scene(changes: Mapping[str, Any], where: str, example: str) -> None:
-    """Refuse what is no key of the scene, or inside of another one. Raises ConfigError."""
+    """Refuse what is no key of the scene, or inside of another one. Raises InputError."""
     refuse_overlaps(changes, where)
     for key in changes:
         if not key.startswith("scene."):
-            raise ConfigError(f"allowed are keys of scene, such as {example}", place=where, key=key)
+            raise InputError(key=f"{where}.{key}", expected=f"a key of scene, such as {example}")
 
 
 def _check_traffic(problem: Problem) -> None:
-    """What a search by a generalist sees has to be said, and different. Raises ConfigError."""
-    path, traffic = problem.path, problem.traffic
+    """What a search by a generalist sees has to be said, and different. Raises InputError."""
+    traffic = problem.traffic
     for name, every in (("search", traffic.search), ("choice", traffic.choice)):
-        where = f"{path}: search.traffic.{name}"
+        where = f"search.traffic.{name}"
         for changes in every:
             if not changes:
-                raise ConfigError(
-                    "name another log, such as {scene.test_folder: other_log}: trials, the "
-                    "choice of the best and their verification need different traffic",
-                    place=where,
-                )
+                rule = "trials, choice and verification need different traffic"
+                fix = "name another log, such as {scene.test_folder: other_log}"
+                raise InputError(rule, key=where, fix=fix)
             _check_scene(changes, where, "scene.test_seed")
             said = {key: f"search.traffic.{name}: {key}" for key in changes}
             problem.point(changes, said)
         if any(changes in every[:number] for number, changes in enumerate(every)):
-            raise ConfigError("duplicate traffic", place=where)
+            raise InputError("duplicate traffic", key=where)
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
-        raise ConfigError(
-            "needs mounting_errors, without which all are equal", place=path, key="search.vehicles"
-        )
-    with named(f"{path}: generalist.rigs"):
+        needed = "needs mounting_errors, without which all are equal"
+        raise InputError(needed, key="search.vehicles")
+    with at(key="generalist.rigs"):
         known = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
     unseen = [name for name in problem.space.models if problem.models[name] not in known]
     if unseen and not isinstance(problem.file.generalist.rigs, int):
-        raise ConfigError(
-            f"none of them has the LiDAR {unseen[0]}, which the search chooses",
-            place=path,
-            key="generalist.rigs",
-        )
+        none = f"none of them has the LiDAR {unseen[0]}, which the search chooses"
+        raise InputError(none, key="generalist.rigs")
     if any(changes in traffic.choice for changes in traffic.search):
-        raise ConfigError(
-            "search and choice need different traffic", place=path, key="search.traffic"
-        )
+        raise InputError("search and choice need different traffic", key="search.traffic")
     if problem.pretrained:
         _check_pretrained(problem)
 
 
 def _check_pretrained(problem: Problem) -> None:
     """The generalist of a file has to know rigs of the zones and those of the paper."""
-    path, seeds = problem.path, len(problem.file.search.seeds)
-    if seeds > 1:
-        raise ConfigError(
-            "a pretrained generalist has one seed",
-            place=path,
-            key="search.seeds",
-            expected="1",
-            found=seeds,
-        )
+    if (seeds := len(problem.file.search.seeds)) > 1:
+        one = "a pretrained generalist has one seed"
+        raise InputError(one, key="search.seeds", expected=1, found=seeds)
     for name, rig in {**problem.training_rigs, **problem.paper_rigs()}.items():
         outside = problem.outside(rig, name)
         if outside is not None:
             of = f"{name} of the paper" if name in PAPER_PLACEMENTS else "rigs of the zones"
-            raise ConfigError(f"{of}: {outside}", place=path, key="search")
+            raise InputError(f"{of}: {outside}", key="search")
 
 
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed]:
     """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
     own = file.placements.get(name)  # a search knows models by name alone
     if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
-        raise InputError(
-            f"{name}: its mounts have LiDARs of their own",
-            key="search.start",
-            fix="give one of `lidar`",
-        )
-    with named(f"search.start: {name}"):
+        own_lidars, fix = f"{name}: its mounts have LiDARs of their own", "give one of `lidar`"
+        raise InputError(own_lidars, key="search.start", fix=fix)
+    with at(key=f"search.start: {name}"):
         return placed_in(space, [Choice("", "", mount) for mount in rigs.of(file, name).mounts])
 
 

@@ -105,11 +105,9 @@ class Space:
         """All that there may be, without the fixed LiDARs; those with fewest LiDARs first."""
         ways = math.prod(int(high - low) + 1 for low, high in self.counts.values())
         if ways > MOST_MAKEUPS:
-            raise InputError(
-                f"{ways:,} ways to divide LiDARs among them, more than {MOST_MAKEUPS:,}",
-                key="search.zones",
-                fix="give ranges of `lidars` to fewer zones",
-            )
+            most, fix = f"at most {MOST_MAKEUPS:,}", "set ranges of `lidars` in fewer zones"
+            problem, key = "too many ways to divide LiDARs", "search.zones"
+            raise InputError(problem, key=key, expected=most, found=f"{ways:,}", fix=fix)
         ranges = (range(int(low), int(high) + 1) for low, high in self.counts.values())
         found = itertools.product(*ranges)
         return tuple(sorted(found, key=lambda makeup: (self._size(makeup), makeup)))
@@ -250,12 +248,8 @@ def _check_symmetry(zones: Sequence[Zone]) -> None:
     for zone in zones:
         mirrored_shape = frozenset((x, 0 - y) for x, y in zone.polygon)
         if any(y < 0 for _, y in zone.polygon) and (mirrored_shape, zone.z) not in shapes:
-            raise InputError(
-                f"zone {zone.name} is not symmetric to y = 0, and no other zone is its "
-                "mirror image",
-                key="search.symmetric",
-                fix="give its left part alone",
-            )
+            problem = f"zone {zone.name} is not symmetric to y = 0, nor to another zone"
+            raise InputError(problem, key="search.symmetric", fix="define its left part alone")
 
 
 def _extent(zone: Zone) -> tuple[float, float, float]:
@@ -269,7 +263,7 @@ def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
     number is none of the space's, or one has no slot."""
     least, most = space.numbers
     if not least <= len(lidars) <= most:
-        raise ValueError(f"has {len(lidars)} LiDARs, more or fewer than search.lidars")
+        raise InputError(f"has {len(lidars)} LiDARs, more or fewer than search.lidars")
     left: list[Choice] = list(lidars)
     for makeup in space.makeups:
         slots = space.slots(makeup)
@@ -279,10 +273,8 @@ def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
         if not left:
             return found
     mount = left[0].mount
-    raise ValueError(
-        f"no zone, or no mirrored pair of the search, has a LiDAR at "
-        f"{point(mount.x, mount.y, mount.z)} with its angles"
-    )
+    place = point(mount.x, mount.y, mount.z)
+    raise InputError(f"no zone or mirrored pair allows a LiDAR at {place} with its angles")
 
 
 def _in_slots(slots: Sequence[Slot], lidars: Sequence[Choice]) -> tuple[list[Placed], list[Choice]]:

@@ -49,10 +49,8 @@ def journal_storage(path: Path) -> BaseStorage:
         return JournalStorage(JournalFileBackend(str(path)))
     except Exception as error:  # what Optuna raises depends on what is wrong in a line
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise InputError(
-            f"cannot be read: {reason}; the trials in it are lost: remove it to search anew",
-            place=path,
-        ) from None
+        fix = "the trials in it are lost: remove it to search anew"
+        raise InputError(f"cannot be read: {reason}", place=path, fix=fix) from None
 
 
 def stored_study(folder: Path, name: str) -> optuna.Study | None:
