@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 
 COUNTS, IGNORED, OTHER = 0, 1, -1
 """What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""
@@ -172,14 +172,14 @@ class Rising(NamedTuple):
         return cls(values, unit, values[by_unit], np.cumsum(members) - members[0])
 
 
-@njit(cache=True)
+@inner
 def _precision_of_others(matched, found, unit, lowest):
     """Precision from each score of `lowest` on, without the unit's own; `Rising` scores."""
     positives, all_found = _others_from(matched, unit, lowest), _others_from(found, unit, lowest)
     return positives / np.maximum(all_found, 1)
 
 
-@njit(cache=True)
+@inner
 def _others_from(scores, unit, lowest):
     """How many scores of other units are at least each of `lowest`."""
     own = scores.by_unit[scores.offsets[unit] : scores.offsets[unit + 1]]
@@ -197,7 +197,8 @@ def precision_without_each(hits, matched, found, truths, points):
     falling, unit_of = hits.values[::-1].copy(), hits.unit[::-1].copy()
     for unit in range(len(truths)):
         lowest = sampled_scores(falling[unit_of != unit], truths[unit], points)
-        precision[unit, : len(lowest)] = _precision_of_others(matched, found, unit, lowest)
+        for n, value in enumerate(_precision_of_others(matched, found, unit, lowest)):
+            precision[unit, n] = value
     return precision
 
 
@@ -242,7 +243,7 @@ def precision_curve(
     hits = hits[~np.isnan(hits)]
     if len(hits) == 0:
         return PrecisionCurve(np.zeros(RECALL_POINTS), np.zeros(RECALL_POINTS), 0.0)
-    counted = np.count_nonzero(truth_role == COUNTS)
+    counted = float(np.count_nonzero(truth_role == COUNTS))
     lowest = sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
     roles = (truth_role, found_role)
     counts = _precision_pass(layout, overlaps, similarity, scores, roles, harmless, least, lowest)

@@ -140,7 +140,7 @@ def evaluation(
         own = truths[here]
         own_found = found[found_class == name]
         pairs = pairs_of(own, own_found, wanted)
-        scores = own_found["score"].to_numpy(np.float64)
+        scores = own_found["score"].to_numpy(np.float64, copy=True)
         alike = here[every.ground_truth] & (found_class == name)[every.detection]
         overlaps = {
             "3D": every_overlap[alike],
@@ -246,7 +246,7 @@ def found_objects(objects: pd.DataFrame, detections: pd.DataFrame, iou: float) -
     truths, found = rows_of(objects, frames), rows_of(detections, frames)
     pairs = pairs_of(truths, found, frames)
     overlaps = overlaps_of(truths, found, pairs, three_d=True)
-    scores = hit_scores(pairs, overlaps, found["score"].to_numpy(np.float64), iou)
+    scores = hit_scores(pairs, overlaps, found["score"].to_numpy(np.float64, copy=True), iou)
     hit = np.empty(len(objects), np.bool_)
     hit[np.argsort(objects["frame"].to_numpy(), kind="stable")] = ~np.isnan(scores)
     return hit
@@ -291,7 +291,7 @@ def evaluate_detections(
     truths = rows_of(kitti_labels.checked_labels(ground_truth, "ground truth", ()), wanted)
     found = rows_of(kitti_labels.checked_labels(detections, "detections", ("score",)), wanted)
     pairs = pairs_of(truths, found, wanted)
-    scores = found["score"].to_numpy(np.float64)
+    scores = found["score"].to_numpy(np.float64, copy=True)
     truth_sides = kitti_labels.boxes_z_up(truths)[pairs.ground_truth]
     found_sides = kitti_labels.boxes_z_up(found)[pairs.detection]
     overlaps = {

@@ -60,7 +60,7 @@ class Matches:
     def precision(self) -> NDArray[np.float64]:
         """Precision over recall, that of `average_precision.precision_curve`, shape (41,)."""
         of_none = (np.full(len(self.hit), -1), np.full(len(self.scores), -1))
-        every = np.array([len(self.hit)])
+        every = np.array([len(self.hit)], np.float64)
         sampled = precision_without_each(*self._by_unit(*of_none, 1), every, RECALL_POINTS)
         return np.asarray(monotone(sampled)[0])
 
@@ -121,7 +121,14 @@ def _matched_from(layout, overlaps, scores, minimum):
                     count += 1
                     break
         near = near[:count]
-        for lowest in np.unique(scores[near])[::-1]:
+        lowest = np.inf
+        while True:
+            below = -np.inf  # the next score that some of them have
+            for d in near:
+                below = max(below, scores[d]) if scores[d] < lowest else below
+            lowest = below
+            if lowest == -np.inf:
+                break
             for d in near:
                 taken[d] = scores[d] < lowest  # not there yet
             for g in range(truths[f], truths[f + 1]):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.types import Type, unliteral
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -33,7 +34,16 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel = numba.njit(**options)(function)
-        if options.get("cache") and not numba.config.DISABLE_JIT:
+        if numba.config.DISABLE_JIT:
+            return kernel
+        resolve = kernel.get_call_template
+
+        def resolved(args: list[Type], named: dict[str, Type]) -> Any:
+            """For a kernel that calls this one with literals: numba would compile it for each."""
+            return resolve(list(map(unliteral, args)), {n: unliteral(t) for n, t in named.items()})
+
+        kernel.get_call_template = resolved
+        if options.get("cache"):
             chosen = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = str(_folder(Path(kernel.stats.cache_path), function))
             try:

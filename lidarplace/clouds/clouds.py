@@ -84,7 +84,8 @@ class PointClouds:
             if count.sum() != len(points):
                 raise ValueError(f"{len(points)} points, but {count.sum()} of the LiDARs together")
             planes = np.empty(_BYTES * len(points), np.uint8)
-            bad = _pack(np.asarray(points, np.float32), origin, step, planes)
+            own = np.ascontiguousarray(points, np.float32)
+            bad = _pack(own, origin.astype(np.float64), step, planes)
             if bad >= 0:
                 span = f"from {origin.tolist()} to {(origin + 65535 * step).tolist()}"
                 expected, found = f"coordinates {span}, intensity in [0, 1]", points[bad].tolist()
@@ -179,7 +180,7 @@ Clouds = PointClouds | JoinedClouds[PointClouds]
 def as_kept(points: NDArray[np.float32], crop: Crop) -> NDArray[np.float32]:
     """The points (n, 4) in `crop` as `PointClouds` would give them back, to the last bit."""
     kept = np.empty_like(points)
-    _round(points, np.array(crop[:3]), _grid_step(crop), kept)
+    _round(points, np.array(crop[:3], np.float64), _grid_step(crop), kept)
     return kept
 
 

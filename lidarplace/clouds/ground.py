@@ -26,11 +26,15 @@ class Ground:
     """The ground around the vehicle in one frame.
 
     Attributes:
-        reflectivity: of the cells of the square, [y, x], shape (CELLS, CELLS), float32.
+        reflectivity: of the cells of the square, [y, x], shape (CELLS, CELLS), float32; it
+            becomes read-only.
         pose: x, y and yaw of the ego frame in that of the square; metres, radians; finite."""
 
     reflectivity: NDArray[np.float32]
     pose: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        self.reflectivity.flags.writeable = False  # as of `square`: numba compiles for one kind
 
 
 @lru_cache(maxsize=4)

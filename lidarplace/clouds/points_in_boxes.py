@@ -19,7 +19,8 @@ sides when its points are counted for a table."""
 def count_points(points: ArrayLike, boxes: ArrayLike) -> NDArray[np.int64]:
     """Number of `points` (N, 3 or more) in each of `boxes` (M, 7), shape (M,); same frame, metres
     and radians. A point on the surface is inside."""
-    return _count(np.asarray(points), np.asarray(boxes, np.float64), 0.0, np.empty(0, np.int64))
+    of_none, own = np.empty(0, np.int64), np.require(boxes, np.float64, "CW")
+    return _count(np.ascontiguousarray(points), own, 0.0, of_none)
 
 
 def count_points_per_object(boxes: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:
@@ -72,7 +73,8 @@ def box_of_points(
     """Which of boxes (m, 7) holds each of points (n, 3 or more), within `margin`, the last of
     several; -1: none. Shape (n,)."""
     owner = np.full(len(points), -1)
-    _count(points, boxes, margin, owner)
+    # numba compiles again for read-only arrays and other orders.
+    _count(np.ascontiguousarray(points), np.require(boxes, np.float64, "CW"), margin, owner)
     return owner
 
 

@@ -68,8 +68,9 @@ def sample_points(
     corrected, factors = lidar.correction is not None, np.empty(0)
     if lidar.correction is not None:
         factors = lidar.correction.factors_of(classes)
+    noise = float(lidar.range_noise)
     for rays, numbers in rays_of(mount, lidar):
-        chance = lidar.range_noise, lidar.drop_off, key_of(*key), numbers.start, corrected, factors
+        chance = noise, lidar.drop_off, key_of(*key), numbers.start, corrected, factors
         where = region, lift, hits.of(numbers), codes, (ground.reflectivity, *axis)
         count += _sample(*rays, *where, chance, dimmed, points[count:])
     return count

@@ -80,7 +80,8 @@ def _visible_share(
     windows = np.empty((number, 7))
     for p in range(number):
         fill_corners(parts[p], corners)
-        windows[p] = window(corners, viewpoint, upright)
+        for n, bound in enumerate(window(corners, viewpoint, upright)):
+            windows[p, n] = bound
         facing[p] = fill_planes(parts[p], viewpoint, upright, planes[p])
 
     eye, patch = into @ viewpoint + shift, np.empty(6)
@@ -111,7 +112,7 @@ def _visible_share(
             cosines[i], sines[i] = math.cos(azimuth), math.sin(azimuth)
         for j in range(height):
             elevation = lowest + (highest - lowest) * (j + 0.5) / height
-            elevations[j] = math.cos(elevation), math.sin(elevation)
+            elevations[j, 0], elevations[j, 1] = math.cos(elevation), math.sin(elevation)
         own[:] = 0.0
         for p in range(first, last):
             if facing[p] == 0:

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def walk_bresenham(origin, direction, far, grid, voxels, size):
     """Append the voxels of one line to the first `size` of `voxels`; returns the new size. It goes
     from the sensor's voxel, inside the grid or not, to that of the ray at `far`."""
@@ -42,7 +42,7 @@ def walk_bresenham(origin, direction, far, grid, voxels, size):
     return size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _ends(axis, origin, direction, far, grid):
     """First and last cell of a line on one axis: the sensor's, and the ray's at `far`."""
     minimum, resolution = grid.minimum[axis], grid.resolution

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _crossing(cell, origin, d, minimum, resolution):
     """Ray parameter at which a ray leaves `cell` along one axis. From the grid line, not by adding
     up: errors do not grow along the ray, and equal parameters of two axes compare equal where
@@ -21,7 +21,7 @@ def _crossing(cell, origin, d, minimum, resolution):
     return (minimum + (cell + (d > 0)) * resolution - origin) / d
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _first_cell(start, origin, d, minimum, resolution, cells):
     """Cell on one axis just before the ray enters the grid, -1 or `cells`, or just after its
     start."""
@@ -40,14 +40,14 @@ def _first_cell(start, origin, d, minimum, resolution, cells):
     return cell
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _is_past(line, start, origin, d, minimum, resolution):
     """Whether a grid line is crossed before the ray enters the grid, or where it starts."""
     crossing = (minimum + line * resolution - origin) / d
     return crossing < start or crossing <= 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def walk_dda(origin, direction, start, reach, grid, voxels, size):
     """Append the voxels of one ray to the first `size` of `voxels`; returns the new size."""
     minimum, resolution, shape, strides = grid

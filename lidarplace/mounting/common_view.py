@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.mounting.field_of_view import View, has_direction, in_view, view_of_sensor, views_of
 from lidarplace.mounting.housing import housings_in, turned
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
@@ -137,7 +137,7 @@ def _seen(pair):
     seen, common = 0.0, 0.0
     ends, rows = np.empty((_HALVINGS + 1, 2)), np.empty((_HALVINGS + 1, 4))
     for band in range(ROWS):
-        ends[0] = band / ROWS, (band + 1) / ROWS
+        ends[0, 0], ends[0, 1] = band / ROWS, (band + 1) / ROWS
         for side in range(2):
             up = lowest + ends[0, side] * (highest - lowest)
             rows[0, 2 * side], rows[0, 2 * side + 1] = _of_row(pair, up)
@@ -154,13 +154,15 @@ def _seen(pair):
                 common += (high - low) * (c0 + 4.0 * cm + c1) / 6.0
                 depth -= 1
             else:
-                ends[depth], ends[depth + 1] = (low, middle), (middle, high)
-                rows[depth], rows[depth + 1] = (s0, c0, sm, cm), (sm, cm, s1, c1)
+                ends[depth, 1], rows[depth, 2], rows[depth, 3] = middle, sm, cm
                 depth += 1
+                ends[depth, 0], ends[depth, 1] = middle, high
+                rows[depth, 0], rows[depth, 1] = sm, cm
+                rows[depth, 2], rows[depth, 3] = s1, c1
     return seen, common
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _of_row(pair, up):
     """The same of one elevation, whose sine is `up`."""
     start, width = pair[0].field.azimuth
@@ -189,7 +191,7 @@ def _of_row(pair, up):
     return seen / STEPS, common / STEPS
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _status(pair, up, azimuth):
     """Whether a sensor sees in a direction of its own frame, and whether the other one sees the
     point there, too."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.mounting.housing import turned
 from lidarplace.rigs.further_sensors import Camera, MountedSensor
 from lidarplace.rigs.lidar import Lidar
@@ -98,7 +98,7 @@ def in_view(view, x, y, z):
     return has_direction(view.field, ahead / away, left / away, up / away)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def has_direction(field, ahead, left, up):
     """Whether a unit vector in the sensor's frame is within its field of view."""
     if not field.sines[0] - _HAIR <= up <= field.sines[1] + _HAIR:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import inner, njit
+from lidarplace.base.kernel_cache import inner
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -58,7 +58,7 @@ def turned(rotation, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def enter_housing(px, py, pz, vx, vy, vz, housing):
     """Where a ray p + t v, in the frame of a housing, is inside of it first, t >= 0: 0 for one that
     starts inside, inf for one that never is; a touch does not count."""
@@ -88,7 +88,7 @@ def enter_housing(px, py, pz, vx, vy, vz, housing):
     return near if near < far else math.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def behind_housing(origin, dx, dy, dz, reach, housings, own):
     """Whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach); that of
     the LiDAR number `own` does not count."""

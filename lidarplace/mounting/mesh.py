@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 
 _LEAF = 4  # triangles
 _EDGE = 1e-9  # a ray along an edge meets a triangle at each side, in shares of the triangle
@@ -163,7 +163,7 @@ def first_hit(origin, dx, dy, dz, reach, tree: Tree):
             return best
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _next(node):
     """The node after all that a node holds; 1 after the last."""
     node += 1
@@ -172,13 +172,13 @@ def _next(node):
     return node
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _triangles_of(tree: Tree, leaf):
     first = _LEAF * (leaf - len(tree.bounds) // 2)
     return tree.triangles[first : first + _LEAF]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _enters(bounds, origin, dx, dy, dz, reach):
     """Whether a ray is in a box, its surface included, for some t in [0, reach]."""
     if bounds[0] > bounds[3]:  # it holds nothing
@@ -197,7 +197,7 @@ def _enters(bounds, origin, dx, dy, dz, reach):
     return near <= far
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _meets(triangle, origin, dx, dy, dz):
     """The t at which a ray meets a triangle, -1 if not (Möller and Trumbore 1997)."""
     ax, ay, az = triangle[0]
@@ -218,7 +218,7 @@ def _meets(triangle, origin, dx, dy, dz):
     return (cx * qx + cy * qy + cz * qz) / volume
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _square_distance(triangle, place):
     """Of a point from a triangle: from its plane above the inside, else from an edge."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -268,17 +268,19 @@ def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _solid_angle(triangle, place):
     """Under which a triangle is seen, signed (Van Oosterom and Strackee 1983)."""
-    a, b, c = triangle[0] - place, triangle[1] - place, triangle[2] - place
-    la, lb, lc = math.sqrt((a * a).sum()), math.sqrt((b * b).sum()), math.sqrt((c * c).sum())
-    volume = (
-        a[0] * (b[1] * c[2] - b[2] * c[1])
-        + a[1] * (b[2] * c[0] - b[0] * c[2])
-        + a[2] * (b[0] * c[1] - b[1] * c[0])
-    )
-    ab, bc, ca = (a * b).sum(), (b * c).sum(), (c * a).sum()
+    x, y, z = place[0], place[1], place[2]
+    ax, ay, az = triangle[0, 0] - x, triangle[0, 1] - y, triangle[0, 2] - z
+    bx, by, bz = triangle[1, 0] - x, triangle[1, 1] - y, triangle[1, 2] - z
+    cx, cy, cz = triangle[2, 0] - x, triangle[2, 1] - y, triangle[2, 2] - z
+    la = math.sqrt(ax * ax + ay * ay + az * az)
+    lb = math.sqrt(bx * bx + by * by + bz * bz)
+    lc = math.sqrt(cx * cx + cy * cy + cz * cz)
+    volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    ab, bc = ax * bx + ay * by + az * bz, bx * cx + by * cy + bz * cz
+    ca = cx * ax + cy * ay + cz * az
     return 2.0 * math.atan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
 
 

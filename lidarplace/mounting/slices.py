@@ -33,10 +33,12 @@ def clip(polygon, number, axis, sign, limit, kept):
         here, there = polygon[n], polygon[(n + 1) % number]
         above, next_above = sign * (here[axis] - limit), sign * (there[axis] - limit)
         if above >= 0.0:
-            kept[left] = here
+            for c in range(kept.shape[1]):
+                kept[left, c] = here[c]
             left += 1
         if (above > 0.0 and next_above < 0.0) or (above < 0.0 and next_above > 0.0):
-            kept[left] = here + above / (above - next_above) * (there - here)
+            for c in range(kept.shape[1]):
+                kept[left, c] = here[c] + above / (above - next_above) * (there[c] - here[c])
             left += 1
     return left
 
@@ -47,11 +49,16 @@ def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     corners = np.zeros(len(triangles), np.int64)
     before, after = np.empty((_MOST + 1, 3)), np.empty((_MOST + 1, 3))
     for t in range(len(triangles)):
-        before[:3], number = triangles[t], 3
+        number = 3
+        for n in range(3):
+            for c in range(3):
+                before[n, c] = triangles[t, n, c]
         for sign, height in ((1.0, low), (-1.0, high)):
             number = clip(before, number, 2, sign, height, after)
             before, after = after, before
-        polygons[t, :number], corners[t] = before[:number, :2], number
+        corners[t] = number
+        for n in range(number):
+            polygons[t, n, 0], polygons[t, n, 1] = before[n, 0], before[n, 1]
     return polygons, corners
 
 
@@ -87,7 +94,7 @@ def meets_slices(points, half_length, half_width, heading, polygons, corners):
     return met
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _apart(polygon, number, x, y, half_length, half_width):
     """Whether a side of a convex polygon parts it from an upright rectangle."""
     for k in range(number):

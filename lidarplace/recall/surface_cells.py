@@ -19,6 +19,7 @@ from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.clouds.hashed import stream_of, uniform
 from lidarplace.clouds.raycast import (
     NO_ENDS,
+    Hits,
     along,
     cast_compiled,
     lost_share,
@@ -160,7 +161,8 @@ def _cells_in_frames(origin, rotation, beams, frames, crop, cell, ends, loss):
     geometry, slices = frames.geometry, frames.slices
     steps = beams.azimuths.shape[2]
     rays = len(elevations) * steps
-    hits = ranges, targets, reflected = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
+    ranges, targets, reflected = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
+    hits = Hits(ranges, targets, reflected)
     cells_of = slices[:, 0] * slices[:, 1] * slices[:, 2]
     offsets, points = np.zeros(len(geometry) + 1, np.int64), np.zeros(len(geometry), np.int64)
     cells = np.empty(cells_of.sum() + 1, np.uint32)  # one is written and not kept
@@ -177,7 +179,8 @@ def _cells_in_frames(origin, rotation, beams, frames, crop, cell, ends, loss):
             stop_at_world(origin, rotation, beams, *around, near, True, True, hits)
         first, last = frames.first_object[frame], frames.first_object[frame + 1]
         start = np.zeros(last - first + 1, np.int64)
-        start[1:] = np.cumsum(cells_of[first:last])
+        for b in range(first, last):
+            start[b - first + 1] = start[b - first] + cells_of[b]
         hit = np.zeros(start[-1], np.bool_)
         lossy = len(loss.keys) > 0
         stream = stream_of(loss.keys[frame]) if lossy else np.uint64(0)

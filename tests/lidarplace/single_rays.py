@@ -12,9 +12,9 @@ def voxels_of_rays(method, origin, directions, reach, grid):
     """
     minimum, resolution, shape = grid
     strides = np.array([shape[1] * shape[2], shape[2], 1])
-    voxel_grid = VoxelGrid(minimum, resolution, np.array(shape), strides)
+    voxel_grid = VoxelGrid(minimum.astype(np.float64), resolution, np.array(shape), strides)
     spans = clip_rays(origin, directions, reach, voxel_grid)
-    voxels = np.empty(len(directions) * sum(shape), np.uint64)
+    voxels = np.empty(len(directions) * sum(shape), np.uint32)
     offsets = np.zeros(len(directions) + 1, np.int64)
     bresenham = method == "bresenham"
     walk_rays(bresenham, origin, directions, spans, reach, voxel_grid, voxels, offsets)

@@ -27,6 +27,7 @@ def test_pairs_of_counts_and_rays(table, monkeypatch):
     counts = rng.integers(0, 5, TALL.shape)
     counts[:, :, 66:] = 0
     rays = rng.integers(0, 4, TALL.shape) * rng.integers(1, 100, TALL.shape)
+    rays = rays.astype(np.int32)
     expected = {}
     for pair in zip(counts.flat, rays.flat, strict=True):
         if min(pair) > 0:

@@ -83,3 +83,10 @@ def test_a_folder_that_the_user_names_is_taken(run, tmp_path, monkeypatch):
     assert str(tmp_path / "named") == numba.config.CACHE_DIR
     assert len(list(tmp_path.glob("named/*/outer-*/"))) == 2
     assert not (tmp_path / "toy" / "__pycache__").exists()
+
+
+def test_literals_compile_a_kernel_once():
+    inner = kernel_cache.njit()(lambda x, y: x + y)
+    outer = kernel_cache.njit()(lambda n: inner(1, 2) + inner(n, y=3))
+    assert outer(4) == 10
+    assert inner.signatures == [(numba.int64, numba.int64)]

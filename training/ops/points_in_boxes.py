@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from training.ops.grouping import chunks
 
 MARGIN = 1e-5  # a point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel
@@ -29,20 +29,24 @@ def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
 
 @njit(cache=True, error_model="numpy")
 def _first_box_kernel(points, boxes, cosine, sine, margin, out):
-    count = len(boxes)
+    count, dtype = len(boxes), boxes.dtype.type
     out[:] = -1
     if count == 0:
         return
-    half = boxes[:, 3:6] / boxes.dtype.type(2)
-    # Rounded up: the exact test follows.
-    along, aside = half[:, 0] + margin, half[:, 1] + margin
-    reach_x = boxes.dtype.type(1.001) * (np.abs(cosine) * along + np.abs(sine) * aside)
-    reach_y = boxes.dtype.type(1.001) * (np.abs(sine) * along + np.abs(cosine) * aside)
+    two, more, cells_a_side = dtype(2), dtype(1.001), dtype(_CELLS)
+    half, (reach_x, reach_y) = np.empty((count, 3), dtype), np.empty((2, count), dtype)
     x, y = boxes[:, 0], boxes[:, 1]
-    low_x, low_y = (x - reach_x).min(), (y - reach_y).min()
-    cells_a_side = boxes.dtype.type(_CELLS)
-    by_x = cells_a_side / ((x + reach_x).max() - low_x)
-    by_y = cells_a_side / ((y + reach_y).max() - low_y)
+    low_x = low_y = dtype(np.inf)
+    high_x = high_y = dtype(-np.inf)
+    for k in range(count):
+        for axis in range(3):
+            half[k, axis] = boxes[k, 3 + axis] / two
+        # Rounded up: the exact test follows.
+        along, aside, c, s = half[k, 0] + margin, half[k, 1] + margin, abs(cosine[k]), abs(sine[k])
+        reach_x[k], reach_y[k] = more * (c * along + s * aside), more * (s * along + c * aside)
+        low_x, high_x = min(low_x, x[k] - reach_x[k]), max(high_x, x[k] + reach_x[k])
+        low_y, high_y = min(low_y, y[k] - reach_y[k]), max(high_y, y[k] + reach_y[k])
+    by_x, by_y = cells_a_side / (high_x - low_x), cells_a_side / (high_y - low_y)
     # Most points are in a cell, seen from above, that no box comes near.
     cells = np.zeros((_CELLS, _CELLS), np.bool_)
     for k in range(count):
@@ -63,7 +67,7 @@ def _first_box_kernel(points, boxes, cosine, sine, margin, out):
                 break
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _cell(x, low, by) -> int:
     """The cell of a coordinate, or the nearest; `by`: cells a metre."""
     cell = (x - low) * by

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 
 
-@njit(cache=True)
+@inner
 def _clip(xs, ys, count, axis, sign, limit, xs_out, ys_out):
     """Keep the part of a polygon with `sign * coordinate <= limit`; return its vertex count.
 
@@ -32,7 +32,7 @@ def _clip(xs, ys, count, axis, sign, limit, xs_out, ys_out):
     return kept
 
 
-@njit(cache=True)
+@inner
 def _bev_intersection(a, b, work):
     """Area common to two rotated rectangles; `work` is space (4, 8) or more.
 
@@ -65,7 +65,7 @@ def _bev_intersection(a, b, work):
     return min(0.5 * abs(area), a[3] * a[4], b[3] * b[4])
 
 
-@njit(cache=True)
+@inner
 def _iou(a, b, three_d, work):
     common = _bev_intersection(a, b, work)
     size_a, size_b = a[3] * a[4], b[3] * b[4]
@@ -97,7 +97,7 @@ def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
     return out
 
 
-@njit(cache=True)
+@inner
 def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
     """Whether the IoU from above may be greater than `threshold`, by the bounds of `b` along `a`.
 
@@ -118,8 +118,6 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
     return common * (1 + 1e-9) >= threshold * (size_a + size_b - common)
 
 
-# Beside the IoU and not in nms.py: numba's cache does not see an edit of a kernel that a kernel of
-# another file calls.
 @njit(cache=True)
 def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
     kept = np.empty(min(len(boxes), limit), np.int64)
@@ -141,7 +139,7 @@ def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
 
 def checked(boxes: ArrayLike) -> NDArray[np.float64]:
     """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
-    array = np.ascontiguousarray(boxes, np.float64)
+    array = np.require(boxes, np.float64, "CW")  # a read-only array would be another type
     if array.ndim != 2 or array.shape[1] != 7:
         raise InputError(key="boxes", expected="shape (N, 7), x to yaw", found=array.shape)
     if not np.isfinite(array).all():
@@ -182,4 +180,4 @@ def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.i
 
     So it does at an IoU from above greater than `threshold`, at least 0; at most `limit` are kept.
     """
-    return _suppression_kernel(checked(boxes), threshold, limit)
+    return _suppression_kernel(checked(boxes), float(threshold), limit)

@@ -43,9 +43,8 @@ def _tie_order(count: int, device: torch.device) -> Tensor:
     return rows[rows < count]
 
 
-@njit(cache=True)
-def _furthest_kernel(xyz, chosen):
-    """Fill `chosen` with rows of `xyz` (N, 3); of equally far rows the lowest.
+def _furthest_rows(xyz: NDArray[np.floating], samples: int) -> NDArray[np.int64]:
+    """Rows of `xyz` (N, 3), `samples` or all; of equally far rows the lowest.
 
     Points are packed into boxes of about √N neighbours, strips along x cut along y (S. Leutenegger
     et al., STR: a simple and efficient algorithm for R-tree packing, 1997). A box that the new
@@ -54,23 +53,28 @@ def _furthest_kernel(xyz, chosen):
     """
     count = len(xyz)
     size = max(16, int(np.sqrt(count)))
-    boxes = (count + size - 1) // size
-    strip = int(np.ceil(np.sqrt(boxes))) * size
-    rows = np.argsort(xyz[:, 0])
-    for start in range(0, count, strip):
-        part = rows[start : start + strip].copy()
-        rows[start : start + strip] = part[np.argsort(xyz[part, 1])]
-    low, high = np.empty((boxes, 3), xyz.dtype), np.empty((boxes, 3), xyz.dtype)
-    for b in range(boxes):
-        own = rows[b * size : (b + 1) * size]
-        own.sort()
-        for axis in range(3):
-            low[b, axis], high[b, axis] = xyz[own, axis].min(), xyz[own, axis].max()
-    x, y, z = xyz[rows, 0], xyz[rows, 1], xyz[rows, 2]
+    starts = np.arange(0, count, size)
+    strip = int(np.ceil(np.sqrt(len(starts)))) * size
+    by_x = np.argsort(xyz[:, 0])
+    strips = (by_x[start : start + strip] for start in range(0, count, strip))
+    rows = np.concatenate([part[np.argsort(xyz[part, 1])] for part in strips])
+    rows = np.sort(np.arange(count) // size * count + rows) % count  # rising within each box
+    packed = xyz[rows]
+    low, high = (bound.reduceat(packed, starts) for bound in (np.minimum, np.maximum))
+    chosen = np.zeros(min(samples, count), np.int64)
+    _furthest_kernel(xyz, packed.T.copy(), rows, size, low, high, chosen)
+    return chosen
+
+
+@njit(cache=True)
+def _furthest_kernel(xyz, packed, rows, size, low, high, chosen):
+    """Fill `chosen` from its second row on; `packed` (3, N) are the points of `rows`, box by box,
+    `low` and `high` (boxes, 3) the corners of each box of `size`."""
+    count, boxes = len(rows), len(low)
+    x, y, z = packed[0], packed[1], packed[2]
     distance = np.full(count, np.inf, xyz.dtype)
     furthest = np.full(boxes, np.inf, xyz.dtype)
     furthest_row = np.zeros(boxes, np.int64)
-    chosen[0] = 0
     for j in range(1, len(chosen)):
         px, py, pz = xyz[chosen[j - 1], 0], xyz[chosen[j - 1], 1], xyz[chosen[j - 1], 2]
         best, best_row = distance.dtype.type(-1), 0
@@ -100,8 +104,7 @@ def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
     for count in counts:
         if count:
             order = _tie_order(count, xyz.device)
-            rows = np.empty(min(samples, count), np.int64)
-            _furthest_kernel(xyz[start + order].numpy(), rows)
+            rows = _furthest_rows(xyz[start + order].numpy(), samples)
             chosen.append(np.resize(start + order.numpy()[rows], samples))
         start += count
     return torch.from_numpy(np.concatenate(chosen))

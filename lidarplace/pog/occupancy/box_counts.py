@@ -208,7 +208,11 @@ def _count(boxes, frame, grid, changes, counts):
             end += 1
         reach, sides = np.empty((end - begin, 4), np.int64), np.empty((end - begin, 9))
         for n in range(end - begin):
-            reach[n], sides[n] = _bounds(boxes[begin + n], grid)
+            own_reach, own_sides = _bounds(boxes[begin + n], grid)
+            for c, end_of in enumerate(own_reach):
+                reach[n, c] = end_of
+            for c, value in enumerate(own_sides):
+                sides[n, c] = value
         known = np.empty((end - begin, 4), np.int64)  # rectangles of the frame in a row
         for i in range(reach[:, 0].min(), reach[:, 1].max() + 1):
             number = 0
@@ -219,7 +223,8 @@ def _count(boxes, frame, grid, changes, counts):
                 j0, j1 = _run(xs[i] - boxes[begin + n, 0], sides[n], ys, minimum[1], resolution)
                 if j0 <= j1:
                     _add_new(changes, i, j0, j1, k0, k1, known[:number])
-                    known[number] = j0, j1, k0, k1
+                    known[number, 0], known[number, 1] = j0, j1
+                    known[number, 2], known[number, 3] = k0, k1
                     number += 1
                     j_first[i], j_last[i] = min(j_first[i], j0), max(j_last[i], j1)
                     k_first, k_last = min(k_first, k0), max(k_last, k1)

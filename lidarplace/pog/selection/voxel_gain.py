@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner
 from lidarplace.pog.occupancy.entropy import entropy_of_counts
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.formulas import information_at
@@ -75,7 +75,7 @@ def _profiles(counts: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.
     return profile.astype(np.int32), counts[:, first].T
 
 
-@njit(cache=True, nogil=True)
+@inner
 def gain_at(tables, v, m):
     """g_v(m)."""
     shape, profile, worth, p, rest, weights = tables
@@ -92,7 +92,7 @@ def gain_at(tables, v, m):
     return total
 
 
-@njit(cache=True, nogil=True)
+@inner
 def slope_at(tables, v, m):
     """A slope s with `g_v(m) + s (t - m) >= g_v(t)` for all t."""
     shape, profile, worth, p, rest, weights = tables

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 
 _TABLE = 2**20  # entries: 8 MB
@@ -119,7 +119,7 @@ def information(p, rest, log_miss):
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner
 def information_at(p, rest, log_miss):
     """I(v) without the difference of two entropies, which cancels where d, p or 1 - p is small.
 
@@ -138,7 +138,7 @@ def information_at(p, rest, log_miss):
     return gain
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _g(x, left):
     """(1 - x) ln(1 - x) + x for left = 1 - x."""
     if x < 1e-3:  # series: x^2/2 + x^3/6 + x^4/12 + ..., next term below 1e-16 relative

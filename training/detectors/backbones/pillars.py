@@ -113,7 +113,8 @@ def _group_kernel(points, cells, all_cells, max_points, max_pillars):
     grouped = np.empty((starts[found], points.shape[1]), points.dtype)
     for i in range(len(points)):
         if pillar[i] >= 0:
-            grouped[starts[pillar[i]]] = points[i]
+            for c in range(points.shape[1]):
+                grouped[starts[pillar[i]], c] = points[i, c]
             starts[pillar[i]] += 1
     return grouped, kept[:found], counts[:found]
 

@@ -44,7 +44,7 @@ class VoxelGrid:
 
 @njit(cache=True)
 def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
-    """Keys ((z * ny + y) * nx + x) of the voxels and the means of their points, sorted by key."""
+    """Keys ((z * ny + y) * nx + x) of the voxels and the means of their points."""
     # A hash table with open addressing: a table of all cells would be far larger than the cloud.
     slots = 16
     while slots < 2 * len(points):
@@ -79,12 +79,11 @@ def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
             counts[voxel] += 1
             for c in range(points.shape[1]):
                 sums[voxel, c] += points[i, c]
-    order = np.argsort(keys[:found])
     means = np.empty((found, points.shape[1]), np.float32)
     for i in range(found):
         for c in range(points.shape[1]):
-            means[i, c] = sums[order[i], c] / counts[order[i]]
-    return keys[order], means
+            means[i, c] = sums[i, c] / counts[i]
+    return keys[:found], means
 
 
 def voxelise(
@@ -104,8 +103,9 @@ def voxelise(
     for index, frame in enumerate(frames):
         points = np.ascontiguousarray(frame.detach().cpu().numpy(), np.float32)
         keys, means = _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels)
-        place = np.unravel_index(keys, (nz, ny, nx))
-        found.append((means, np.stack([np.full_like(keys, index), *place], axis=1)))
+        order = np.argsort(keys)
+        place = np.unravel_index(keys[order], (nz, ny, nx))
+        found.append((means[order], np.stack([np.full_like(keys, index), *place], axis=1)))
     features, coordinates = (
         torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*found, strict=True)
     )
