@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import wrightomega
 
 from lidarplace.base.errors import InputError
 
@@ -73,6 +72,8 @@ def shortened(distance: ArrayLike, fading: float) -> NDArray[np.float64]:
     clear = np.asarray(distance, np.float64)
     if fading == 0.0:
         return clear
+    from scipy.special import wrightomega  # slow, and clear air does without
+
     with np.errstate(divide="ignore", invalid="ignore"):  # ln 0, and infinity times 0
         depth = wrightomega(math.log(fading) + np.log(clear))
         # W = x exp(-W): of little depth the quotient would be one of numbers near 0.

@@ -70,13 +70,15 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
 
 @cache
 def _alone() -> dict[str, str]:
-    """What keeps a local Ray to this machine and this user, before it is imported. The first makes
+    """What keeps a local Ray to this machine and this user, before it is imported; and it starts no
+    workers that tasks, which ask for other variables, could never use. The first makes
     it take 127.0.0.1 for a node's address and listen there alone. The argument
     `_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
     A token Ray would write into the home folder, where every user of the machine can read it; it
     remembers the first one, so a process has one."""
     token = os.environ.get("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    return {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_TOKEN": token}
+    own = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_prestart_worker_first_driver": "0"}
+    return own | {"RAY_AUTH_TOKEN": token}
 
 
 @contextmanager
