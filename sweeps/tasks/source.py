@@ -11,7 +11,7 @@ import ast
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 from operator import or_
 from pathlib import Path
 from typing import Any
@@ -45,11 +45,16 @@ class Source:
 
 def read_source(path: Path, module: str) -> Source:
     """Take the file of a module apart. Raises ValueError for an import that cannot be followed."""
+    return _taken_apart(path, module, path.read_bytes())
+
+
+@cache
+def _taken_apart(path: Path, module: str, content: bytes) -> Source:
     bound: dict[str, list[ast.stmt]] = {}
     imports: dict[str, str] = {}
     runs: set[str] = set()
     others: list[ast.stmt] = []
-    for statement in ast.parse(path.read_bytes(), filename=str(path)).body:
+    for statement in ast.parse(content, filename=str(path)).body:
         if isinstance(statement, ast.ClassDef):  # without what no result depends on
             statement.body = [s for s in statement.body if getattr(s, "name", None) not in _SHOWS]
         if isinstance(statement, ast.Import | ast.ImportFrom):

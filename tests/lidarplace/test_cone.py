@@ -126,7 +126,8 @@ def test_voxels_that_are_not_covered_hold_no_point_of_a_cone(mount, lidar):
 def test_every_covered_voxel_has_a_point_of_a_cone_at_hand(mount, lidar):
     """Converse of the above: every covered voxel nearly touches a point of a cone."""
     covered = np.argwhere(coverage(Placement("one", [mount], lidar=lidar), ROI))
-    points = (seen_points(mount, lidar, 2000, 700) - ROI.minimum) / ROI.resolution
+    azimuths, distances = (round(n * min(lidar.range / 4, 1.0)) for n in (2000, 700))
+    points = (seen_points(mount, lidar, azimuths, distances) - ROI.minimum) / ROI.resolution
     points = points[((points > -0.04) & (points < np.array(ROI.shape) + 0.04)).all(axis=1)]
     near = np.zeros(ROI.shape, bool)
     for shift in np.array([*np.ndindex(2, 2, 2)]) * 0.08 - 0.04:

@@ -57,7 +57,7 @@ def corrected(correction, **other) -> Lidar:
     return replace(LIDAR, correction=correction, **other)
 
 
-def share(lidar, name, ray, distance) -> float:
+def share(lidar, name, direction, distance) -> float:
     """Probability of a return, in plain Python."""
     correction, known = lidar.correction, dict(lidar.correction.factor)
     found = 1.0
@@ -65,7 +65,7 @@ def share(lidar, name, ray, distance) -> float:
         found = known.get(name, known.get("other", 1.0))
         found *= math.exp(-distance / (correction.distance or math.inf))
     if correction.mask is not None:
-        x, y, z = lidar.directions()[ray]
+        x, y, z = direction
         rows = correction.mask.shares
         row = sum(math.asin(z) >= edge for edge in correction.mask.edges)
         turn = (math.degrees(math.atan2(y, x)) + 180 + 1e-7) % 360
@@ -94,7 +94,8 @@ def test_rays_return_as_often_as_the_law_says(drop_off):
     hits, classes, _ = sampled(lidar)
     seen = np.flatnonzero(hits.target >= SIGN)
     names = [classes[t] if t >= 0 else None for t in hits.target[seen]]
-    chance = np.array([share(lidar, n, r, hits.range[r]) for n, r in zip(names, seen, strict=True)])
+    each = zip(names, lidar.directions()[seen], hits.range[seen], strict=True)
+    chance = np.array([share(lidar, *own) for own in each])
     draws, ground = 15, Ground(np.ones((1024, 1024), np.float32), (0.0, 0.0, 0.0))
     for name in (None, "Car", "Cyclist", "Pedestrian"):
         own = np.array([other == name for other in names])
@@ -259,8 +260,9 @@ def test_a_pattern_is_masked_by_its_own_azimuths():
 def test_a_share_of_single_rays_is_that_of_the_law():
     lidar = corrected(LOSSY, drop_off=0.2)
     rays, ranges = np.array([0, 700, 20_000]), np.array([1.0, 20.0, 50.0])
+    directions = lidar.directions()[rays]
     for name in ("Car", "Tram"):
-        expected = [share(lidar, name, r, d) for r, d in zip(rays, ranges, strict=True)]
+        expected = [share(lidar, name, *own) for own in zip(directions, ranges, strict=True)]
         found = expected_share(lidar, name, rays, ranges)
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 

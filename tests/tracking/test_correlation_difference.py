@@ -53,10 +53,9 @@ def _two_samples(r, n):
 )
 def test_the_correlation_of_two_correlations_is_that_of_many_samples(one, two, between):
     matrix = [[1, between, one], [between, 1, two], [one, two, 1]]
-    drawn = np.random.default_rng(0).multivariate_normal(np.zeros(3), matrix, (20_000, 100))
-    drawn = drawn - drawn.mean(axis=1, keepdims=True)
-    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
-    r = np.einsum("tni,tn->ti", drawn[..., :2], drawn[..., 2])
+    products = stats.wishart(100 - 1, matrix).rvs(20_000, random_state=0)  # of deviations
+    norms = np.sqrt(np.einsum("tii->ti", products))
+    r = products[:, :2, 2] / norms[:, :2] / norms[:, 2:]
     found = correlation_of_correlations(*map(np.array, (one, two, between)))
     # Four standard errors of 20,000 samples, and as much for 100 being no large sample.
     assert found == pytest.approx(np.corrcoef(r.T)[0, 1], abs=0.05)

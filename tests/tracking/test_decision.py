@@ -31,7 +31,7 @@ def read(folder: Path) -> Page:
 def folder(tmp_path_factory) -> Path:
     folder = write_run(tmp_path_factory.mktemp("decision") / "grid", seeds=(1, 2, 3), enough=True)
     (folder / "rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
-    report_of(folder, "best")
+    report_of(folder, "best", "failures")
     return folder
 
 
@@ -58,7 +58,7 @@ def one_class(tmp_path_factory) -> Page:
     near = {"name": "near<1>", "beams": 16, "elevation_deg": [-60.0, 0.0], "azimuth_steps": 900}
     sweep["lidars"] = {"a": [wide] * 4, "b": [wide, wide, near, near]}
     (folder / "sweep.json").write_text(json.dumps(sweep))
-    report_of(folder)
+    report_of(folder, "failures")
     return read(folder)
 
 
@@ -139,7 +139,7 @@ def test_bars_of_the_chart_are_those_of_the_report(folder, page):
 def test_a_sweep_without_detectors_has_none_and_the_report_says_so(tmp_path):
     folder = write_run(tmp_path / "alone", names=["a", "b"], detectors=())
     (folder / "decision.html").write_text("of an earlier sweep")
-    report = Page(report_of(folder).read_text(encoding="utf-8"))
+    report = Page(report_of(folder, "failures").read_text(encoding="utf-8"))
     assert not (folder / "decision.html").exists()
     assert "There is no decision page" in report.text
     assert "decision.html" not in report.links
@@ -211,7 +211,7 @@ def two_densities(tmp_path) -> Path:
 
 
 def test_settings_are_answered_together(two_densities):
-    report_of(two_densities)
+    report_of(two_densities, "failures")
     page = read(two_densities)
     (best,) = {own.best for own in answers(two_densities)}
     assert page.words[page.words.index("Recommended") + 2] == best
@@ -229,7 +229,7 @@ def test_settings_that_disagree_are_the_headline(two_densities):
     first = {own.best for own in answers(two_densities)}.pop()
     table.loc[there, "placement"] = table.loc[there, "placement"].map(other)
     table.to_parquet(file)
-    report_of(two_densities)
+    report_of(two_densities, "failures")
     page = read(two_densities)
     at = page.words.index("The settings disagree")
     title = "pointpillars_tiny, density = {}"

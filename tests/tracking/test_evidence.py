@@ -168,7 +168,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
     folder = write_run(tmp_path / "weak", ("a", "b", "c"), (1, 2))
     table = pd.read_parquet(folder / "individuals.parquet").assign(route=0)
     table.to_parquet(folder / "individuals.parquet")
-    report_of(folder, "best")
+    report_of(folder, "best", "failures")
     for name in ("report.html", "decision.html"):
         page = Page((folder / name).read_text(encoding="utf-8"))
         assert "Not enough evidence: a short training" in page.text

@@ -166,7 +166,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     told = json.loads((folder / SweepResult.FILE).read_text())
     told |= {"vehicle": [], "vehicle_mesh": SURFACE}
     (folder / SweepResult.FILE).write_text(json.dumps(told))
-    report_of(folder)
+    report_of(folder, "failures")
     return folder
 
 
@@ -209,7 +209,7 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     folder = write_run(tmp_path / "other", names=["a", "b"], seeds=(1,))
     with np.load(folder / "failures.npz") as arrays:
         np.savez(folder / "failures.npz", **dict(arrays) | {"rigs": np.array(["a", "c"])})
-    report_of(folder)
+    report_of(folder, "failures")
     page = Page((folder / "failures.html").read_text(encoding="utf-8"))
     assert "button" not in page.tags
     assert "The uncertainty is unknown" in page.text
@@ -238,6 +238,6 @@ def test_an_older_run_folder_says_what_it_lacks(tmp_path):
     for name in ("objects.parquet", "found.parquet", "failures.npz"):
         (folder / name).unlink()
     (folder / "failures.html").write_text("of an earlier run")
-    page = Page(report_of(folder).read_text(encoding="utf-8"))
+    page = Page(report_of(folder, "failures").read_text(encoding="utf-8"))
     assert "The run folder has no objects.parquet and no found.parquet." in page.text
     assert not (folder / "failures.html").exists()

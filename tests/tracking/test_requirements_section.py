@@ -48,7 +48,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     other = {"0": np.arange(3.0), "1": np.arange(3.0)}
     body = np.array([[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, -1.0], [np.nan, np.nan]])
     Grounds(body, np.array([NEAR, FAR]), line, other, least).write(folder)
-    report_of(folder, "requirements", "placements")
+    report_of(folder, "requirements", "placements", "failures")
     return folder
 
 

@@ -19,7 +19,7 @@ from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import FOUND, OBJECTS
 from tracking.statistics.all_pairs import AllPairs
-from tracking.statistics.jackknife import sample_error
+from tracking.statistics.jackknife import error_of_units, largest
 from tracking.statistics.reliability import Noise
 
 FRAMES = 20  # frames that are shown of a pair
@@ -111,7 +111,7 @@ class Failures:
         low, high = _within_bounds(*self._interval(here))
         return {
             "objects": objects,
-            "individuals": len(self.objects.loc[here, ["scene", "object_id"]].drop_duplicates()),
+            "individuals": len(np.unique(self._units["individual"][here])),
             "both": both,
             "first": first,
             "second": second,
@@ -121,29 +121,32 @@ class Failures:
             "high": high,
         }
 
+    @cached_property
+    def _units(self) -> dict[str, NDArray[np.int64]]:
+        """Which individual and which route each object is, by number."""
+        keys = {"individual": ["scene", "object_id"], "route": ["scene", "route"]}
+        return {
+            unit: self.objects.groupby(own, dropna=False).ngroup().to_numpy()
+            for unit, own in keys.items()
+        }
+
     def _interval(self, here: NDArray[np.bool_]) -> tuple[float, float]:
         """Of the difference of the shares that the rigs find, percent."""
-        own, found = self.objects[here], self.found[:, here]
-        hits = found.transpose(0, 2, 1).reshape(-1, len(own))  # a row a rig and seed
-        rigs, seeds = np.repeat(self.rigs, len(self.seeds)), np.tile(self.seeds, 2)
-        left_out = []
-        for unit, keys in (("route", ["scene", "route"]), ("individual", ["scene", "object_id"])):
-            number = own.groupby(keys, dropna=False).ngroup().to_numpy()
+        found, errors = self.found[:, here], []
+        for unit, every in self._units.items():
+            number = np.unique(every[here], return_inverse=True)[1]
             counts = np.bincount(number)
-            rest = hits.sum(axis=1) - np.stack([np.bincount(number, hit) for hit in hits], axis=1)
-            left = (len(own) - counts)[:, None]
-            values = 100 * np.divide(rest, left, where=left > 0, out=np.full(rest.shape, np.nan))
-            table = {"unit": unit, "left_out": np.repeat(np.arange(len(counts)), len(hits))}
-            table |= {"ground_truths": np.repeat(counts, len(hits)), "value": values.ravel()}
-            table |= {"placement": np.tile(rigs, len(counts)), "seed": np.tile(seeds, len(counts))}
-            left_out.append(pd.DataFrame(table))
-        sample = sample_error(pd.concat(left_out, ignore_index=True), paired=True)
+            hits = np.zeros((len(counts), 2, len(self.seeds)))
+            np.add.at(hits, number, found.swapaxes(0, 1))
+            rest, left = hits.sum(axis=0) - hits, (len(number) - counts)[:, None, None]
+            shares = np.divide(rest, left, where=left > 0, out=np.full(rest.shape, np.nan))
+            values = (100 * shares).mean(axis=2)
+            errors.append(error_of_units(values, counts, pd.Index(self.rigs), unit, paired=True))
+        sample = largest(errors)
         if sample is None or sample.variance == 0:
             return np.nan, np.nan
         recalls = 100 * found.mean(axis=1)
-        pairs = AllPairs.of(
-            recalls.mean(axis=1), Noise.of(recalls), sample.among(self.rigs), self.generalist
-        )
+        pairs = AllPairs.of(recalls.mean(axis=1), Noise.of(recalls), sample, self.generalist)
         low, high = pairs.intervals(0)[1].tolist()
         return low, high
 
@@ -154,7 +157,7 @@ class Failures:
         by the share of the object that can be seen.
         """
         lead = (self.shares[0] - self.shares[1]) * self.objects["visibility"].to_numpy(np.float64)
-        individual = self.objects.groupby(["scene", "object_id"], dropna=False).ngroup().to_numpy()
+        individual = self._units["individual"]
         frames, frame = np.unique(self.objects["frame"], return_inverse=True)
         open_ = np.ones(len(self.objects), bool)
         chosen: list[int] = []

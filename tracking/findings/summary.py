@@ -1,6 +1,6 @@
 """What a sweep found, in a few numbers: means over seeds, the summary table."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from tracking.findings.paired import group_columns, matching
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.jackknife import sample_error
+from tracking.statistics.jackknife import by_unit, error_of_units, largest
 from tracking.statistics.reliability import Noise
 
 TERMINAL_ROWS = 20  # rows of the summary of a sweep without results: a terminal shows the best
@@ -90,7 +90,7 @@ def _errors(
     means: pd.DataFrame,
     table: pd.DataFrame | None,
     groups: list[str],
-    of: Callable[[pd.DataFrame, bool], tuple[float, float]],
+    of: Callable[[pd.DataFrame], Iterable[float]],
 ) -> pd.DataFrame:
     """Variance and degrees of freedom of every row of `means`: `single_` of a row alone, `paired_`
     against others. `of` has them of the rows of a group of `table`; NaN where unknown."""
@@ -99,25 +99,27 @@ def _errors(
         return pd.DataFrame(np.nan, index=means.index, columns=names)
     keys = [key for key in groups if key in table.columns]
     rows = [
-        (*values, *of(own, False), *of(own, True))
+        (*values, *of(own))
         for values, own in table.groupby(keys, dropna=False, sort=False, observed=True)
     ]
     found = pd.DataFrame(rows, columns=[*keys, *names])
     return means[keys].merge(found, on=keys, how="left").set_index(means.index)[names]
 
 
-def _by_seeds(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
+def _by_seeds(own: pd.DataFrame) -> Iterator[float]:
     """Of one seed's value."""
     at = [pd.factorize(own[key])[0] for key in ("placement", "seed")]
     y = np.full([numbers.max() + 1 for numbers in at], np.nan)
     y[*at] = own["value"]  # a pivot takes twice as long, for hundreds of groups
-    noise = Noise.of(y) if paired else Noise.of_each(y)
-    return noise.variance, noise.degrees or np.nan
+    for noise in (Noise.of_each(y), Noise.of(y)):
+        yield from (noise.variance, noise.degrees or np.nan)
 
 
-def _by_objects(own: pd.DataFrame, paired: bool) -> tuple[float, float]:
-    error = sample_error(own, paired)
-    return (np.nan, np.nan) if error is None else (error.variance, error.degrees)
+def _by_objects(own: pd.DataFrame) -> Iterator[float]:
+    units = [*by_unit(own)]
+    for paired in (False, True):
+        error = largest(error_of_units(*each, paired) for each in units)
+        yield from (np.nan, np.nan) if error is None else (error.variance, error.degrees)
 
 
 def surrogates_of(

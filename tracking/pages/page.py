@@ -5,6 +5,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,24 +32,21 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
     page beyond `LARGEST_PAGE` are left out; its `sections`, and a line on stderr, then say which.
     `template` is of jinja, or `SECTIONS_ALONE`; values that it shows are escaped.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     drawn = {id(figure): figure_json(figure) for section in sections for figure in section.figures}
 
     def render() -> bytes:
-        page = environment.get_template(template.name).render(
-            **values,
-            sections=sections,
-            folder=FOLDER,
-            plotlyjs=get_plotlyjs(),
-            themes=json.dumps({"light": theme(False), "dark": theme(True)}),
-            as_json=lambda figure: drawn[id(figure)],
-            figure_title=figure_title,
+        page = (
+            _templates(template.parent)
+            .get_template(template.name)
+            .render(
+                **values,
+                sections=sections,
+                folder=FOLDER,
+                plotlyjs=get_plotlyjs(),
+                themes=json.dumps({"light": theme(False), "dark": theme(True)}),
+                as_json=lambda figure: drawn[id(figure)],
+                figure_title=figure_title,
+            )
         )
         return page.encode()
 
@@ -59,6 +57,17 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
     with replacing(target) as partial:
         partial.write_bytes(page)
     return target
+
+
+@cache
+def _templates(folder: Path) -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader([folder, Path(__file__).parent]),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
 def _leave_out(

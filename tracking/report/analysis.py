@@ -83,7 +83,7 @@ class Analysis:
     @cached_property
     def recommended(self) -> list[recommendation.Recommendation]:
         """What each group with results recommends."""
-        return recommendation.recommendations(self.rankings)
+        return recommendation.recommendations(self.run, self.rankings)
 
     @cached_property
     def answer(self) -> recommendation.Answer | None:

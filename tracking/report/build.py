@@ -16,7 +16,7 @@ from tracking.report.analysis import Analysis as Analysis
 from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
 from tracking.report.failures import write_failures
-from tracking.report.headline import surrogate_verdicts, verdicts
+from tracking.report.headline import surrogate_verdicts
 from tracking.report.sections.ablations import density_section, tilts_section
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section, by_class_section
@@ -63,7 +63,7 @@ def build_report(run: Path) -> Path:
     failures = by_name["failures"] if found.pair else None
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
-    stated = [v for group, best in found.rankings for v in verdicts(folder, group, best)]
+    stated = [v for own in found.recommended for v in own.verdicts.values()]
     stated = stated or [v for group in found.groups for v in surrogate_verdicts(folder, group)]
     said = found.answer
     extent = _extent(folder)

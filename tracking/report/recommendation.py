@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.evidence import grade, remedy
@@ -23,6 +24,7 @@ class Recommendation:
     of all objects together, "all".
     """
 
+    run: RunFolder
     group: Group
     by: str
     ranked: Mapping[str, BestPlacement]
@@ -54,14 +56,14 @@ class Recommendation:
             return f"{self.best.best} meets all {len(own)} requirements."
         return f"{self.best.best} fails {len(failed)} of {len(own)} requirements: {some(failed)}."
 
-    def verdicts(self, run: RunFolder) -> list[Verdict]:
-        """That of the deciding class first, then those of the others."""
-        said = dict(zip(self.ranked, verdicts(run, self.group, self.ranked), strict=True))
-        return [said.pop(self.by), *said.values()]
+    @cached_property
+    def verdicts(self) -> dict[str, Verdict]:
+        """By class, in the order of `ranked`."""
+        return dict(zip(self.ranked, verdicts(self.run, self.group, self.ranked), strict=True))
 
 
 def recommendations(
-    rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]],
+    run: RunFolder, rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]]
 ) -> list[Recommendation]:
     """Those of all groups with results, in their order."""
     found = []
@@ -69,7 +71,7 @@ def recommendations(
         if ranked:
             classes = [name for name in ranked if name != "all"]
             by = classes[0] if len(classes) == 1 or "all" not in ranked else "all"
-            found.append(Recommendation(group, by, ranked))
+            found.append(Recommendation(run, group, by, ranked))
     return found
 
 
@@ -97,8 +99,8 @@ class Answer:
 
 def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
     """What the groups say together, at least one; their deciding classes decide."""
-    every = [own.verdicts(run) for own in found]
-    first, several = [own[0] for own in every], len(found) > 1
+    first, several = [own.verdicts[own.by] for own in found], len(found) > 1
+    every = [own.verdicts[name] for own in found for name in dict.fromkeys((own.by, *own.ranked))]
     weak = [weakness for own in first for weakness in own.weaknesses]
     agree, same = _agreement(found)
     grade_ = "Recommended" if len(same) == 1 else "No rig is ahead of these"
@@ -119,8 +121,8 @@ def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
         " ".join(filter(None, [agree, grade(weak) or ("" if several else first[0].sure)])),
         ""
         if run.sweep.detections  # whose detectors no command of ours trains
-        else remedy(run.sweep.command, [w for own in every for s in own for w in s.weaknesses]),
-        tuple(every[0][1:]),
+        else remedy(run.sweep.command, [w for said in every for w in said.weaknesses]),
+        tuple(said for name, said in found[0].verdicts.items() if name != found[0].by),
         not weak,
     )
 
@@ -146,7 +148,7 @@ def compared_failures(
     `run` has distinct rigs, trained as long as they get; `rankings` are groups with their
     `headline_ranking`.
     """
-    first = next(iter(recommendations(rankings)), None)
+    first = next(iter(recommendations(run, rankings)), None)
     if first is None or first.best.others.empty:
         return None
     return failures(run, first.group, (first.best.best, str(first.best.others.index[0])))

@@ -10,7 +10,7 @@ left out of the area that AP_R40 samples (`training.leave_out`), which moves smo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,20 +76,36 @@ def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
     None where it cannot be known: fewer than two units, one that has all ground truths, or, if
     paired, a single placement.
     """
-    each = left_out[left_out["unit"].isin(["route", "individual"])]
-    found = [_by_unit(own, str(unit), paired) for unit, own in each.groupby("unit")]
+    return largest(error_of_units(*own, paired) for own in by_unit(left_out))
+
+
+def largest(found: Iterable[SampleError | None]) -> SampleError | None:
+    """The error with the larger variance; None without any."""
     return max(filter(None, found), key=lambda error: error.variance, default=None)
 
 
-def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
-    counts = rows.groupby("left_out")["ground_truths"].first().to_numpy(np.float64)
-    values = rows.groupby(["left_out", "placement"])["value"].mean().unstack()
+def by_unit(left_out: pd.DataFrame) -> Iterator[tuple[Values, Values, pd.Index[str], str]]:
+    """What `error_of_units` takes, for each unit in `left_out`."""
+    each = left_out[left_out["unit"].isin(["route", "individual"])]
+    for unit, rows in each.groupby("unit"):
+        counts = rows.groupby("left_out")["ground_truths"].first().to_numpy(np.float64)
+        values = rows.groupby(["left_out", "placement"])["value"].mean().unstack()
+        yield values.to_numpy(np.float64), counts, values.columns, str(unit)
+
+
+def error_of_units(
+    values: Values, counts: Values, names: pd.Index[str], unit: str, paired: bool
+) -> SampleError | None:
+    """`sample_error` of one unit, "route" or "individual", from arrays.
+
+    `values` are means over seeds with each unit left out (a row) of each placement (a column, by
+    `names`); `counts` are the ground truths of each unit.
+    """
     placements, units = values.shape[1], int(np.count_nonzero(counts))
     enough = units >= (LEAST_ROUTES if unit == "route" else 2) and placements > paired
-    if not enough or values.isna().to_numpy().any():
+    if not enough or np.isnan(values).any():
         return None
-    matrix = values.to_numpy(np.float64)
-    deviations = matrix - matrix.mean(axis=0)
+    deviations = values - values.mean(axis=0)
     if paired:
         deviations -= deviations.mean(axis=1, keepdims=True)
     covariance = (units - 1) / units * (deviations.T @ deviations)
@@ -97,7 +113,7 @@ def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
     degrees = effective = max(counts.sum() ** 2 / (counts**2).sum() - 1, 1.0)
     if paired and total > 0:
         degrees *= max(total**2 / float((covariance**2).sum()), 1.0)
-    of_placements = pd.DataFrame(covariance, values.columns, values.columns)
+    of_placements = pd.DataFrame(covariance, names, names)
     return SampleError(total / (placements - paired), degrees, unit, effective, of_placements)
 
 

@@ -110,13 +110,15 @@ def drawn(one, other, vehicle, at, number=200_000):
         start, end = lidar.azimuth
         inside = (elevation >= min(lidar.elevations)) & (elevation <= max(lidar.elevations))
         inside &= lidar.full_turn | ((azimuth - start) % (2 * math.pi) <= end - start)
-        return inside & (away <= lidar.reach + 1e-9) & ~hidden(mount.position, points)
+        inside &= away <= lidar.reach + 1e-9
+        inside[inside] = ~hidden(mount.position, points[inside])
+        return inside
 
     seen = []
     for (mount, lidar), partner in ((one, other), (other, one)):
         points = mount.position + at * rays
         own = sees(mount, lidar, points)
-        seen.append((own.sum(), (own & sees(*partner, points)).sum()))
+        seen.append((own.sum(), sees(*partner, points[own]).sum()))
     own, both = min(seen, key=lambda numbers: numbers[0])
     return both / own, own, abs(seen[0][0] - seen[1][0]) / own
 

@@ -4,6 +4,7 @@ It is that of the configuration, or the sedan of the clouds where it says none.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,12 @@ VEHICLE_OUTLINE: dict[str, Any] = {
 """Lightens a map under the vehicle: its orange line alone is lost there for some eyes."""
 
 
+_outline = lru_cache(maxsize=8)(outline)  # a page draws one vehicle in many figures
+
+
 def vehicle_outline(vehicle: Vehicle | None, up: str) -> go.Scatter:
     """x to the right, y or z upwards: from above or from the side."""
-    across, upwards = outline(vehicle or sedan(), (0, "xyz".index(up))).T
+    across, upwards = _outline(vehicle or sedan(), (0, "xyz".index(up))).T
     return go.Scatter(x=across, y=upwards, **VEHICLE_OUTLINE)
 
 

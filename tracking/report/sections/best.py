@@ -8,15 +8,15 @@ import pandas as pd
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import text
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.evidence import weaknesses
-from tracking.findings.groups import Group
 from tracking.findings.summary import for_comparison
 from tracking.kitti_iou import judged
 from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label, headline_label
+from tracking.report.recommendation import Recommendation
 
+_Ranked = tuple[Recommendation, str, BestPlacement]
 MOST_DRAWN = 20
 
 
@@ -31,28 +31,26 @@ def by_class_section(found: Analysis) -> Section | None:
     return _section(title, found, _ranked(found)[1:])
 
 
-def _ranked(found: Analysis) -> list[tuple[Group, str, BestPlacement]]:
+def _ranked(found: Analysis) -> list[_Ranked]:
     """All groups and classes, of each group the class that decides first."""
     return [
-        (own.group, name, own.ranked[name])
+        (own, name, own.ranked[name])
         for own in found.recommended
         for name in dict.fromkeys((own.by, *own.ranked))
     ]
 
 
-def _section(
-    title: str, found: Analysis, ranked: Sequence[tuple[Group, str, BestPlacement]]
-) -> Section | None:
+def _section(title: str, found: Analysis, ranked: Sequence[_Ranked]) -> Section | None:
     if not ranked:
         return None
     run = found.run
     section = Section(title, [*_notes(found, ranked), *_seed_effects(ranked)])
-    for group, name, best in ranked:
-        label = headline_label(run.results, name)
+    for recommended, name, best in ranked:
+        group, label = recommended.group, headline_label(run.results, name)
         own = judged(group.of(found.means), run.results, name).set_index("placement")
         table, title = own.loc[best.sure.index], group.label(class_label(name))
         sure = best.sure.head(MOST_DRAWN)
-        weak = any(name in weakness.classes for weakness in weaknesses(run, group))
+        weak = recommended.verdicts[name].weaknesses
         odds = [] if weak or sure.isna().any() else sure.map(percent).tolist()
         heading, axis = text(title[0].upper() + title[1:]), f"{label} (%)"
         compared = {label: for_comparison(table)}
@@ -62,7 +60,7 @@ def _section(
     return section
 
 
-def _notes(found: Analysis, ranked: Sequence[tuple[Group, str, BestPlacement]]) -> Iterator[str]:
+def _notes(found: Analysis, ranked: Sequence[_Ranked]) -> Iterator[str]:
     """What the intervals include."""
     more = max(len(best.sure) for *_, best in ranked) - MOST_DRAWN
     drawn = f" The best {MOST_DRAWN} are drawn." if more > 0 else ""
@@ -88,11 +86,11 @@ def _notes(found: Analysis, ranked: Sequence[tuple[Group, str, BestPlacement]]) 
         )
 
 
-def _seed_effects(ranked: Sequence[tuple[Group, str, BestPlacement]]) -> Iterator[str]:
+def _seed_effects(ranked: Sequence[_Ranked]) -> Iterator[str]:
     """How much seeds shift all placements alike, one sentence for all that can say so."""
     effects = [
-        f"{group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
-        for group, name, best in ranked
+        f"{own.group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
+        for own, name, best in ranked
         if np.isfinite(best.seed_sd)
     ]
     if effects:
