@@ -134,9 +134,9 @@ class WorldBuilder:
         shift = place - self._origin
         limits = np.array([HALF_TILES, HALF_TILES, HALF_LEVELS / TILE]) * TILE_M - 2 * REACH_M
         if (np.abs(shift) > limits).any():
-            place, found = f"poses: frame {self._frames}", f"{np.abs(shift).max():.4g} m"
+            where, found = f"poses: frame {self._frames}", f"{np.abs(shift).max():.4g} m"
             expected = f"at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height, from the first"
-            raise InputError(place=place, expected=expected, found=found)
+            raise InputError(place=where, expected=expected, found=found)
         self._path.append(shift)
         self._frames += 1
         owned = box_of_points(points, np.vstack([boxes, OWN_BODY]), MARGIN_M) >= 0
