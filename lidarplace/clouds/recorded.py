@@ -46,8 +46,8 @@ def check_rig(folder: Path, placement: Placement) -> None:
                 continue
             found, value = getattr(model, key), getattr(asked, key)
             if not _alike(found, value):
-                own, was = f"lidars[{n}].{key}", reprlib.repr(found)
-                raise InputError(place=path, key=own, expected=reprlib.repr(value), found=was)
+                where, was = f"lidars[{n}].{key}", reprlib.repr(found)
+                raise InputError(place=path, key=where, expected=reprlib.repr(value), found=was)
 
 
 def _alike(found: Any, value: Any) -> bool:

@@ -96,7 +96,7 @@ class CameraSettings(FurtherSensorSettings):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         if self.fov_deg is not None and self.intrinsic is not None and self.model is None:
-            raise InputError("set only one of the two", key="fov_deg and intrinsic")
+            raise InputError("intrinsic is set, too", key="fov_deg", fix="set only one")
         if self.fov_deg is not None and not all(0 < angle < 180 for angle in self.fov_deg):
             raise InputError(key="fov_deg", expected="angles within (0, 180)", found=self.fov_deg)
         if self.intrinsic is not None and not min(self.intrinsic[0][0], self.intrinsic[1][1]) > 0:

@@ -20,7 +20,7 @@ def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
     """The pattern in the columns OURS or LIVOX of a CSV file; read again when it was changed.
     Without `rays_per_frame` all rows are one frame. Raises ValueError: the file cannot be read, has
     neither columns, not one frame of rows, or an angle that is no number or out of bounds."""
-    with at(f"pattern: {path}"):
+    with at(key="pattern"), at(path):
         try:
             told = regular(path).stat()
             return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)

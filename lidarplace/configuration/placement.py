@@ -88,8 +88,8 @@ class SweptPlacementSettings(PlacementSettings):
     @model_validator(mode="after")
     def _one_kind(self) -> SweptPlacementSettings:
         if self.recorded and (others := self.model_fields_set - {"recorded"}):
-            both = f"recorded and {min(others)}"
-            raise InputError("a recorded rig is as it was", key=both, fix="set only one of the two")
+            fix = "leave it out, or recorded"
+            raise InputError("a recorded rig is as it was", key=min(others), fix=fix)
         if not (self.mounts or self.recorded):
             raise InputError("missing", key="mounts", expected="mounts, or recorded: LiDAR names")
         if len(set(self.recorded)) < len(self.recorded):

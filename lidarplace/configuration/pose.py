@@ -28,7 +28,7 @@ class PoseSettings(Settings):
     def _one_unit(self) -> PoseSettings:
         for name in ("roll", "pitch", "yaw"):
             if getattr(self, name) != 0 and getattr(self, f"{name}_deg") is not None:
-                raise InputError("set only one of the two", key=f"{name} and {name}_deg")
+                raise InputError(f"{name} is set, too", key=f"{name}_deg", fix="set only one")
         return self
 
     @property

@@ -178,7 +178,7 @@ class SensorSettings(Settings):
         lidar = self._uncorrected()
         if self.correction is None:
             return lidar
-        with at("correction"):
+        with at(key="correction"):
             file = read_correction(self.correction)
             with at(self.correction):
                 return lidar.corrected(file, self.unit)
@@ -188,7 +188,7 @@ class SensorSettings(Settings):
         Raises ValueError if the unit does not fit the LiDAR."""
         if self.correction is None:
             return lidar
-        with at("correction"):
+        with at(key="correction"):
             file = read_correction(self.correction)
             return lidar.corrected(file, name if name in file.lidars else None)
 

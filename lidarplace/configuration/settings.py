@@ -117,10 +117,71 @@ _short.maxlist = 20
 _LONGEST_KEY, _LONGEST_VALUE = 60, 300
 
 
+_WORDS = {
+    "missing": "missing",
+    "extra_forbidden": "unknown key",
+    "tuple_type": "should be a list",
+    "list_type": "should be a list",
+    "dict_type": "should be a mapping",
+    "model_type": "should be a mapping of keys",
+    "path_type": "should be a path",
+}
+"""Messages in terms of YAML, by pydantic's type of error."""
+_SHORT = {
+    "should match pattern": "should be text of the pattern",
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "more than",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+}
+"""Other words of pydantic's."""
+
+
 def fault(error: ValidationError, place: str = "") -> InputError:
-    """The first mistake of an error with its key; `place` is the file that has it."""
+    """The first mistake of an error with its parts; `place` is the file that has it."""
     first = error.errors(include_url=False)[0]
-    return InputError(what_is_wrong(first), place=place, key=key_path(first["loc"]))
+    return mistake(first, key_path(first["loc"]), place)
+
+
+def mistake(first: Mapping[str, Any], key: str, place: str = "") -> InputError:
+    """One of pydantic's `errors()` with its parts, of that key of the file `place`."""
+    inner = first.get("ctx", {}).get("error")
+    if not isinstance(inner, InputError):
+        said = _said(first)
+        words = re.match(r"(should (be|have)|allowed (is|are)|expected) ", said)
+        expected = said[words.end() :] if words else ""
+        inner = InputError("" if words else said, expected=expected)
+    if inner.place:
+        return InputError(str(inner), place=place, key=key)
+    key = ("." if first["loc"] else ": ").join(filter(None, (key, inner.key)))
+    there = inner.found or _found(first)
+    return InputError(**vars(inner) | {"place": place, "key": key, "found": there})
+
+
+def _said(first: Mapping[str, Any]) -> str:
+    kind, value, ctx = first["type"], first["input"], first.get("ctx", {})
+    if kind in ("too_short", "too_long"):
+        bound, end = ("at least", "min") if kind == "too_short" else ("at most", "max")
+        number = ctx[f"{end}_length"]
+        return f"should have {bound} {number} {'item' if number == 1 else 'items'}"
+    if kind in ("tuple_type", "list_type") and isinstance(value, str):
+        return f"should be a list, such as [{shortened(value)}]"
+    said = str(first["msg"]).partition(", unable to parse")[0]
+    for prefix in ("Value error, ", "Input ", "String "):
+        said = said.removeprefix(prefix)
+    for words, short in _SHORT.items():
+        said = said.replace(words, short)
+    angle = ctx.get("ge") == ANGLE.low or ctx.get("le") == ANGLE.high
+    return _WORDS.get(kind, f"{said} radians" if angle else said)
+
+
+def _found(first: Mapping[str, Any]) -> str:
+    kind, value = first["type"], first["input"]
+    if kind in ("missing", "json_invalid") or isinstance(value, (dict, BaseModel)):  # of all
+        return ""
+    names = kind == "literal_error" and re.findall("'([^']+)'", first["ctx"]["expected"])
+    return found(value) + (did_you_mean(value, names) if names and isinstance(value, str) else "")
 
 
 def validated(kind: type[T], value: Any, place: str, folder: Path | None = None) -> T:
@@ -138,28 +199,6 @@ def key_path(loc: Sequence[int | str]) -> str:
     named = (part for part in loc if part != "[key]")
     parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in named)
     return "".join(parts).lstrip(".")
-
-
-def what_is_wrong(mistake: Mapping[str, Any]) -> str:
-    """What was found and what is allowed, of one of pydantic's `errors()`."""
-    if mistake["type"] == "missing":
-        return "is missing"
-    if mistake["type"] == "extra_forbidden":
-        return f"unknown key, found {found(mistake['input'])}"
-    if mistake["type"] == "json_invalid":  # the whole text was found
-        return str(mistake["msg"])
-    allowed = mistake["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    value, hint = mistake["input"], ""
-    if isinstance(value, (dict, BaseModel)):
-        return str(allowed)
-    bounds = mistake.get("ctx", {})
-    if bounds.get("ge") == ANGLE.low or bounds.get("le") == ANGLE.high:
-        allowed = f"{allowed} radians"
-    if mistake["type"] in ("tuple_type", "list_type") and isinstance(value, str):
-        allowed = f"should be a list, such as [{shortened(value)}]"
-    if mistake["type"] == "literal_error" and isinstance(value, str):
-        hint = did_you_mean(value, re.findall("'([^']+)'", mistake["ctx"]["expected"]))
-    return f"found {found(value)}{hint}; {allowed}"
 
 
 def found(value: Any) -> str:

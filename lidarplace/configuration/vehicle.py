@@ -82,7 +82,7 @@ class VehicleSettings(Settings):
             told = self.mesh.stat()
             return _vehicle(self, told.st_mtime_ns, told.st_size)
         except OSError as error:
-            raise InputError(str(error.strerror), place=f"mesh: {self.mesh}") from None
+            raise InputError(f"{self.mesh}: {error.strerror}", key="mesh") from None
         except ModuleNotFoundError as error:
             raise InputError(str(needs(error) or error), key="mesh") from None
 

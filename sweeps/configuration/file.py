@@ -14,7 +14,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.base.registry import FOLDERS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.settings import found, key_path, shortened, what_is_wrong
+from lidarplace.configuration.settings import key_path, mistake, shortened
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
 from lidarplace.scenes.kinds import KINDS, source_of
@@ -26,24 +26,6 @@ Model = TypeVar("Model", bound=BaseModel)
 _SWEEP = ("a sweep", "run")
 _VERBS = {"search": ("a search", "search"), "grid": _SWEEP, "exclude": _SWEEP}
 """Keys that only one kind of file has, and the verb that takes it."""
-
-_WORDS = {
-    "tuple_type": "should be a list",
-    "list_type": "should be a list",
-    "dict_type": "should be a mapping",
-    "model_type": "should be a mapping of keys",
-    "path_type": "should be a path",
-}
-"""Messages in terms of YAML, by pydantic's type of error."""
-_SHORT = {
-    "should match pattern": "should be text of the pattern",
-    "greater than or equal to": "at least",
-    "less than or equal to": "at most",
-    "greater than": "more than",
-    "a valid integer": "a whole number",
-    "a valid number": "a number",
-}
-"""Other words of pydantic's."""
 
 
 class ConfigError(InputError):
@@ -68,7 +50,7 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", place=path) from None
     except YamlError as error:
-        raise ConfigError(str(error)) from None
+        raise ConfigError(**vars(error)) from None
     with at(path, ConfigError):
         if not isinstance(raw, dict):
             what = "nothing" if raw is None else type(raw).__name__
@@ -169,39 +151,7 @@ def check(
         key = names[keys] + index if names and keys in names else key_path(loc)
         if first["type"] == "extra_forbidden":
             raise unknown_key(str(loc[-1]), _model_at(model, loc[:-1], data), key) from None
-        raise _mistake(first, key) from None
-
-
-def _mistake(first: Mapping[str, Any], key: str) -> InputError:
-    """One of pydantic's `errors()`, of that key, with what was found where it is a value."""
-    inner, value = first.get("ctx", {}).get("error"), first["input"]
-    if not isinstance(inner, InputError):
-        inner, value = _in_parts(what_is_wrong(_plainly(first))), {}
-    if inner.place:
-        return InputError(str(inner), key=key)
-    key = ("." if first["loc"] else ": ").join(filter(None, (key, inner.key)))
-    there = inner.found or ("" if isinstance(value, (dict, BaseModel)) else found(value))
-    return InputError(**vars(inner) | {"key": key, "found": there})
-
-
-def _plainly(mistake: Mapping[str, Any]) -> dict[str, Any]:
-    said = str(mistake["msg"]).removeprefix("String ")
-    if mistake["type"] in ("too_short", "too_long"):
-        bound, end = ("at least", "min") if mistake["type"] == "too_short" else ("at most", "max")
-        number = mistake["ctx"][f"{end}_length"]
-        said = f"should have {bound} {number} {'item' if number == 1 else 'items'}"
-    for words, short in _SHORT.items():
-        said = said.replace(words, short)
-    return {**mistake, "msg": _WORDS.get(mistake["type"], said)}
-
-
-def _in_parts(line: str) -> InputError:
-    """`what_is_wrong` as an error with its parts."""
-    value, _, allowed = line.partition("; ") if line.startswith("found ") else ("", "", line)
-    words = re.match(r"(?:Input )?(?:should (?:be|have)|allowed (?:is|are)|expected) ", allowed)
-    problem = "" if words else "missing" if line == "is missing" else allowed
-    expected = allowed[words.end() :] if words else ""
-    return InputError(problem, expected=expected, found=value.removeprefix("found "))
+        raise mistake(first, key) from None
 
 
 def _model_at(
