@@ -82,8 +82,8 @@ def pog_sampling_error(
     of_frame = frame_blocks(frames, blocks)
     lengths = np.bincount(of_frame)
     if len(lengths) < 2:
-        found = f"{len(lengths)} of {len(frames)} frames"
-        raise InputError(key="blocks", expected="at least 2", found=found)
+        few = f"{len(lengths)} of {len(frames)} frames"
+        raise InputError(key="blocks", expected="at least 2", found=few)
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
     every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))

@@ -50,7 +50,7 @@ class PresetFile(Settings):
 def preset_file(name: str) -> PresetFile:
     """What a preset says. Raises ValueError: there is none of that name."""
     if name not in PRESETS:
-        raise InputError(key="preset", expected=", ".join(PRESETS), found=repr(name))
+        raise InputError(expected=", ".join(PRESETS), found=repr(name))
     text = files(__package__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return PresetFile.model_validate(yaml.safe_load(text))
 
