@@ -51,8 +51,9 @@ def paired(
     of `results`. Raises ValueError: a column is missing, or a row occurs twice.
     """
     keys = group_columns(axes)
-    check_columns(list(results), ["placement", "seed", "value", *keys], "results")
-    check_columns(list(surrogates), ["placement", "class", "surrogate", "value"], "surrogates")
+    check_columns(list(results.columns), ["placement", "seed", "value", *keys], "results")
+    needed = ("placement", "class", "surrogate", "value")
+    check_columns(list(surrogates.columns), needed, "surrogates")
     depends = _depends(surrogates, axes)
     predictors = with_sums(surrogates, axes)
     tables: dict[tuple[object, ...], pd.DataFrame] = {}  # every metric of a class has the same

@@ -92,7 +92,7 @@ class SweepLog:
             try:
                 self._database.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                raise InputError(error.strerror, place=self._uri) from error
+                raise InputError(f"{error.strerror}", place=self._uri) from error
         self._thread.start()
         if not self._tried.wait(_OPENS_WITHIN_S):
             self._tried.set()
