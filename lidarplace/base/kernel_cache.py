@@ -33,7 +33,8 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     folder."""
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel = numba.njit(**options)(function)
+        # Nothing calls kernels from C.
+        kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if numba.config.DISABLE_JIT:
             return kernel
         resolve = kernel.get_call_template
@@ -55,8 +56,8 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     return compiled
 
 
-inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""For functions that compiled code alone calls: they take a third less time to compile."""
+inner = njit(error_model="numpy", no_cpython_wrapper=True)
+"""For functions that compiled code alone calls: they take a quarter less time to compile."""
 
 
 def _folder(parent: Path, function: Callable[..., Any]) -> Path:
