@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.types import Type, unliteral
+from numba.core.types.abstract import Type
+from numba.core.types.misc import unliteral
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
