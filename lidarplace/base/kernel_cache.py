@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.types import Type, unliteral
+from numba.core.types.abstract import Type
+from numba.core.types.misc import unliteral
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -33,7 +34,8 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     folder."""
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel = numba.njit(**options)(function)
+        # Nothing calls kernels from C.
+        kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if numba.config.DISABLE_JIT:
             return kernel
         resolve = kernel.get_call_template
@@ -55,8 +57,8 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     return compiled
 
 
-inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""For functions that compiled code alone calls: they take a third less time to compile."""
+inner = njit(error_model="numpy", no_cpython_wrapper=True)
+"""For functions that compiled code alone calls: they take a quarter less time to compile."""
 
 
 def _folder(parent: Path, function: Callable[..., Any]) -> Path:

@@ -19,7 +19,7 @@ sides when its points are counted for a table."""
 def count_points(points: ArrayLike, boxes: ArrayLike) -> NDArray[np.int64]:
     """Number of `points` (N, 3 or more) in each of `boxes` (M, 7), shape (M,); same frame, metres
     and radians. A point on the surface is inside."""
-    of_none, own = np.empty(0, np.int64), np.require(boxes, np.float64, "CW")
+    of_none, own = np.empty(0, np.int64), np.require(boxes, np.float64, ["C", "W"])
     return _count(np.ascontiguousarray(points), own, 0.0, of_none)
 
 
@@ -74,7 +74,7 @@ def box_of_points(
     several; -1: none. Shape (n,)."""
     owner = np.full(len(points), -1)
     # numba compiles again for read-only arrays and other orders.
-    _count(np.ascontiguousarray(points), np.require(boxes, np.float64, "CW"), margin, owner)
+    _count(np.ascontiguousarray(points), np.require(boxes, np.float64, ["C", "W"]), margin, owner)
     return owner
 
 

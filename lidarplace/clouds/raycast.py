@@ -154,7 +154,7 @@ def beams_in(beams, middle, below, above):
     low, high = middle - below - HAIR, middle + above + HAIR
     if len(beams.aimed) == 0 or low < -math.pi or high > math.pi:
         return 0, len(beams.elevations)
-    return np.searchsorted(beams.aimed, low), np.searchsorted(beams.aimed, high, "right")
+    return np.searchsorted(beams.aimed, low), np.searchsorted(beams.aimed, high)
 
 
 @inner

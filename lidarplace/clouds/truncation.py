@@ -16,7 +16,7 @@ def truncation(boxes: NDArray[np.float64], x: Interval, y: Interval) -> NDArray[
     Exact: the footprint is clipped as a polygon (Sutherland and Hodgman 1974). One without an area
     counts as its centre. Boxes are rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7), in the
     frame of the rectangle, whose edges belong to it."""
-    return _truncation(np.require(boxes, np.float64, "CW"), (*x, *y))
+    return _truncation(np.require(boxes, np.float64, ["C", "W"]), (*x, *y))
 
 
 @njit(cache=True, error_model="numpy")

@@ -126,7 +126,7 @@ class CountedObjects:
     @property
     def geometry(self) -> NDArray[np.float64]:
         """Rows of `GEOMETRY`, shape (objects, 7)."""
-        return np.require(self.table[list(GEOMETRY)], np.float64, "CW")
+        return np.require(self.table[list(GEOMETRY)], np.float64, ["C", "W"])
 
     def seen_by(self, placements: Sequence[Placement]) -> list[SurfaceCells]:
         """What each placement hits of the objects, in their order; cast in numba's threads.

@@ -34,17 +34,17 @@ def three_nn(
 
 
 @njit(cache=True)
-def _nearest_kernel(unknown, known, axis, order, distances, idx):
-    """Search outwards along `axis`, in which `order` sorts `known`, until it alone is too far.
+def _nearest_kernel(unknown, known, axis, order, along, places, distances, idx):
+    """Search outwards along `axis`, in which `order` sorts `known`, until it alone is too far; from
+    the `places` of `unknown` among `along`, the sorted coordinates.
 
     Of equally near points the lowest rows count, as upstream.
     """
     near = distances.shape[1]
-    along = known[order, axis]
     distances[:] = np.inf
     for m in range(len(unknown)):
         x, y, z = unknown[m, 0], unknown[m, 1], unknown[m, 2]
-        above = np.searchsorted(along, unknown[m, axis])
+        above = places[m]
         below = above - 1
         while below >= 0 or above < len(order):
             down = unknown[m, axis] - along[below] if below >= 0 else np.inf
@@ -73,13 +73,14 @@ def _nearest_kernel(unknown, known, axis, order, distances, idx):
 
 
 def _nearest_numba(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, Tensor]:
-    points = known.contiguous().numpy()
+    points, wanted = known.contiguous().numpy(), unknown.contiguous().numpy()
     axis = int(np.argmax(np.ptp(points, axis=0)))
     distances = np.empty((len(unknown), near), points.dtype)
     idx = np.zeros(distances.shape, np.int64)
-    _nearest_kernel(
-        unknown.contiguous().numpy(), points, axis, np.argsort(points[:, axis]), distances, idx
-    )
+    order = np.argsort(points[:, axis])
+    along = points[order, axis]
+    places = np.searchsorted(along, wanted[:, axis])
+    _nearest_kernel(wanted, points, axis, order, along, places, distances, idx)
     return torch.from_numpy(np.sqrt(distances)), torch.from_numpy(idx)
 
 

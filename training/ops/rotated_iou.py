@@ -139,7 +139,7 @@ def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
 
 def checked(boxes: ArrayLike) -> NDArray[np.float64]:
     """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
-    array = np.require(boxes, np.float64, "CW")  # a read-only array would be another type
+    array = np.require(boxes, np.float64, ["C", "W"])  # a read-only array would be another type
     if array.ndim != 2 or array.shape[1] != 7:
         raise InputError(key="boxes", expected="shape (N, 7), x to yaw", found=array.shape)
     if not np.isfinite(array).all():
