@@ -38,7 +38,7 @@ _OWN = [
         "sweeps.commands.search",
         "sweeps.tasks.stages",
     ),
-    *("tracking.report.build", "training"),
+    *("tracking.report.build", "training", "tests.forked_start"),
 ]
 
 
@@ -54,10 +54,11 @@ def _context() -> multiprocessing.context.ForkServerContext:
 
 
 class Forked:
-    """`lidarplace VERB ARGUMENT…` in a folder, as far as tests need a `subprocess.Popen`.
+    """`lidarplace VERB ARGUMENT…` or `python -c CODE` in a folder, as far as tests need a
+    `subprocess.Popen`.
 
     Args:
-        command: the verb, then its arguments.
+        command: the verb, then its arguments; or `-c` and the code.
         folder: in which it runs.
         out: file that gets what it prints.
         err: file that gets its errors, None for `out`.
@@ -120,5 +121,9 @@ def _run(
         os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)  # both may be one
     sys.stdout, sys.stderr = (os.fdopen(number, "w", 1, closefd=False) for number in (1, 2))
     os.chdir(folder)
-    sys.argv[1:] = command[1:]
-    main(command[0])
+    if command[0] == "-c":
+        sys.argv = ["-c", *command[2:]]
+        exec(command[1], {"__name__": "__main__"})
+    else:
+        sys.argv[1:] = command[1:]
+        main(command[0])

@@ -164,11 +164,10 @@ def test_a_section(installed, tmp_path):
 
 
 def test_a_command(installed, tmp_path):
-    listed = python(tmp_path, "-c", PROGRAM, "--help", path=installed)
+    listed = lidarplace(tmp_path, "--help", site=installed)
     assert "\n  beams          Print the elevations of a LiDAR model.\n" in listed
-    beams = ("-c", PROGRAM, "beams")
-    assert len(python(tmp_path, *beams, "vlp16", path=installed).split()) == 16
-    told = python(tmp_path, *beams, "vlp17", path=installed, code=2)
+    assert len(lidarplace(tmp_path, "beams", "vlp16", site=installed).split()) == 16
+    told = lidarplace(tmp_path, "beams", "vlp17", site=installed, code=2)
     assert told.count("\n") == 1
     assert "vlp16" in told
 

@@ -1,8 +1,6 @@
 """examples/kitti.py, from a small folder in KITTI's layout to a decision."""
 
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,19 +13,15 @@ from lidarplace.commands.export import app
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
+from tests.forked import run_forked
 
 ROOT = Path(__file__).parents[1]
 
 
 def run(folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(ROOT / "examples/kitti.py"), "kitti"],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    script = str(ROOT / "examples/kitti.py")
+    code = f"import runpy; runpy.run_path({script!r}, run_name='__main__')"
+    return run_forked(["-c", code, "kitti"], folder, folder)
 
 
 def export(folder: Path, object_class: str) -> None:

@@ -18,8 +18,8 @@ from sweeps.execution import ray_cluster
 from sweeps.execution.failures import Failure
 from sweeps.tasks import code_version, task
 from tests.docs_blocks import ROOT
-from tests.extending import install, python
-from tests.forked import GUARD_S, Forked
+from tests.extending import install
+from tests.forked import GUARD_S, Forked, run_forked
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import SMALL, write_small_log
 from training import build_detector
@@ -120,7 +120,8 @@ def test_installed_it_has_a_name(tmp_path):
     package = shutil.copytree(EXAMPLE, tmp_path / "package")  # pip writes into it
     site = install(package, tmp_path / "site")
     use = "from training import build_detector; print(build_detector('centre_net_tiny', ['Car']))"
-    assert "heat_head" in python(tmp_path, "-c", use, path=site)
+    done = run_forked(["-c", use], tmp_path, tmp_path, site=site)
+    assert "heat_head" in done.stdout, done.stderr
 
 
 def test_its_code_reaches_workers_and_keys(plugins, tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from lidarplace.command_line.signals import Terminated, stopped_by_signals
 from lidarplace.commands.describe import app as describe
+from tests.forked import run_forked
 
 ROOT = Path(__file__).parents[1]
 SENDER = """
@@ -152,10 +153,8 @@ def test_a_second_sigterm_does_not_break_off_what_tidies_up():
         ("in_a_bare_except, without_alarm, come", -signal.SIGTERM),
     ],
 )
-def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(steps, code):
-    with python("-c", f"{SENDER}work({steps})") as process:
-        process.communicate()
-    assert process.returncode == code
+def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(tmp_path, steps, code):
+    assert run_forked(["-c", f"{SENDER}work({steps})"], ROOT, tmp_path).returncode == code
 
 
 @pytest.mark.parametrize(
@@ -166,7 +165,6 @@ def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(steps
         ("tidy_up", "tidies up\n", -signal.SIGTERM),
     ],
 )
-def test_native_code_is_not_left_half_way_and_a_third_sigterm_ends_it(what, told, code):
-    with python("-c", f"{SENDER}work({what})") as process:
-        assert process.communicate() == (told, "")
-    assert process.returncode == code
+def test_native_code_is_not_left_half_way_and_a_third_sigterm_ends_it(tmp_path, what, told, code):
+    done = run_forked(["-c", f"{SENDER}work({what})"], ROOT, tmp_path)
+    assert (done.stdout, done.stderr, done.returncode) == (told, "", code)

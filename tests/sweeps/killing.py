@@ -138,7 +138,7 @@ def descendants(root: int) -> dict[int, str]:
     below = {root}
     while more := {pid for pid, parent in parents.items() if parent in below} - below:
         below |= more
-    return {pid: lines[pid] for pid in below - {root}}
+    return {pid: lines[pid] for pid in below - {root} if lines[pid]}  # a zombie has no line
 
 
 def wait_for_end(processes: dict[int, str]) -> None:

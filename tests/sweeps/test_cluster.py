@@ -10,6 +10,8 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -82,44 +84,54 @@ def test_a_node_dies_under_load_and_another_comes(tmp_path):
     assert set(seen["both"]) == {seen["survivor"], seen["added"]}
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    """A head and a worker node by `ray start`, on which this project cannot be imported.
-
-    Returns the address, that of the client server, and the environment of drivers.
-    """
-    without = tmp_path_factory.mktemp("without")
-    folder = Path(tempfile.mkdtemp(prefix="ray"))  # sockets need short paths
+@contextmanager
+def node(folder: Path, env: dict[str, str], *options: str) -> Iterator[None]:
+    """A node by `ray start`, on which this project cannot be imported."""
+    without = folder / "without"
+    without.mkdir(exist_ok=True)
     for package in PACKAGES:
         (without / f"{package}.py").write_text(f"raise ImportError('{package} of this node')")
-    head, client, env = free_port(), free_port(), environment()
-    node_env = env | {"PYTHONPATH": str(without), "GRPC_ENABLE_FORK_SUPPORT": "0"}
+    env = env | {"PYTHONPATH": str(without), "GRPC_ENABLE_FORK_SUPPORT": "0"}
     # Nodes get the code without compiled kernels, and few rays are faster traced than compiled for.
-    node_env |= {"NUMBA_DISABLE_JIT": "1"}
+    env |= {"NUMBA_DISABLE_JIT": "1"}
     start = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--num-cpus=1"]
-    start += ["--object-store-memory=100000000", "--disable-usage-stats"]
-    of_head = ["--head", f"--port={head}", f"--ray-client-server-port={client}"]
-    of_head += ["--include-dashboard=false", f"--temp-dir={folder}/tmp"]
-    address = f"127.0.0.1:{head}"
-    nodes = []
+    start += ["--object-store-memory=100000000", "--disable-usage-stats", *options]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    process = subprocess.Popen(start, cwd=folder, env=env, **pipes)
     try:
-        for options in (of_head, [f"--address={address}"]):
-            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-            node = subprocess.Popen([*start, *options], cwd=folder, env=node_env, **pipes)
-            nodes.append(node)
-            said = []
-            for line in node.stdout:
-                said.append(line)
-                if "runtime started" in line:
-                    break
-            else:
-                raise AssertionError("".join(said))
-        yield address, f"ray://127.0.0.1:{client}", env
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if "runtime started" in line:
+                break
+        else:
+            raise AssertionError("".join(said))
+        yield
     finally:
-        for node in reversed(nodes):
-            node.send_signal(signal.SIGTERM)
-            node.communicate(timeout=60)
-        shutil.rmtree(folder, ignore_errors=True)
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+
+
+@pytest.fixture(scope="module")
+def head():
+    """The head of a cluster: its folder, address, that of the client server, and the environment
+    of drivers."""
+    port, client, env = free_port(), free_port(), environment()
+    options = ["--head", f"--port={port}", f"--ray-client-server-port={client}"]
+    # Sockets need short paths.
+    with tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        options += ["--include-dashboard=false", f"--temp-dir={folder}/tmp"]
+        with node(folder, env, *options):
+            yield folder, f"127.0.0.1:{port}", f"ray://127.0.0.1:{client}", env
+
+
+@pytest.fixture(scope="module")
+def cluster(head):
+    """A head and a worker node: as `head`, without the folder."""
+    folder, address, *rest = head
+    with node(folder, rest[-1], f"--address={address}"):
+        yield address, *rest
 
 
 @pytest.mark.parametrize(
@@ -212,8 +224,8 @@ def assert_refused(address, told):
     assert "\n" not in str(error.value)
 
 
-def test_a_wrong_token_is_one_line(cluster, monkeypatch):
-    address, _, env = cluster
+def test_a_wrong_token_is_one_line(head, monkeypatch):
+    _, address, _, env = head
     for name, value in (env | {"RAY_AUTH_TOKEN": secrets.token_hex(16)}).items():
         monkeypatch.setenv(name, value)
     assert_refused(address, "refuses the token")

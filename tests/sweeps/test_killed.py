@@ -31,7 +31,7 @@ def reference(tmp_path_factory):
 
 def test_processes_of_ray_killed(tmp_path, reference):
     """A worker in the middle of a training, then the node, then the driver; the end without Ray."""
-    sweep = Sweep(tmp_path / "sweep", {"num_cpus": 2}, database=True)
+    sweep = Sweep(tmp_path / "sweep", {"num_cpus": 1}, database=True)
     process = sweep.start()
     first = wait_for_training(sweep, process)
     os.kill(first, signal.SIGKILL)

@@ -15,6 +15,7 @@ from sweeps.command_line import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
+from tests.mlflow_database import write_database
 from tests.refused import refused
 from tests.sweeps.toy import call
 from tracking.run_folders.search import SearchFolder
@@ -28,7 +29,7 @@ TRAINED = {
     "classes": ["Car", "Cyclist", "Pedestrian"],
     "lidar": LIDAR,
     "surrogate": {"names": ["covered_entropy"], "resolution": 0.4},
-    "training": {"epochs": 20, "batch_size": 2},
+    "training": {"epochs": 8, "batch_size": 2},
     "grid": {"placement": ["center", "pyramid"], "lidar.azimuth_steps": [240, 480]},
 }
 ROI = Roi((0, 40), (-20, 20), (0, 4), 0.4)
@@ -37,6 +38,7 @@ ROI = Roi((0, 40), (-20, 20), (0, 4), 0.4)
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pretrained")
+    write_database(folder / "runs/mlflow.db")
     path = write(folder, TRAINED)
     call(app, "pretrain", path, "--out", folder / "base.pt")
     return folder

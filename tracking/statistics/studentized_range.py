@@ -25,7 +25,8 @@ def studentized_range_cdf(q: ArrayLike, groups: int, degrees: float) -> Values:
     deviation, weight = _deviations(degrees)
     width = np.asarray(q, np.float64)[..., None, None] * deviation[:, None]
     within = ndtr(_Z) - ndtr(_Z - width)  # below the largest value, and less than the width
-    return np.clip(groups * (within ** (groups - 1) @ _DENSITY) @ weight, 0.0, 1.0)
+    found: Values = np.clip(groups * (within ** (groups - 1) @ _DENSITY) @ weight, 0.0, 1.0)
+    return found
 
 
 @lru_cache(maxsize=256)

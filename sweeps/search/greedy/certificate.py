@@ -121,7 +121,9 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     if by_greedy is not None and settings.refine:
         starts["greedy"] = by_greedy
     # Greedy does not look at requirements, and a rig that one has may break any constraint.
-    starts = {n: own for n, own in starts.items() if keeps(problem, rig_of(own, problem.space))}
+    asked = problem.question.constraints
+    kept = (n for n in starts if keeps(problem, rig_of(starts[n], problem.space), asked))
+    starts = {name: starts[name] for name in kept}
     refined, value, origin = None, None, None
     for name, placed in starts.items():
         moved, own = refine(problem, traffic, placed)

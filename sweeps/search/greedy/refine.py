@@ -10,7 +10,7 @@ import numpy as np
 from sweeps.search.greedy.candidates import worth_of
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
-from sweeps.search.problem.constraints import measures_of
+from sweeps.search.problem.constraints import Constraint, measures_of, requirement_name
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Placed, fits, rig_of
 
@@ -45,21 +45,31 @@ def _moved(
     """The best neighbour of one, which may be itself, and the value of the whole rig with it."""
     others = rig_of([*placed[:i], *placed[i + 1 :]], problem.space)
     around = neighbours(placed[i], *step)
-    near = [placed[i], *(p for p in around if keeps(problem, ordered([*others, *p.rig])))]
+    judged, quick = partitioned(problem.question.constraints)
+    near = [placed[i], *(p for p in around if keeps(problem, ordered([*others, *p.rig]), quick))]
     rigs = [place.rig for place in near] + ([others] if others else [])
     worth = worth_of(rigs, problem, traffic)
     rest = (len(near),) if others else ()
-    best = int(np.argmax(worth.gains(rest)[: len(near)]))
+    best_first = np.argsort(-worth.gains(rest)[: len(near)], kind="stable").tolist()
+    # Requirements take longest: few neighbours are judged before one keeps them, as the start does.
+    wholes = (ordered([*others, *near[k].rig]) for k in best_first)
+    pairs = zip(best_first, wholes, strict=True)
+    best = next(k for k, whole in pairs if k == 0 or keeps(problem, whole, judged))
     return near[best], worth.value([best, *rest])
 
 
-def keeps(problem: Problem, rig: Choices) -> bool:
-    """Whether the rig can be, and keeps all constraints."""
+def partitioned(constraints: Sequence[Constraint]) -> tuple[list[Constraint], list[Constraint]]:
+    """Those that are requirements, and the others."""
+    judged = [c for c in constraints if c.name.startswith(requirement_name(""))]
+    return judged, [c for c in constraints if c not in judged]
+
+
+def keeps(problem: Problem, rig: Choices, constraints: Sequence[Constraint]) -> bool:
+    """Whether the rig can be, and keeps the constraints."""
     if not is_possible(rig):
         return False
-    question = problem.question
-    found = measures_of(rig, question.constraints, question.carrier)
-    return all(c.violation(found[c.name]) <= 0 for c in question.constraints)
+    found = measures_of(rig, constraints, problem.question.carrier)
+    return all(c.violation(found[c.name]) <= 0 for c in constraints)
 
 
 def neighbours(place: Placed, length: float, angle: float, most: int = 6) -> Iterator[Placed]:
