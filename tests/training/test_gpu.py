@@ -68,11 +68,15 @@ def assert_close(found, expected, tolerance):
     torch.testing.assert_close(found.detach().cpu(), expected.detach(), rtol=error, atol=error)
 
 
-def some_frames(dtype=torch.float32):
+@cache
+def two_frames():
     clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
-    points, boxes, labels = as_tensors(
-        [TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)[i] for i in range(2)]
-    )
+    frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)
+    return as_tensors([frames[0], frames[1]])
+
+
+def some_frames(dtype=torch.float32):
+    points, boxes, labels = two_frames()
     return points, [item.to(dtype) for item in boxes], labels
 
 
