@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 CPU = torch.device("cpu")
 SOME, MORE = (
     [pytest.param(name, marks=pytest.mark.long if name in left_out else ()) for name in NETWORKS]
-    for left_out in (LIKE_ANOTHER, LIKE_ANOTHER - {"voxel_rcnn"})
+    for left_out in (LIKE_ANOTHER | {"second_iou"}, LIKE_ANOTHER - {"voxel_rcnn"})
 )
 NEEDS_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
 
@@ -96,8 +96,8 @@ def untrained(network):
 def trained(network):
     """After some steps: an untrained one sees little of the points."""
     model = untrained(network).train()
-    optimisation = Optimisation(model, TrainingSettings(lr=0.003), steps=10)
-    for _ in range(10):
+    optimisation = Optimisation(model, TrainingSettings(lr=0.003), steps=6)
+    for _ in range(6):
         optimisation.step(some_frames())
     return model
 
