@@ -69,14 +69,10 @@ def assert_close(found, expected, tolerance):
 
 
 @cache
-def two_frames():
+def some_frames(dtype=torch.float32):
     clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
     frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)
-    return as_tensors([frames[0], frames[1]])
-
-
-def some_frames(dtype=torch.float32):
-    points, boxes, labels = two_frames()
+    points, boxes, labels = as_tensors([frames[0], frames[1]])
     return points, [item.to(dtype) for item in boxes], labels
 
 
