@@ -46,9 +46,10 @@ def returned(
         seen /= np.maximum(far, 1e-9)[:, None]
         others = seen[(lidar != number) & (far > _FAR_M)]
         back, fired = seen[world & (lidar == number)], model.directions() @ mount.rotation.T
+        met = np.split(_meets(np.concatenate([back, fired]), others), [len(back)])
         counts = [
-            np.bincount(sectors_of(own[_meets(own, others)] @ mount.rotation), minlength=SECTORS)
-            for own in (back, fired)
+            np.bincount(sectors_of(own[here] @ mount.rotation), minlength=SECTORS)
+            for own, here in zip((back, fired), met, strict=True)
         ]
         with np.errstate(invalid="ignore", divide="ignore"):
             rows.append(counts[0] / counts[1])
@@ -59,11 +60,12 @@ def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np
     """Whether rays go to the ground nearby or to what others see; unit vectors."""
     from scipy.spatial import cKDTree
 
-    down = (rays[:, 2] >= DOWN[0]) & (rays[:, 2] <= DOWN[1])
-    if len(others) and len(rays):
-        away, _ = cKDTree(others).query(rays, distance_upper_bound=_SAME)
-        down |= np.isfinite(away)
-    return np.asarray(down)
+    met = (rays[:, 2] >= DOWN[0]) & (rays[:, 2] <= DOWN[1])
+    rest = np.flatnonzero(~met)
+    if len(others) and len(rest):
+        away, _ = cKDTree(others).query(rays[rest], distance_upper_bound=_SAME)
+        met[rest] = np.isfinite(away)
+    return np.asarray(met)
 
 
 def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

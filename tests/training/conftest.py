@@ -2,8 +2,10 @@
 
 import pytest
 
+MOVED = pytest.param(0, id="last bits moved", marks=pytest.mark.long)  # see test_last_bits
 
-@pytest.fixture(scope="module", params=[None, 0], ids=["as they are", "last bits moved"])
+
+@pytest.fixture(scope="module", params=[pytest.param(None, id="as they are"), MOVED])
 def last_bits(request):
     """A test runs twice: with this machine's numbers, and with those of another one.
 

@@ -22,8 +22,12 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 MODELS = {"pointpillars": "pointpillar", "voxel_rcnn": "voxel_rcnn_car"}
 """OpenPCDet's names of networks that are called otherwise there."""
-OTHERS = tuple(name for name in NETWORKS if name != "pointrcnn_iou")
-"""Those that are not PointRCNN with other targets of its scores."""
+OTHERS = [
+    pytest.param(name, marks=pytest.mark.long if name == "second" else ())
+    for name in NETWORKS
+    if name != "pointrcnn_iou"
+]
+"""Those that are not PointRCNN with other targets of its scores; SECOND-IoU begins with SECOND."""
 ANY = Selection(score=0.0, post=50)
 """The best boxes whatever their scores: those of an untrained network are low."""
 

@@ -22,7 +22,7 @@ EPOCHS_AND_RATE = {
 
 LIKE_ANOTHER = {"second", "voxel_rcnn", "pointrcnn"}
 """Others have their first stages, and pv_rcnn the same second stage on other features."""
-SLOW = LIKE_ANOTHER | {"pointrcnn_iou"}
+SLOW = LIKE_ANOTHER | {"pointrcnn_iou", "second_iou"}
 
 
 @pytest.mark.parametrize(

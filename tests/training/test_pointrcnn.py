@@ -25,13 +25,7 @@ def of_second_stage(data):
 
 
 @pytest.mark.parametrize(
-    ("network", "last_bits"),
-    [
-        ("pointrcnn", None),
-        pytest.param("pointrcnn_iou", None, marks=pytest.mark.long),
-        pytest.param("pointrcnn", 0, marks=pytest.mark.long),
-    ],
-    indirect=["last_bits"],
+    "network", ["pointrcnn", pytest.param("pointrcnn_iou", marks=pytest.mark.long)]
 )
 @pytest.mark.usefixtures("last_bits")
 @torch.no_grad()

@@ -126,7 +126,7 @@ class Failures:
         """Which individual and which route each object is, by number."""
         keys = {"individual": ["scene", "object_id"], "route": ["scene", "route"]}
         return {
-            unit: self.objects.groupby(own, dropna=False).ngroup().to_numpy()
+            unit: self.objects.groupby(own, dropna=False).ngroup().to_numpy(np.int64)
             for unit, own in keys.items()
         }
 
@@ -135,7 +135,7 @@ class Failures:
         found, errors = self.found[:, here], []
         for unit, every in self._units.items():
             number = np.unique(every[here], return_inverse=True)[1]
-            counts = np.bincount(number)
+            counts = np.bincount(number).astype(np.float64)
             hits = np.zeros((len(counts), 2, len(self.seeds)))
             np.add.at(hits, number, found.swapaxes(0, 1))
             rest, left = hits.sum(axis=0) - hits, (len(number) - counts)[:, None, None]

@@ -10,6 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from lidarplace.base.errors import InputError
+from tracking.statistics import Values
 from tracking.statistics.coefficients import LARGEST_EXACT, smallest_p
 
 ALPHA = 0.05
@@ -89,14 +90,20 @@ def _power_of_pearson(rho: float, n: int) -> float:
 
 def _power_of_spearman(rho: float, n: int) -> float:
     """Share of simulated samples whose |rho| reaches the critical value."""
-    draws = int(np.clip(100_000 // n, 1_000, 10_000))
-    rng = np.random.default_rng(0)
-    # The first sample in its order has the ranks 0 to n - 1.
-    x = np.sort(rng.standard_normal((draws, n)), axis=1)
-    y = rho * x + np.sqrt(max(1 - rho**2, 0.0)) * rng.standard_normal((draws, n))
+    x, noise = _samples(n)
+    y = rho * x + np.sqrt(max(1 - rho**2, 0.0)) * noise
     ranks = np.arange(n) - (n - 1) / 2
     found = np.argsort(y, axis=1) @ ranks / (ranks @ ranks)
     return float(np.mean(np.abs(found) >= _critical_spearman(n) - 1e-9))
+
+
+@lru_cache(maxsize=1)  # a bisection over rho has one n
+def _samples(n: int) -> tuple[Values, Values]:
+    """Two independent samples of n in each draw, shape (draws, n). The first one is in its order:
+    it has the ranks 0 to n - 1."""
+    draws = int(np.clip(100_000 // n, 1_000, 10_000))
+    rng = np.random.default_rng(0)
+    return np.sort(rng.standard_normal((draws, n)), axis=1), rng.standard_normal((draws, n))
 
 
 @lru_cache(maxsize=256)

@@ -16,8 +16,7 @@ def entered(origin, direction, low, high):
             if not low[axis] <= origin[axis] <= high[axis]:
                 return math.inf
             continue
-        with np.errstate(over="ignore"):
-            ends = [(end[axis] - origin[axis]) / direction[axis] for end in (low, high)]
+        ends = [(end[axis] - origin[axis]) / direction[axis] for end in (low, high)]
         near, far = max(near, min(ends)), min(far, max(ends))
     return near if 0 < near <= far else math.inf
 
@@ -38,25 +37,26 @@ def hits_of(placement: Placement, vehicle: Vehicle, box, reflectivity=0.1):
     size = np.array(box[3:6])
     c, s = math.cos(box[6]), math.sin(box[6])
     to_box = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
-    found = []
+    found, bodies = [], vehicle.interior.tolist()  # numbers of Python are quicker here
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
         origin = mount.position
         local = to_box @ (origin - np.array(box[:3])) + size / 2
         own = []
         for ray in lidar.directions():
             direction = mount.rotation @ ray
-            reach = entered(local, to_box @ direction, np.zeros(3), size)
-            body = min(
-                (entered(origin, direction, *corners) for corners in vehicle.interior),
-                default=math.inf,
-            )
+            along = to_box @ direction
+            reach = entered(local.tolist(), along.tolist(), [0.0] * 3, size.tolist())
+            if math.isinf(reach):
+                continue
+            eye, way = origin.tolist(), direction.tolist()
+            body = min((entered(eye, way, *corners) for corners in bodies), default=math.inf)
             away = reach * math.exp(lidar.extinction * reach)  # of equal light in clear air
             far = away if lidar.range_10 is None else reach
             if not (lidar.min_range <= reach < body and far < lidar.range):
                 continue
-            cosine = incidence(local, to_box @ direction, reach, size)
+            cosine = incidence(local, along, reach, size)
             if reach <= lidar.sight(reflectivity * cosine):
-                own.append(local + reach * (to_box @ direction))
+                own.append(local + reach * along)
         found.append(own)
     return found
 
