@@ -126,7 +126,7 @@ class Failures:
         """Which individual and which route each object is, by number."""
         keys = {"individual": ["scene", "object_id"], "route": ["scene", "route"]}
         return {
-            unit: self.objects.groupby(own, dropna=False).ngroup().to_numpy(np.int64)
+            unit: np.asarray(self.objects.groupby(own, dropna=False).ngroup(), np.int64)
             for unit, own in keys.items()
         }
 
