@@ -246,7 +246,10 @@ def cast_compiled(
         apart = False
         for axis in range(3):
             low, top = min(crop[axis], origin[axis]), max(crop[axis + 3], origin[axis])
-            apart |= corners[:, axis].min() > top or corners[:, axis].max() < low
+            under = over = True
+            for n in range(8):
+                under, over = under and corners[n, axis] < low, over and corners[n, axis] > top
+            apart |= under or over
         if apart:
             continue
         middle, below, above, lowest, highest, near, _ = window(corners, origin, rotation)
