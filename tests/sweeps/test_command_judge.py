@@ -172,7 +172,7 @@ table.to_parquet(sys.argv[2] + "/found.parquet")
         ("print('a\\nb'); exit(3)", r"exit code 3; last lines: a \| b; log .*a.log"),
         ("print('\\x1b[31mred\\x07\\rb' * 30_000); exit(1)", r"lines: bred \| .*\| b; log"),
         ("import os; os.kill(os.getpid(), 9)", "exit code -9; last lines: none"),
-        ("import sys; open(sys.argv[2] + '/a.parquet', 'w').write('no')", "no Parquet file"),
+        ("import sys; open(sys.argv[2] + '/a.parquet', 'w').write('no')", "not a Parquet file"),
         (WRITE.replace("CHANGE", "('x', float('nan'))"), "found.parquet: row 1"),
         (WRITE.replace("CHANGE", "('score', float('inf'))"), "found.parquet: row 1"),
         (WRITE.replace("CHANGE", "('frame', 0)"), "found.parquet: row 1: unknown frame"),

@@ -56,13 +56,13 @@ def test_of_a_sweep(tmp_path, mount, vehicle, held):
         read_sweep(path, ["allow_blind_lidars=true"])  # of a roof as wide as the truck's
         return
     at = ", ".join(f"{mount.get(axis, 0):g}" for axis in "xyz")
-    with refused((str(path), "placement: 'mine'", ""), f"LiDAR 2 at ({at}) "):
+    with refused((str(path), "placement", ""), f"'mine': LiDAR 2 at ({at}) "):
         read_sweep(path)
 
 
 def test_an_axis_of_vehicles_names_the_one_in_which_it_is(tmp_path):
     path = sweep_file(tmp_path, grid={"vehicle": [None, [], TRUCK]})
-    with refused((str(path), "placement: 'nose'", ""), "LiDAR 1 at (0, 0, 2) "):
+    with refused((str(path), "placement", ""), "'nose': LiDAR 1 at (0, 0, 2) "):
         read_sweep(path)
     assert len(read_sweep(sweep_file(tmp_path, grid={"vehicle": [None, []]})).points) == 2
 
@@ -108,7 +108,7 @@ def test_a_sweep_with_a_blind_lidar_is_refused(tmp_path):
     sky = {"placement": "sky", "detector": None}
     for arguments in (["--dry-run"], []):
         (line,) = call(app, path(**sky), *arguments, code=2).stderr.splitlines()
-        assert re.search(f"placement 'sky': {SEES_NOTHING}", line)
+        assert re.search(f"placement: 'sky': {SEES_NOTHING}", line)
         assert line.endswith("or set allow_blind_lidars: true")
     read_sweep(path(**sky, allow_blind_lidars=True))
     dead = {"sky": {"mounts": [{"z": 2.0}], "dead": [SKY]}}
@@ -118,7 +118,7 @@ def test_a_sweep_with_a_blind_lidar_is_refused(tmp_path):
     back = {"x": -2.5, "z": 1.0, "yaw_deg": 180, "lidar": "at128"}
     around = {"x": [-40, 40], "y": [-20, 20], "z": [0, 4]}
     read_sweep(path(back, **sky, roi=around))
-    with refused(("", "placement: 'sky'", ""), "extend the ROI"):
+    with refused(("", "placement", ""), "extend the ROI"):
         read_sweep(path(back, **sky, grid={"roi": [around, around | {"x": [0, 40]}]}))
 
 
@@ -190,5 +190,5 @@ def test_the_paper_s_rigs_are_above_the_car():
     for rig in PAPER_PLACEMENTS.values():
         check_mounts(rig, None)
         check_mounts(rig, Vehicle.car())
-    with refused(("", "'low'", "")):
+    with refused(("'low'", "", "")):
         check_mounts(Placement("low", [Mount(z=0.5)], PAPER_PLACEMENTS["line"].lidars[0]), None)

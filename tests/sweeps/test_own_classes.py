@@ -82,7 +82,7 @@ def test_a_curve_that_is_lent(log, tmp_path):
     surrogate = {"names": ["expected_recall"]}
     with refused(("", "surrogate.curves", ""), "class_settings.Truck.curve"):
         plan_of(log, tmp_path, surrogate=surrogate)
-    with refused(("", "surrogate.curves", ""), "curve of Tram"):
+    with refused(("", "surrogate.curves", ""), "found Tram"):
         plan_of(log, tmp_path, class_settings={"Truck": {"curve": "Tram"}}, surrogate={})
     plan = plan_of(log, tmp_path, class_settings=lent, surrogate=surrogate)
     curves = plan.trials[0].recall.params.curves

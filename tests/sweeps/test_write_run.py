@@ -159,7 +159,7 @@ def test_the_command_compares_two_rigs(folder, tmp_path):
     ("words", "said"),
     [
         (["--rigs", "line"], "--rigs line: expected two placements, such as center,line"),
-        (["--rigs", "line,middle"], "has no placement middle; it has center, line"),
+        (["--rigs", "line,middle"], "has no placement middle; expected center, line"),
         (["--where", "judge=me"], "--where judge=me: "),
     ],
 )
@@ -179,4 +179,4 @@ def test_without_results_in_the_store_there_are_counts_alone(folder, tmp_path):
     assert "no frames are shown: the store" in done.output
     (tmp_path / "moved" / "found.parquet").unlink()
     done = call(app, *words, code=2)
-    assert "has no found.parquet" in " ".join(done.output.split())
+    assert "found.parquet: missing, as the sweep ran before" in " ".join(done.output.split())

@@ -116,7 +116,7 @@ def test_a_drag_moves_what_was_dragged_in_one_step_and_above_the_ground_alone(pa
     assert page.studio.rig == before
     drag(page, "update", (0.1, 0.6, -1.0))
     assert page.studio.rig == before
-    assert "z: found -1.0" in page.panel.message.content
+    assert "z: expected at least 0, found -1.0" in page.panel.message.content
     turned = quaternion(Mount.degrees(roll=-3.04, pitch=8.27, yaw=100.02))
     drag(page, "update", wxyz=turned)
     drag(page, "end")
