@@ -15,7 +15,6 @@ from tracking.statistics.jackknife import (
     sample_error,
 )
 from tracking.statistics.reliability import Noise, seed_mean
-from tracking.statistics.studentized_range import studentized_range_cdf, studentized_range_quantile
 
 
 def left_out_of(values):
@@ -137,14 +136,3 @@ def test_nothing_is_known_of_one_seed():
     assert number == 0
     alone = AllPairs.of(np.array([1.0]), Noise(np.full(1, 3.0), 1.0, 2))
     assert np.isnan(alone.intervals(0)).all()
-
-
-@pytest.mark.parametrize("groups", [2, 8, 41])
-@pytest.mark.parametrize("degrees", [1.0, 3.7, 30.0, 2e4, np.inf])
-def test_the_studentized_range_is_scipys(groups, degrees):
-    q = np.array([0.0, 0.4, 2.0, 3.5, 5.0, 9.0, 40.0])
-    expected = stats.studentized_range.cdf(q, groups, degrees)
-    assert studentized_range_cdf(q, groups, degrees) == pytest.approx(expected, abs=1e-10)
-    assert studentized_range_cdf(np.inf, groups, degrees) == pytest.approx(1.0, abs=1e-14)
-    found = studentized_range_quantile(0.95, groups, degrees)
-    assert studentized_range_cdf(found, groups, degrees) == pytest.approx(0.95, abs=1e-12)

@@ -1,6 +1,7 @@
 """The section of sensitivity: how much the placement moves AP and recall of each detector."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,6 @@ from tracking.pages.section import METRIC, Column, Section, Table, numbers, word
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.studentized_range import studentized_range_quantile
 
 
 def sensitivity_section(found: Analysis) -> Section | None:
@@ -77,6 +77,7 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
 
 
 CHANCE = 0.95  # share of sweeps of equal placements whose spread stays below `by_chance`
+_quantile = cache(stats.studentized_range.ppf)  # which takes long
 
 
 def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
@@ -109,5 +110,4 @@ def _by_chance(own: pd.DataFrame) -> float:
     pooled = float(np.sqrt((freedom * own["sd"].fillna(0) ** 2).sum() / freedom.sum()))
     # Unequal numbers of seeds: Kramer's harmonic mean.
     seeds = stats.hmean(own["seeds"])
-    most = studentized_range_quantile(CHANCE, len(own), int(freedom.sum()))
-    return float(most * pooled / np.sqrt(seeds))
+    return float(_quantile(CHANCE, len(own), int(freedom.sum())) * pooled / np.sqrt(seeds))
