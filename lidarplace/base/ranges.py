@@ -13,17 +13,18 @@ class Range:
     low: float
     high: float
 
-    def check(self, what: str, value: float) -> None:
-        """Raise ValueError that says `what` the value is, unless it is in the range; NaN is not."""
+    def check(self, key: str, value: float, **parts: str) -> None:
+        """Raise InputError, with other `parts`, unless the value of `key` is in the range; NaN is
+        not."""
         if not self.low <= value <= self.high:
-            allowed = f"{self.low:,} and {self.high:,}"
-            raise InputError(f"{what} must be within {allowed}", found=value)
+            allowed = f"{self.low:,} to {self.high:,}"
+            raise InputError(key=key, expected=allowed, found=value, **parts)
 
-    def check_whole(self, what: str, value: int) -> None:
+    def check_whole(self, key: str, value: int) -> None:
         """As `check`; a number that is no integer is refused, too."""
         if not isinstance(value, Integral):
-            raise InputError(f"{what} must be a whole number", found=repr(value))
-        self.check(what, value)
+            raise InputError(key=key, expected="a whole number", found=repr(value))
+        self.check(key, value)
 
 
 FRAME = Range(1 - 2**53, 2**53 - 1)

@@ -93,7 +93,7 @@ def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
         for number in value if isinstance(value, list | tuple) else (value,):
             if number is not None:
                 with checked_input():
-                    allowed.check(f"{max(param.opts, key=len)}:", number)
+                    allowed.check("", number, place=max(param.opts, key=len))
         return value
 
     return check

@@ -76,7 +76,7 @@ class ExpectedRecall:
         """`recall` of one placement, from its rays; ValueError if a LiDAR is under the ground, or
         as `CountedObjects.seen_by`."""
         for number, mount in enumerate(placement.mounts, start=1):
-            LIDAR_HEIGHT.check(f"{placement.name!r}: z of LiDAR {number}", mount.z)
+            LIDAR_HEIGHT.check("z", mount.z, place=f"{placement.name!r}: LiDAR {number}")
         return self.recall(self.objects.seen_by([placement])[0])
 
     def probabilities(self, seen: SurfaceCells) -> NDArray[np.float64]:

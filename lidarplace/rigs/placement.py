@@ -45,7 +45,7 @@ class Mount:
         for name in _POSE:
             value = float(getattr(self, name))
             if name not in "xyz":
-                ANGLE.check(f"{name} of a mount (radians; Mount.degrees takes degrees)", value)
+                ANGLE.check(name, value, fix="use radians, or Mount.degrees")
             # NumPy's numbers would be written to files as `np.float64(1.5)`.
             object.__setattr__(self, name, value)
 

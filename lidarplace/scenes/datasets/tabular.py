@@ -150,7 +150,7 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
 
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
     """The frames of the boxes, and empty ones after them that make it `count`."""
-    FRAMES.check("the number of frames", count)
+    FRAMES.check("frames", count)
     own = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
     if len(own) > count:
         expected = f"boxes of at most {count} frames"

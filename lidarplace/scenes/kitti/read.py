@@ -82,7 +82,7 @@ def read_kitti(
 
     Raises OSError without labels, ValueError that names file and line if one is broken or of an
     unknown type, a calibration or a label file is missing, or no frame is left."""
-    LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
+    LIDAR_HEIGHT.check("lidar_height", lidar_height)
     types = merged(KITTI, class_map, keep_ignored)
     ignored = Counter() if ignored is None else ignored
     frames = _frames(folder, skipped)

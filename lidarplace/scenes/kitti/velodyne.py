@@ -41,7 +41,7 @@ def read_kitti_clouds(
         lidar_height: of the LiDAR above the ground, metres.
         skipped: gets what is wrong with points and files, which are then left out. Without it the
             first such fault is a ValueError."""
-    LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
+    LIDAR_HEIGHT.check("lidar_height", lidar_height)
     whole = {}
     for frame in frames:
         path = part(folder, "velodyne") / f"{frame_name(frame)}.bin"
