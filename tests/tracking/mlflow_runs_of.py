@@ -2,8 +2,6 @@
 
 import os
 import socket
-import subprocess
-import sys
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
@@ -13,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from tests.forked import Forked
 from tests.mlflow_database import write_database
 from tracking.mlflow.content import EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.log import SweepLog
@@ -109,21 +108,19 @@ def free_port() -> int:
         return int(listener.getsockname()[1])
 
 
-def start_server(store: str, port: int, folder: Path) -> subprocess.Popen[bytes]:
-    """`mlflow server` on this machine, ready to answer. Kill its process group to end it."""
-    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store]
-    command += ["--artifacts-destination", str(folder / "artifacts"), "--workers", "1"]
-    command += ["--host", "127.0.0.1", "--port", str(port)]
-    # Else there are eight more processes that this needs not.
-    environment = {**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    with (folder / "server.log").open("ab") as log:
-        own = {"stdout": log, "stderr": log, "start_new_session": True}
-        server = subprocess.Popen(command, env=environment, **own)
+def start_server(store: str, port: int, folder: Path) -> Forked:
+    """What `mlflow server` runs, on this machine, ready to answer."""
+    own = {"_MLFLOW_SERVER_FILE_STORE": store, "_MLFLOW_SERVER_SERVE_ARTIFACTS": "true"}
+    own["_MLFLOW_SERVER_ARTIFACT_ROOT"] = "mlflow-artifacts:/"
+    own["_MLFLOW_SERVER_ARTIFACT_DESTINATION"] = str(folder / "artifacts")
+    run = f"import uvicorn; uvicorn.run('mlflow.server.fastapi_app:app', port={port})"
+    log = folder / "server.log"
+    server = Forked(["-c", run], folder, log, environment=os.environ | own)
     for _ in range(1500):
         try:
             urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=5).close()
             return server
         except OSError:
-            assert server.poll() is None, (folder / "server.log").read_text()
+            assert server.poll() is None, log.read_text()
             time.sleep(0.2)
-    raise AssertionError((folder / "server.log").read_text())
+    raise AssertionError(log.read_text())

@@ -57,7 +57,7 @@ def served(store: str, folder: Path) -> Iterator[str]:
     try:
         yield f"http://127.0.0.1:{port}"
     finally:
-        os.killpg(server.pid, signal.SIGKILL)
+        server.kill()
         server.wait(60)
 
 

@@ -1,8 +1,5 @@
 """A tracking server that is away at the start, killed in the middle, and started again."""
 
-import os
-import signal
-
 import mlflow_runs_of as made
 import pytest
 
@@ -10,7 +7,7 @@ MORE = range(3, 12)
 
 
 def kill(server):
-    os.killpg(server.pid, signal.SIGKILL)
+    server.kill()
     server.wait(60)
 
 
