@@ -17,22 +17,17 @@ from sweeps.store.lock import locked
 from tests.forked import GUARD_S
 
 LONG_KILLS = 21
+RAYS = ("--set", "lidar={beams: 8, azimuth_steps: 90}")
+FEW = (*RAYS, "--set", "grid={placement: [line], seed: [1, 2]}")
 SHORT = ("--set", "training.epochs=1", "--set", "grid={placement: [line]}")
 
 
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory):
-    """An undisturbed sweep in one process, and the seconds that it took."""
-    sweep = Sweep(tmp_path_factory.mktemp("reference") / "sweep", "debug", database=True)
-    start = time.monotonic()
-    sweep.finish()
-    return sweep, time.monotonic() - start
-
-
-def test_processes_of_ray_killed(tmp_path, reference):
-    """A worker in the middle of a training, then the node, then the driver; the end without Ray."""
+def test_processes_killed(tmp_path):
+    """A worker of Ray in the middle of a training, then the node; without Ray the driver."""
+    reference = Sweep(tmp_path / "reference", "debug", database=True)
+    reference.finish(*FEW)
     sweep = Sweep(tmp_path / "sweep", {"num_cpus": 1}, database=True)
-    process = sweep.start()
+    process = sweep.start(*FEW)
     first = wait_for_training(sweep, process)
     os.kill(first, signal.SIGKILL)
     wait_for_training(sweep, process, other_than=first)  # Ray tries again
@@ -44,15 +39,13 @@ def test_processes_of_ray_killed(tmp_path, reference):
     assert "Traceback" not in sweep.output()
     wait_for_end(below)
     sweep.look()
-    process = sweep.start()
+    process = sweep.start(*FEW, "--set", "ray=debug")
     wait_for_training(sweep, process)
-    below = descendants(process.pid)
     process.kill()
     assert process.wait(timeout=GUARD_S) == -signal.SIGKILL
-    wait_for_end(below)
     sweep.look()
-    sweep.finish("--set", "ray=debug")
-    assert differences(sweep, reference[0]) == []
+    sweep.finish(*FEW, "--set", "ray=debug")
+    assert differences(sweep, reference) == []
 
 
 def wait_for_training(sweep, process, other_than=None):
@@ -74,9 +67,11 @@ def wait_for_training(sweep, process, other_than=None):
 
 
 @pytest.mark.long
-def test_killed_at_random_many_times(tmp_path, reference):
+def test_killed_at_random_many_times(tmp_path):
     """Sweeps one after the other, each killed until it is finished."""
-    undisturbed, seconds = reference
+    undisturbed, start = Sweep(tmp_path / "reference", "debug", database=True), time.monotonic()
+    undisturbed.finish()
+    seconds = time.monotonic() - start
     choice = random.Random(1)
     kinds, sweeps = Counter(), []
     while kinds.total() < LONG_KILLS:
@@ -108,7 +103,8 @@ def test_the_second_driver_of_a_sweep_is_refused(tmp_path):
 def test_two_sweeps_share_a_store(tmp_path):
     """They compute the same at the same time, and create one database."""
     sweep = Sweep(tmp_path / "sweep", "debug")
-    one, other = sweep.start(*SHORT), sweep.start(*SHORT, "--set", "name=other")
+    few = (*SHORT, *RAYS)
+    one, other = sweep.start(*few), sweep.start(*few, "--set", "name=other")
     codes = [process.wait(timeout=GUARD_S) for process in (one, other)]
     assert codes == [0, 0], "\n".join((sweep.folder / f"run{n}.log").read_text() for n in (1, 2))
     for name in ("surrogates", "results"):
