@@ -48,7 +48,8 @@ def write_judged(folder: Path, judge: dict, **changes: object) -> Path:
         write_database(folder / "runs/mlflow.db")
         (folder / "toy.py").write_text(TOY)
     own = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
-    keys = SMALL | {"placement": "line", "judge": own | judge} | changes
+    few = {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}, "lidar": {"azimuth_steps": 90}}
+    keys = SMALL | few | {"placement": "line", "judge": own | judge} | changes
     return write_sweep(folder, "tiny.yaml", **keys)
 
 

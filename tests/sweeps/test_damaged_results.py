@@ -14,8 +14,9 @@ from sweeps.execution.interrupted import until_whole
 from sweeps.store.result_folder import DamagedResult, damaged
 from tests.sweeps.toy import call, flip_bit
 
-SURROGATES = SMALL | {"detector": None, "grid": {"placement": ["line", "center"]}}
-TRAINED = SMALL | {"detector": "pointpillars_tiny", "grid": {"placement": ["line"]}}
+FEW = SMALL | {"lidar": {"beams": 8, "azimuth_steps": 90}}
+SURROGATES = FEW | {"detector": None, "grid": {"placement": ["line", "center"]}}
+TRAINED = FEW | {"detector": "pointpillars_tiny", "grid": {"placement": ["line"]}}
 TABLES = ("surrogates", "expected_ig_by_q", "results", "distance", "points", "trials")
 
 
