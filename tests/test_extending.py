@@ -112,7 +112,7 @@ print(all(f'"{name}"' in schema for name in (name, "second_wide_tiny", "crossed_
 
 
 def test_metric_detector_schema_and_python(installed, tmp_path):
-    said = python(tmp_path, "-c", USE, path=installed)
+    said = lidarplace(tmp_path, "-c", USE, site=installed)
     assert said.split("\n") == ["True", "[50.0, 50.0]", "True", "True", "True", ""]
 
 
