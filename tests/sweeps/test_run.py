@@ -22,7 +22,7 @@ TINY = {
     "surrogate": {"resolution": 0.4},
     "training": {"epochs": 1, "batch_size": 2},
     "grid": {"placement": ["line", "center"], "seed": [1]},
-    "ray": {"num_cpus": 2},
+    "ray": {"num_cpus": 1},
 }
 
 
