@@ -67,7 +67,8 @@ SMALLER = {
     "--set scene.routes=2 --set scene.test_routes=1 --set scene.frame_stride=40 "
     "--set scene.pedestrians=5 --set scene.frames_per_route=4 --set scene.warmup_s=5 "
     "--set surrogate.resolution=0.8 --set surrogate.accuracy=false "
-    "--set surrogate.sampling_error=false --set training.epochs=1 --set grid.seed=[1]",
+    "--set surrogate.sampling_error=false --set training.epochs=1 --set grid.seed=[1] "
+    "--set grid.placement=[line,mine]",
 }
 """What makes a command cheap, by its verb or by its configuration."""
 
