@@ -42,6 +42,9 @@ def test_a_person_types_undoes_saves_and_reloads(page):
         tab = browser.new_page(viewport={"width": 640, "height": 480})
         tab.set_default_timeout(1000 * GUARD_S)
         tab.on("request", lambda request: asked.append(request.url))
+        # Five frames a second: each is drawn by the CPU.
+        slow = "requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 200)"
+        tab.add_init_script(slow)
         tab.goto(page.address)
         expect.set_options(timeout=1000 * GUARD_S)
         shown = tab.locator("[data-exact=true] [data-row=s-mig] b")
