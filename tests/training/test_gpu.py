@@ -82,8 +82,8 @@ def untrained(network):
     model = build_detector(network, ["Car"], preset="tiny")
     if hasattr(model, "roi_head"):
         own = model.roi_head.settings
-        train, test = replace(own.train, pre=256, post=64), replace(own.test, pre=256, post=24)
-        sampling = replace(own.sampling, rois=16)
+        train, test = replace(own.train, pre=256, post=64), replace(own.test, pre=256, post=16)
+        sampling = replace(own.sampling, rois=8)
         model.roi_head.settings = replace(own, train=train, test=test, sampling=sampling)
     return model
 
