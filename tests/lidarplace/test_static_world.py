@@ -35,7 +35,8 @@ NO_PARTS = bricks(np.empty((0, 7)), 0)
 CAR = bricks(np.array([[9.0, 2, 1, 2, 2, 2, 0.3]]), 0)
 AROUND = (-60.0, -60.0, -12.0, 60.0, 60.0, 15.0)
 MOUNTS = [Mount(0.3, 0.0, 1.9), Mount(-0.3, 0.0, 1.7, roll=np.pi)]
-RIG = RecordedRig(("up", "down"), Placement("recorded", MOUNTS, lidar=Lidar.named("vlp32c")))
+LIDAR = replace(Lidar.named("vlp32c"), azimuth_steps=900)
+RIG = RecordedRig(("up", "down"), Placement("recorded", MOUNTS, lidar=LIDAR))
 
 
 @njit()
@@ -73,7 +74,7 @@ def test_rays_meet_what_testing_each_against_every_cell_finds(seed):
     steps = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
     world = world_of(np.concatenate([cells + step for step in steps]), rng)
     mount = Mount(*rng.uniform(-1, 1, 2), 2.2, *rng.uniform(-0.4, 0.4, 2), rng.uniform(-3, 3))
-    lidar = Lidar(tuple(np.radians(np.linspace(-30, 20, 16))), azimuth_steps=180, range=30.0)
+    lidar = Lidar(tuple(np.radians(np.linspace(-30, 20, 16))), azimuth_steps=90, range=30.0)
     turn, shift = rotation(0.03, -0.05, rng.uniform(-3, 3)), rng.uniform(-3, 3, 3)
     around = WorldAround(worlds_of({"a": world}), 0, turn, shift)
     hits = cast_in_world(mount, lidar, CAR, around)

@@ -70,12 +70,12 @@ def of_roi_head(data, name: str) -> torch.Tensor:
 
 def worst_error(data, name: str, value: torch.Tensor) -> float:
     """Largest difference of `value` from OpenPCDet's, over the largest absolute value of those."""
-    found = value.detach().double().cpu().numpy()
+    found = value.detach().cpu().numpy()
     if f"{name}/full" in data:
         expected = data[f"{name}/full"].astype(np.float64)
         assert found.shape == expected.shape
     else:
         assert found.size == data[f"{name}/shape"].prod() or -1 in data[f"{name}/shape"]
         expected = data[f"{name}/value"].astype(np.float64)
-        found = found.reshape(-1)[data[f"{name}/index"]]
+        found = found[np.unravel_index(data[f"{name}/index"], found.shape)]
     return float(np.abs(found - expected).max() / np.abs(expected).max())

@@ -82,8 +82,8 @@ def untrained(network):
     model = build_detector(network, ["Car"], preset="tiny")
     if hasattr(model, "roi_head"):
         own = model.roi_head.settings
-        train, test = replace(own.train, pre=256, post=64), replace(own.test, pre=256, post=24)
-        sampling = replace(own.sampling, rois=16)
+        train, test = replace(own.train, pre=256, post=64), replace(own.test, pre=256, post=16)
+        sampling = replace(own.sampling, rois=8)
         model.roi_head.settings = replace(own, train=train, test=test, sampling=sampling)
     return model
 
@@ -203,7 +203,7 @@ def test_float16_where_there_is_no_bfloat16(other, monkeypatch):
     """The scaler leaves out steps until its scale is low enough."""
     monkeypatch.setattr(MEMORY, "bfloat16", False)
     frames = some_training()[2]
-    model = build_detector("second_tiny", ["Car"]).to(other).train()
+    model = build_detector("pointpillars_tiny", ["Car"]).to(other).train()
     before = {name: value.clone() for name, value in model.named_parameters()}
     optimisation, again = (Optimisation(model, TrainingSettings(), steps=20) for _ in range(2))
     for _ in range(20):
@@ -221,7 +221,7 @@ def test_float16_where_there_is_no_bfloat16(other, monkeypatch):
 
 def test_the_batch_is_what_the_memory_holds(other):
     frames = some_training()[2]
-    model = build_detector("second_tiny", ["Car"]).to(other)
+    model = build_detector("pointpillars_tiny", ["Car"]).to(other)
     settings = TrainingSettings(batch_size="auto")
     taken = MEMORY.taken
     one, two, four = (step_bytes(model, frames, settings, size) for size in (1, 2, 4))

@@ -21,7 +21,7 @@ FULL = HALF.model_copy(update={"mixed_precision": True})
 
 @pytest.fixture(scope="module")
 def data():
-    return scenes(8, seed=1)
+    return scenes(6, seed=1)
 
 
 @pytest.fixture(scope="module")

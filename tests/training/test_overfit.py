@@ -10,13 +10,13 @@ from training.kitti_ap import evaluate_boxes
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 EPOCHS_AND_RATE = {
-    "pointpillars": (40, 0.01),
+    "pointpillars": (20, 0.01),
     "second": (30, 0.003),
     "second_iou": (25, 0.003),
     "voxel_rcnn": (25, 0.003),
     "pointrcnn": (60, 0.01),
     "pointrcnn_iou": (60, 0.01),
-    "pv_rcnn": (24, 0.005),
+    "pv_rcnn": (20, 0.005),
 }
 
 

@@ -32,7 +32,7 @@ zones = st.builds(Zone, st.just("any"), polygons | degenerate, heights)
 
 
 @given(zone=zones, u=share, v=share, w=share)
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_positions_lie_in_the_zone_and_come_back(zone, u, v, w):
     place = position(zone, u, v, w)
     assert contains(zone, *place)
@@ -41,7 +41,7 @@ def test_positions_lie_in_the_zone_and_come_back(zone, u, v, w):
 
 
 @given(zone=zones, seed=st.integers(0, 10**6))
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_every_point_of_the_zone_is_reached(zone, seed):
     if len(zone.polygon) < 3:
         inside = list(zone.polygon)
@@ -117,7 +117,7 @@ def test_a_point_outside_is_moved_by_a_millimetre_at_most():
 
 
 @given(zone=zones, step=st.floats(0.05, 3))
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_grids_lie_in_the_zone(zone, step):
     found = grid(zone, step)
     assert found.shape[1] == 3

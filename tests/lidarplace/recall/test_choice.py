@@ -1,6 +1,7 @@
 """Greedy choice by expected recall, its bound, and the properties that they rest on."""
 
 import itertools
+from functools import cache
 
 import pytest
 from hypothesis import given, settings
@@ -12,17 +13,17 @@ from lidarplace.recall.choice import RecallChoice
 from tests.lidarplace.selection.small_exposures import feasible_sets, limits_of
 
 WEIGHTS = {"Tram": 1.0, "Bus": 0.4}
-MODEL = model_of()
+model = cache(model_of)
 choices = st.lists(rows_of_cells, max_size=5).map(
-    lambda tables: RecallChoice(MODEL, [table_of(rows) for rows in tables], WEIGHTS)
+    lambda tables: RecallChoice(model(), [table_of(rows) for rows in tables], WEIGHTS)
 )
 
 
 def test_the_value_is_the_weighted_recall_of_the_rig():
     mounts = [Mount(0.1 * n, 0.2 * n - 0.4, 2.2 + 0.2 * n, roll=0.05 * n) for n in range(4)]
     ones = [Placement(str(n), [mount], lidar=LIDAR) for n, mount in enumerate(mounts)]
-    choice = RecallChoice(MODEL, MODEL.objects.seen_by(ones), WEIGHTS)
-    found = MODEL.of(Placement("rig", [mounts[1], mounts[3]], lidar=LIDAR))["expected_recall"]
+    choice = RecallChoice(model(), model().objects.seen_by(ones), WEIGHTS)
+    found = model().of(Placement("rig", [mounts[1], mounts[3]], lidar=LIDAR))["expected_recall"]
     assert choice.value([3, 1]) == pytest.approx(found["Tram"] + 0.4 * found["Bus"], rel=1e-12)
     gains = choice.gains([1])
     assert gains[3] == pytest.approx(choice.value([1, 3]) - choice.value([1]), rel=1e-9)
