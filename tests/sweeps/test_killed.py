@@ -22,8 +22,8 @@ FEW = (*RAYS, "--set", "grid={placement: [line], seed: [1, 2]}")
 SHORT = ("--set", "training.epochs=1", "--set", "grid={placement: [line]}")
 
 
-def test_processes_killed(tmp_path):
-    """A worker of Ray in the middle of a training, then the node; without Ray the driver."""
+def test_processes_of_ray_killed(tmp_path):
+    """A worker in the middle of a training, then the node, then the driver; the end without Ray."""
     reference = Sweep(tmp_path / "reference", "debug", database=True)
     reference.finish(*FEW)
     sweep = Sweep(tmp_path / "sweep", {"num_cpus": 1}, database=True)
@@ -39,10 +39,12 @@ def test_processes_killed(tmp_path):
     assert "Traceback" not in sweep.output()
     wait_for_end(below)
     sweep.look()
-    process = sweep.start(*FEW, "--set", "ray=debug")
+    process = sweep.start(*FEW)
     wait_for_training(sweep, process)
+    below = descendants(process.pid)
     process.kill()
     assert process.wait(timeout=GUARD_S) == -signal.SIGKILL
+    wait_for_end(below)
     sweep.look()
     sweep.finish(*FEW, "--set", "ray=debug")
     assert differences(sweep, reference) == []
