@@ -123,6 +123,7 @@ def search(folder, **changes):
     return write(folder, content | {"robustness": {"draws": 2}, "search": own | changes})
 
 
+@pytest.mark.usefixtures("two_peers")
 def test_a_search_is_judged_by_the_file(folder):
     path = search(folder)
     done = call(app, "search", path)
@@ -131,6 +132,7 @@ def test_a_search_is_judged_by_the_file(folder):
     assert (folder / "runs" / "search" / "search.html").exists()
 
 
+@pytest.mark.usefixtures("two_peers")
 def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
     objective = "pretrained.recall and AP_R40_3D_mean.Car"
     own = {"objective": objective, "trials": 5, "adapt": 3, "families": 3}

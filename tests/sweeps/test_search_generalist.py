@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from search_files import run_search, write_search
 from small_log import write_small_log
 
-from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
 from sweeps.search.output.terminal import rig_warnings
 from sweeps.search.problem.judged_sweep import generalists, judged_rigs
@@ -34,13 +34,6 @@ def written(folder, **changes):
     settings = {"objective": "generalist", "traffic": traffic, "sampler": "random"}
     search = settings | {"trials": 6, "batch_size": 3} | changes.pop("search", {})
     return write_search(folder, **TINY | changes, search=search)
-
-
-@pytest.fixture
-def two_peers(monkeypatch):
-    """Of the paper's eight: each is judged, which takes a second."""
-    peers = {name: PAPER_PLACEMENTS[name] for name in ("line", "center")}
-    monkeypatch.setattr("sweeps.search.problem.problem.PAPER_PLACEMENTS", peers)
 
 
 @pytest.mark.usefixtures("two_peers")

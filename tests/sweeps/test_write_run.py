@@ -34,7 +34,7 @@ BODY = [[[-2.0, -0.9, 0.2], [2.0, 0.9, 1.5]]]
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("sweep")
     own = {"grid": {"placement": ["center", "line"], "detector": ["pointpillars_tiny"]}}
-    own |= {"classes": ["Car", "Pedestrian"], "surrogate": {"resolution": 0.4}}  # with all studies
+    own |= {"classes": ["Car", "Pedestrian"], "surrogate": {"resolution": 0.8}}  # with all studies
     near = {"name": "near", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Car", "step": 1.0}
     own |= {"vehicle": BODY, "requirements": [near | {"at_least": {"points": 1}}]}
     sweep = read_sweep(write_sweep(path, "small.yaml", **own))

@@ -24,7 +24,7 @@ def test_equals_tukey_hsd_for_unequal_seeds():
     for name, row in found.others.iterrows():
         at = 2, list(y).index(name)
         assert row["lead"] == pytest.approx(theirs.statistic[at])
-        assert row["p"] == pytest.approx(theirs.pvalue[at], abs=1e-6)
+        assert found.p[name] == pytest.approx(theirs.pvalue[at], abs=1e-6)
         expected = (bounds.low[at], bounds.high[at])
         assert (row["low"], row["high"]) == pytest.approx(expected, abs=1e-3)
     assert found.tied == ["b", "a"]
@@ -42,7 +42,7 @@ def test_two_placements_of_the_same_seeds_are_a_paired_t_test():
     y = {"a": [1.0, 2, 4], "b": [3.0, 5, 7]}
     found = best_placement(results(y))
     test = stats.ttest_rel(y["b"], y["a"])
-    assert found.others["p"].iloc[0] == pytest.approx(test.pvalue, abs=1e-6)
+    assert found.p.iloc[0] == pytest.approx(test.pvalue, abs=1e-6)
     bounds = test.confidence_interval(0.95)
     row = found.others.iloc[0]
     assert (row["low"], row["high"]) == pytest.approx((bounds.low, bounds.high), abs=1e-3)
@@ -73,7 +73,7 @@ def test_missing_values_and_single_placements():
 
 def test_no_spread_over_seeds():
     found = best_placement(results({"a": [1.0, 1.0], "b": [3.0, 3.0], "c": [3.0, 3.0]}))
-    assert found.others["p"].to_dict() == {"c": 1.0, "a": 0.0}
+    assert found.p.to_dict() == {"c": 1.0, "a": 0.0}
     assert found.others.loc["a", "low"] == 2.0
 
 

@@ -19,7 +19,7 @@ class BestPlacement:
 
     Attributes:
         others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
-            and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
+            and `high`, 95 % intervals of all leads at once.
         sure: index placement, best mean first: how likely its expected metric is the highest.
         sd: of one seed's value, as far as it changes differences between placements.
         seed_sd: of what a seed adds to all placements alike; NaN where they have different seeds.
@@ -58,6 +58,11 @@ class BestPlacement:
     def means(self) -> NDArray[np.float64]:
         """What is compared, of all placements, the best first, shape (n,): of AP the area."""
         return self.pairs.means
+
+    @property
+    def p(self) -> pd.Series:
+        """p of no difference of the best to each other one, adjusted as the intervals."""
+        return pd.Series(self.pairs.p_of_no_lead(0)[1:], self.others.index)
 
     @property
     def equal(self) -> list[str]:
@@ -110,7 +115,7 @@ def best_placement(
     pairs = AllPairs.of(means, of_seeds, ordered, alone=generalist)
     low, high = pairs.intervals(0).T
     table = {"mean": shown, "seeds": of_seeds.counts, "lead": means[0] - means}
-    table |= {"low": low, "high": high, "p": pairs.p_of_no_lead(0)}
+    table |= {"low": low, "high": high}
     others = pd.DataFrame(table, index=y.index)
     note = ""
     if len(y) == 1:

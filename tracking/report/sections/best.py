@@ -103,7 +103,7 @@ def _seed_effects(ranked: Sequence[_Ranked]) -> Iterator[str]:
 
 def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
     """The best, those not significantly behind it, then the others."""
-    leads = best.others[["lead", "low", "high", "p"]]
+    leads = best.others[["lead", "low", "high"]].assign(p=best.p)
     leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
     joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)
     joined["sure"] = best.sure
