@@ -42,7 +42,7 @@ dashboard: setup
 	$(BIN)/lidarplace dashboard "$(RUN)"
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 # The expensive tests that repeat what others show with more cases: for a nightly run.
 test-long: setup
