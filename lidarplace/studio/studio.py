@@ -370,7 +370,9 @@ class Studio:
         file of that name."""
         before = read_yaml_file(path) if path.exists() else None
         if before is not None and not is_evaluation(before):
-            raise InputError("is there already and is no evaluation", place=path, fix="rename it")
+            raise InputError(
+                "is there already and is not an evaluation", place=path, fix="rename it"
+            )
         rigs = [edits.working(rig) for rig in self.rigs]
         sweep = sweep_of(rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(evaluation_of(sweep, self.file, before)), overwrite=True)

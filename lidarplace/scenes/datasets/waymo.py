@@ -157,7 +157,7 @@ def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: st
             raise InputError(place=f"{source}: row {row}", key=column, expected="16 finite numbers")
         matrix[:] = values
     transforms = matrices.reshape(-1, 4, 4)
-    with at(f"{source}: {column}"):  # a matrix that is no rotation
+    with at(f"{source}: {column}"):  # a matrix that is not a rotation
         return Poses(transforms[:, :3, 3], Rotation.from_matrix(transforms[:, :3, :3]))
 
 

@@ -329,7 +329,7 @@ def _check_what_comes_later(problem: Problem) -> None:
 
 
 def _check_scene(changes: Mapping[str, Any], where: str, example: str) -> None:
-    """Refuse what is no key of the scene, or inside of another one. Raises InputError."""
+    """Refuse what is not a key of the scene, or inside of another one. Raises InputError."""
     refuse_overlaps(changes, where)
     for key in changes:
         if not key.startswith("scene."):
