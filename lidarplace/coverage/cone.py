@@ -21,7 +21,7 @@ from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.coverage.bits import Bits, empty, pack, unpack
+from lidarplace.coverage.bits import Bits, empty, exchange_columns, pack
 from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover_voxels, keep_seen
 from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
@@ -77,9 +77,8 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
     if not lidar.full_turn or lidar.reach < np.linalg.norm(np.abs(corners).max(axis=1)):
         keep_seen(sensor, grid, bits)
     if run != 2:
-        # From (y, z, x) or (x, z, y) to (x, y, z).
-        mask = unpack(bits, nz)
-        bits = pack(mask.transpose(2, 0, 1) if run == 0 else mask.swapaxes(1, 2))
+        bits = exchange_columns(bits, nz)  # from (y, z, x) to (y, x, z), or (x, z, y) to (x, y, z)
+        bits = np.ascontiguousarray(bits.swapaxes(1, 2)) if run == 0 else bits
     bits.flags.writeable = False
     return bits
 

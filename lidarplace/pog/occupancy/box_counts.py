@@ -135,11 +135,7 @@ def _overlapping(others, n, j0, j1, k0, k1):
 @inner
 def _add_new(changes, i, j0, j1, k0, k1, others):
     """`_add` without the voxels of `others`: rows of first and last j, first and last k."""
-    n = _overlapping(others, 0, j0, j1, k0, k1)
-    if n == len(others):
-        _add(changes, i, j0, j1, k0, k1)
-        return
-    parts = [(j0, j1, k0, k1, n)]
+    parts = [(j0, j1, k0, k1, 0)]
     while parts:
         j0, j1, k0, k1, n = parts.pop()
         n = _overlapping(others, n, j0, j1, k0, k1)
@@ -192,7 +188,21 @@ def _bounds(box, grid):
     per_across = 1 / (resolution * c) if abs(c) > 1e-200 else 1e200 / resolution
     slack = rounding * (abs(per_along) + abs(per_across))
     at = (y - minimum[1]) / resolution - 0.5
-    return (i0, i1, k0, k1), (y, c, s, length / 2, width / 2, at, per_along, per_across, slack)
+    sides = (y, c, s, length / 2, width / 2, at, per_along, per_across, slack)
+    return (i0, i1, near, far, k0, k1), sides
+
+
+@inner
+def _list_near(reach, n, near):
+    """List in `near` the boxes before the n-th whose reach meets its reach; return their number."""
+    number = 0
+    for m in range(n):
+        meets = reach[m, 0] <= reach[m, 1]
+        for c in range(0, 6, 2):
+            meets &= (reach[m, c] <= reach[n, c + 1]) & (reach[m, c + 1] >= reach[n, c])
+        near[number] = m
+        number += meets
+    return number
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -206,28 +216,36 @@ def _count(boxes, frame, grid, changes, counts):
         end = begin + 1
         while end < len(boxes) and frame[end] == frame[begin]:
             end += 1
-        reach, sides = np.empty((end - begin, 4), np.int64), np.empty((end - begin, 9))
+        reach, sides = np.empty((end - begin, 6), np.int64), np.empty((end - begin, 9))
+        near, runs = np.empty(end - begin, np.int64), np.empty((end - begin, 4), np.int64)
         for n in range(end - begin):
-            own_reach, own_sides = _bounds(boxes[begin + n], grid)
-            for c, end_of in enumerate(own_reach):
-                reach[n, c] = end_of
-            for c, value in enumerate(own_sides):
-                sides[n, c] = value
-        known = np.empty((end - begin, 4), np.int64)  # rectangles of the frame in a row
-        for i in range(reach[:, 0].min(), reach[:, 1].max() + 1):
-            number = 0
-            for n in range(end - begin):
-                i0, i1, k0, k1 = reach[n]
-                if i < i0 or i > i1:
+            bounds, numbers = _bounds(boxes[begin + n], grid)
+            for c, bound in enumerate(bounds):
+                reach[n, c] = bound
+            for c, number in enumerate(numbers):
+                sides[n, c] = number
+            i0, i1, _, _, k0, k1 = bounds
+            if i0 > i1:
+                continue
+            k_first, k_last = min(k_first, k0), max(k_last, k1)
+            close = _list_near(reach, n, near)
+            for i in range(i0, i1 + 1):
+                j0, j1 = _run(xs[i] - boxes[begin + n, 0], numbers, ys, minimum[1], resolution)
+                if j0 > j1:
                     continue
-                j0, j1 = _run(xs[i] - boxes[begin + n, 0], sides[n], ys, minimum[1], resolution)
-                if j0 <= j1:
-                    _add_new(changes, i, j0, j1, k0, k1, known[:number])
-                    known[number, 0], known[number, 1] = j0, j1
-                    known[number, 2], known[number, 3] = k0, k1
-                    number += 1
-                    j_first[i], j_last[i] = min(j_first[i], j0), max(j_last[i], j1)
-                    k_first, k_last = min(k_first, k0), max(k_last, k1)
+                j_first[i], j_last[i] = min(j_first[i], j0), max(j_last[i], j1)
+                others = 0
+                for m in near[:close]:
+                    if reach[m, 0] <= i <= reach[m, 1]:
+                        x = xs[i] - boxes[begin + m, 0]
+                        first, last = _run(x, sides[m], ys, minimum[1], resolution)
+                        runs[others, 0], runs[others, 1] = first, last
+                        runs[others, 2], runs[others, 3] = reach[m, 4], reach[m, 5]
+                        others += first <= last
+                if _overlapping(runs[:others], 0, j0, j1, k0, k1) == others:  # as for most rows
+                    _add(changes, i, j0, j1, k0, k1)
+                else:
+                    _add_new(changes, i, j0, j1, k0, k1, runs[:others])
         begin = end
     for i in range(nx):
         if j_first[i] <= j_last[i]:
