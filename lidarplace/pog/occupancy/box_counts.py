@@ -167,29 +167,37 @@ def _sum_up(changes, i, j0, j1, k0, k1, counts):
 
 
 @inner
+def _rounding(box, grid):
+    """Rounding of a coordinate in the frame of a box, in metres; matters for boxes far away."""
+    minimum, resolution, xs, ys, _ = grid
+    extent = abs(minimum[0]) + abs(minimum[1]) + (len(xs) + len(ys)) * resolution
+    return 1e-14 * (abs(box[0]) + abs(box[1]) + box[3] + box[4] + extent)
+
+
+@inner
 def _bounds(box, grid):
-    """First and last voxel on each axis that a box can reach, along z exact; `sides` of `_run`."""
+    """First and last voxel on each axis that a box can reach, along z exact."""
     x, y, z, length, width, height, yaw = box
     minimum, resolution, xs, ys, zs = grid
-    nx, ny = len(xs), len(ys)
-    c, s = math.cos(yaw), math.sin(yaw)
-    extent = abs(minimum[0]) + abs(minimum[1]) + (nx + ny) * resolution
-    # Of a coordinate in the frame of the box, in metres; matters for boxes far away.
-    rounding = 1e-14 * (abs(x) + abs(y) + length + width + extent)
-    reach_x = abs(c) * (length / 2) + abs(s) * (width / 2) + rounding
-    reach_y = abs(s) * (length / 2) + abs(c) * (width / 2) + rounding
-    i0, i1 = _reach(x, reach_x, minimum[0], resolution, nx)
-    near, far = _reach(y, reach_y, minimum[1], resolution, ny)
+    c, s, rounding = abs(math.cos(yaw)), abs(math.sin(yaw)), _rounding(box, grid)
+    reach_x, reach_y = (c * length + s * width) / 2, (s * length + c * width) / 2
+    i0, i1 = _reach(x, reach_x + rounding, minimum[0], resolution, len(xs))
+    j0, j1 = _reach(y, reach_y + rounding, minimum[1], resolution, len(ys))
     k0, k1 = _slab(0.0, 1.0, height / 2, z, zs, minimum[2], resolution)
-    if near > far or k0 > k1:
-        i1 = i0 - 1
+    return i0, (i0 - 1 if j0 > j1 or k0 > k1 else i1), j0, j1, k0, k1
+
+
+@inner
+def _sides(box, grid):
+    """`sides` of `_run`."""
+    minimum, resolution, _, _, _ = grid
+    c, s = math.cos(box[6]), math.sin(box[6])
     # Voxels a metre along y for each side of the box; large, not infinite, along an axis.
     per_along = 1 / (resolution * s) if abs(s) > 1e-200 else 1e200 / resolution
     per_across = 1 / (resolution * c) if abs(c) > 1e-200 else 1e200 / resolution
-    slack = rounding * (abs(per_along) + abs(per_across))
-    at = (y - minimum[1]) / resolution - 0.5
-    sides = (y, c, s, length / 2, width / 2, at, per_along, per_across, slack)
-    return (i0, i1, near, far, k0, k1), sides
+    slack = _rounding(box, grid) * (abs(per_along) + abs(per_across))
+    at = (box[1] - minimum[1]) / resolution - 0.5
+    return box[1], c, s, box[3] / 2, box[4] / 2, at, per_along, per_across, slack
 
 
 @inner
@@ -216,36 +224,37 @@ def _count(boxes, frame, grid, changes, counts):
         end = begin + 1
         while end < len(boxes) and frame[end] == frame[begin]:
             end += 1
-        reach, sides = np.empty((end - begin, 6), np.int64), np.empty((end - begin, 9))
-        near, runs = np.empty(end - begin, np.int64), np.empty((end - begin, 4), np.int64)
+        reach = np.empty((end - begin, 6), np.int64)
+        start = np.zeros(end - begin + 1, np.int64)  # of the rows of each box in `runs`
         for n in range(end - begin):
-            bounds, numbers = _bounds(boxes[begin + n], grid)
-            for c, bound in enumerate(bounds):
+            for c, bound in enumerate(_bounds(boxes[begin + n], grid)):
                 reach[n, c] = bound
-            for c, number in enumerate(numbers):
-                sides[n, c] = number
-            i0, i1, _, _, k0, k1 = bounds
+            start[n + 1] = start[n] + max(reach[n, 1] - reach[n, 0] + 1, 0)
+        runs = np.empty((start[-1], 2), np.int64)
+        near, others = np.empty(end - begin, np.int64), np.empty((end - begin, 4), np.int64)
+        for n in range(end - begin):
+            i0, i1, _, _, k0, k1 = reach[n]
             if i0 > i1:
                 continue
             k_first, k_last = min(k_first, k0), max(k_last, k1)
-            close = _list_near(reach, n, near)
+            close, sides = _list_near(reach, n, near), _sides(boxes[begin + n], grid)
             for i in range(i0, i1 + 1):
-                j0, j1 = _run(xs[i] - boxes[begin + n, 0], numbers, ys, minimum[1], resolution)
+                j0, j1 = _run(xs[i] - boxes[begin + n, 0], sides, ys, minimum[1], resolution)
+                runs[start[n] + i - i0, 0], runs[start[n] + i - i0, 1] = j0, j1
                 if j0 > j1:
                     continue
                 j_first[i], j_last[i] = min(j_first[i], j0), max(j_last[i], j1)
-                others = 0
+                number = 0
                 for m in near[:close]:
-                    if reach[m, 0] <= i <= reach[m, 1]:
-                        x = xs[i] - boxes[begin + m, 0]
-                        first, last = _run(x, sides[m], ys, minimum[1], resolution)
-                        runs[others, 0], runs[others, 1] = first, last
-                        runs[others, 2], runs[others, 3] = reach[m, 4], reach[m, 5]
-                        others += first <= last
-                if _overlapping(runs[:others], 0, j0, j1, k0, k1) == others:  # as for most rows
+                    row = start[m] + i - reach[m, 0]
+                    if start[m] <= row < start[m + 1] and runs[row, 0] <= runs[row, 1]:
+                        others[number, 0], others[number, 1] = runs[row, 0], runs[row, 1]
+                        others[number, 2], others[number, 3] = reach[m, 4], reach[m, 5]
+                        number += 1
+                if _overlapping(others[:number], 0, j0, j1, k0, k1) == number:  # mostly
                     _add(changes, i, j0, j1, k0, k1)
                 else:
-                    _add_new(changes, i, j0, j1, k0, k1, runs[:others])
+                    _add_new(changes, i, j0, j1, k0, k1, others[:number])
         begin = end
     for i in range(nx):
         if j_first[i] <= j_last[i]:

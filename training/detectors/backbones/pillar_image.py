@@ -155,9 +155,9 @@ def _collect(points, cells, ends, centres, limits, weights, products):
     channels = weights.shape[1]
     most = min(len(points), len(ends) * min(max_pillars, len(columns) * len(rows)))
     table = np.empty(len(columns) * len(rows), np.int32)
-    found_cells, counts = np.empty(most, np.int64), np.zeros(most, np.int64)
-    sums = np.zeros((most, 4))
-    best = np.full((most, channels), -np.inf, weights.dtype)
+    # A row is set when its pillar is met: most rows never are, and their memory is never touched.
+    found_cells, counts = np.empty(most, np.int64), np.empty(most, np.int64)
+    sums, best = np.empty((most, 4)), np.empty((most, channels), weights.dtype)
     winner = np.empty((most, channels), np.int32)
     found = start = 0
     for frame in range(len(ends)):
@@ -172,7 +172,11 @@ def _collect(points, cells, ends, centres, limits, weights, products):
                 if found - first == max_pillars:
                     continue
                 p = table[cell] = found
-                found_cells[p] = cell + frame * len(table)
+                found_cells[p], counts[p] = cell + frame * len(table), 0
+                for i in range(4):
+                    sums[p, i] = 0.0
+                for c in range(channels):
+                    best[p, c] = -np.inf
                 found += 1
             if counts[p] == max_points:
                 continue
