@@ -1,8 +1,8 @@
 """The contrasts of the proof: what one rig gains over another, by network and test set.
 
 Run as `python studies/proof/contrast.py [RUN ...]`. What run folders of `verify.yaml` and
-`budgets.yaml` have is written to `contrast.parquet` and `distance.parquet` first; without any these
-are read.
+`budgets.yaml` have replaces what `contrast.parquet` and `distance.parquet` have of the same networks;
+without any these are read.
 """
 
 from __future__ import annotations
@@ -31,21 +31,24 @@ METRICS = {
     "Car AP @ 0.7": ("Car", "AP_R40_3D", 0.7),
     "Car AP @ 0.5": ("Car", "AP_R40_3D", 0.5),
     "Car recall": ("Car", "class_recall_3D", 0.5),
+    "Pedestrian AP @ 0.5": ("Pedestrian", "AP_R40_3D", 0.5),
+    "Cyclist AP @ 0.5": ("Cyclist", "AP_R40_3D", 0.5),
     "Pedestrian recall": ("Pedestrian", "class_recall_3D", 0.5),
     "Cyclist recall": ("Cyclist", "class_recall_3D", 0.5),
     "recall of all": ("all", "recall", 0.5),
 }
-"""Class, metric, IoU; 0: over all of them."""
+"""Class, metric, IoU; 0: over all of them. Only `scratch` has AP of pedestrians and cyclists."""
 _KEYS = ["network", "test", "placement", "seed", "class", "metric", "iou"]
 
 
 def main() -> None:
     """Print a table for each of PAIRS."""
     if len(sys.argv) > 1:
-        runs = [_read(Path(run)) for run in sys.argv[1:]]
-        pd.concat(runs, ignore_index=True).to_parquet(FOLDER / "contrast.parquet", index=False)
-        far = pd.concat([_by_distance(Path(run)) for run in sys.argv[1:]], ignore_index=True)
-        far.to_parquet(FOLDER / "distance.parquet", index=False)
+        for name, reader in (("contrast.parquet", _read), ("distance.parquet", _by_distance)):
+            rows = pd.concat([reader(Path(run)) for run in sys.argv[1:]], ignore_index=True)
+            stored = pd.read_parquet(FOLDER / name)
+            stored = stored[~stored["network"].isin(rows["network"])]
+            pd.concat([stored, rows], ignore_index=True).to_parquet(FOLDER / name, index=False)
         _individuals(Path(sys.argv[1])).to_csv(FOLDER / "individuals.csv", index=False)
     rows = read()
     for pair in PAIRS:
@@ -57,6 +60,8 @@ def main() -> None:
                 continue
             for name, wanted in METRICS.items():
                 of_metric = _of(own, wanted)
+                if of_metric.empty:
+                    continue
                 cells = [_cell(of_metric, pair, asked) for asked in (tests, *([t] for t in tests))]
                 lines.append((str(network), name, *cells))
         if lines:
