@@ -105,10 +105,16 @@ class _Features(torch.autograd.Function):
             running = (norm.running_mean, norm.running_var)
             mean, variance = (cast(Tensor, item).numpy() for item in running)
         scale = 1 / np.sqrt(variance + norm.eps)
-        raw -= mean.astype(own.dtype)
-        raw *= scale.astype(own.dtype)
-        out = raw * gamma.detach().numpy()
-        out += beta.detach().numpy()
+        factor, shift = gamma.detach().numpy(), beta.detach().numpy()
+        if learns:
+            raw -= mean.astype(own.dtype)
+            raw *= scale.astype(own.dtype)
+            out = raw * factor
+        else:  # nobody needs the normalised values
+            factor = factor * scale.astype(own.dtype)
+            shift, out = shift - mean.astype(own.dtype) * factor, raw
+            out *= factor
+        out += shift
         np.maximum(out, 0, out=out)
         if learns:
             ctx.kept = points, winner, centres, rest, raw, out
