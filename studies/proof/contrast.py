@@ -1,8 +1,8 @@
 """The contrasts of the proof: what one rig gains over another, by network and test set.
 
-Run as `python studies/proof/contrast.py [RUN ...]`. What run folders of `verify.yaml` and
-`budgets.yaml` have replaces what `contrast.parquet` and `distance.parquet` have of the same networks;
-without any these are read.
+Run as `python studies/proof/contrast.py [RUN ...]`. Run folders of `verify.yaml` and `budgets.yaml`
+replace the rows of their networks in `contrast.parquet` and `distance.parquet`; without any these
+are read.
 """
 
 from __future__ import annotations
