@@ -14,6 +14,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, validated
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.mounting.keep_out import with_keep_outs
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.trailer import BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle
@@ -65,9 +66,15 @@ class VehicleSettings(Settings):
         None, description="a trailer that turns about its hitch"
     )
 
+    keep_out: tuple[tuple[Corner, Corner], ...] = Field(
+        (),
+        description="further boxes that stop rays and may not contain a LiDAR, from which areas "
+        "around the vehicle are not measured, such as mirrors",
+    )
+
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:
-        of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer"}
+        of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer", "keep_out"}
         if self.mesh is None and of_mesh:
             raise InputError("needs mesh", key=min(of_mesh))
         self.vehicle()
@@ -94,10 +101,11 @@ def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
         mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
-    if own is None:
-        return Vehicle("vehicle", np.array(settings.boxes), mesh)
-    boxes = np.array([*own.boxes, *settings.boxes])
-    return BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
+    body = Vehicle("vehicle", np.array(settings.boxes), mesh)
+    if own is not None:
+        boxes = np.array([*own.boxes, *settings.boxes])
+        body = BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
+    return with_keep_outs(body, Vehicle("keep_out", np.array(settings.keep_out)).boxes)
 
 
 def _short(value: Any) -> Any:
