@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,6 +24,17 @@ from lidarplace.rigs.pose import rotation
 Corner = tuple[Length, Length, Length]
 
 
+_LARGEST_RADIANS = 2.1
+"""The largest angle of a trailer, 120 degrees, in radians; articulation of few degrees is none."""
+
+
+def _check_above_ground(boxes: Sequence[tuple[Corner, Corner]]) -> None:
+    top = max((z for box in boxes for _, _, z in box), default=math.inf)
+    if top <= 0:
+        expected = "a top above the ground, z > 0"
+        raise InputError("is all under ground", key="boxes", expected=expected, found=top)
+
+
 class TrailerSettings(Settings):
     """A trailer that turns about its hitch. Requirements and constraints hold at each angle and
     straight; clouds and detectors see it straight. No LiDAR may sit on it."""
@@ -34,8 +46,19 @@ class TrailerSettings(Settings):
     angles_deg: tuple[Annotated[Degrees, Field(ge=-120, le=120)], ...] = Field(
         min_length=1,
         max_length=24,
-        description="counter-clockwise as seen from above: at 60 its end is on the right",
+        description="counter-clockwise as seen from above: at 60 its end is on the right; one of "
+        f"them beyond ±{_LARGEST_RADIANS}, or all 0",
     )
+
+    @model_validator(mode="after")
+    def _plausible(self) -> TrailerSettings:
+        largest = max(map(abs, self.angles_deg))
+        if 0 < largest <= _LARGEST_RADIANS:
+            fix = f"write {math.degrees(largest):.4g} for {largest:g} radians"
+            found = f"at most {largest:g}, as in radians"
+            raise InputError(key="angles_deg", expected="degrees", found=found, fix=fix)
+        _check_above_ground(self.boxes)
+        return self
 
 
 class VehicleSettings(Settings):
@@ -77,6 +100,7 @@ class VehicleSettings(Settings):
         of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer", "keep_out"}
         if self.mesh is None and of_mesh:
             raise InputError("needs mesh", key=min(of_mesh))
+        _check_above_ground(self.boxes)
         self.vehicle()
         return self
 
