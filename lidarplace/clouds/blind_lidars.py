@@ -8,7 +8,7 @@ from lidarplace.base.roi import Roi
 from lidarplace.clouds.convex import span
 from lidarplace.clouds.own_body import sedan
 from lidarplace.clouds.raycast import Beams, along, rays_of
-from lidarplace.mounting.housing import housings_in, turned
+from lidarplace.mounting.housing import housing_around, housings_in, turned
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle, poses_of
 from lidarplace.rigs.placement import Placement
@@ -49,6 +49,13 @@ def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
     """Raise ValueError for the first of `blind_lidars`."""
     for number in blind_lidars(rig, roi, vehicle):
         x, y, z = rig.mounts[number].position.tolist()
+        if (around := housing_around(rig, number)) is not None:
+            raise InputError(
+                f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) is inside the housing of LiDAR "
+                f"{around + 1}",
+                place=repr(rig.name),
+                fix="move it, or correct size_mm",
+            )
         seen = f"nothing below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)"
         raise InputError(
             f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and {seen}",

@@ -13,7 +13,7 @@ from lidarplace.clouds.convex import fill_corners
 from lidarplace.clouds.shapes import BODY, Parts, between, bricks, own_body
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.trailer import FACES, BendingVehicle
-from lidarplace.mounting.vehicle import Vehicle, depth_in_body
+from lidarplace.mounting.vehicle import Vehicle, body_of, depth_in_body
 from lidarplace.rigs.placement import Placement
 
 _SEDAN = own_body()
@@ -40,7 +40,7 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     held = depth_in_body(sedan() if vehicle is None else vehicle, places) > 0
     if held.any():
         number, what = int(held.argmax()), "body, which the key vehicle describes"
-        if isinstance(vehicle, BendingVehicle):
+        if vehicle is not None and isinstance(body_of(vehicle), BendingVehicle):
             what = "body, or on or in the way of its trailer; expected a place on the tractor"
         wrong = f"LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's {what}"
         raise InputError(wrong, place=repr(rig.name))

@@ -26,6 +26,7 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
 )
+from lidarplace.configuration.vehicle import VehicleSettings
 from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.polygon import NANOMETRE
@@ -137,6 +138,17 @@ def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float6
     """Lower and upper corners, metres, shape (n, 2, 3)."""
     sides = [(own.x, own.y, own.z) for own in keep_out.values()]
     return np.array(sides, np.float64).reshape(-1, 3, 2).transpose(0, 2, 1)
+
+
+def carrier_of(
+    vehicle: VehicleSettings | None, keep_out: Mapping[str, KeepOutSettings]
+) -> VehicleSettings | None:
+    """The vehicle, a car by default, with keep-outs as a part of it; None for neither."""
+    if not keep_out:
+        return vehicle
+    body = vehicle or VehicleSettings.model_validate({"boxes": Vehicle.car().boxes.tolist()})
+    boxes = (tuple(zip(own.x, own.y, own.z, strict=True)) for own in keep_out.values())
+    return body.model_copy(update={"keep_out": (*body.keep_out, *boxes)})
 
 
 class CommonViewSettings(Settings):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,12 +15,24 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, validated
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.mounting.keep_out import with_keep_outs
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.trailer import BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.pose import rotation
 
 Corner = tuple[Length, Length, Length]
+
+
+_LARGEST_RADIANS = 2.1
+"""The largest angle of a trailer, 120 degrees, in radians; articulation of few degrees is none."""
+
+
+def _check_above_ground(boxes: Sequence[tuple[Corner, Corner]]) -> None:
+    top = max((z for box in boxes for _, _, z in box), default=math.inf)
+    if top <= 0:
+        expected = "a top above the ground, z > 0"
+        raise InputError("is all under ground", key="boxes", expected=expected, found=top)
 
 
 class TrailerSettings(Settings):
@@ -33,8 +46,19 @@ class TrailerSettings(Settings):
     angles_deg: tuple[Annotated[Degrees, Field(ge=-120, le=120)], ...] = Field(
         min_length=1,
         max_length=24,
-        description="counter-clockwise as seen from above: at 60 its end is on the right",
+        description="counter-clockwise as seen from above: at 60 its end is on the right; one of "
+        f"them beyond ±{_LARGEST_RADIANS}, or all 0",
     )
+
+    @model_validator(mode="after")
+    def _plausible(self) -> TrailerSettings:
+        largest = max(map(abs, self.angles_deg))
+        if 0 < largest <= _LARGEST_RADIANS:
+            fix = f"write {math.degrees(largest):.4g} for {largest:g} radians"
+            found = f"at most {largest:g}, as in radians"
+            raise InputError(key="angles_deg", expected="degrees", found=found, fix=fix)
+        _check_above_ground(self.boxes)
+        return self
 
 
 class VehicleSettings(Settings):
@@ -65,11 +89,18 @@ class VehicleSettings(Settings):
         None, description="a trailer that turns about its hitch"
     )
 
+    keep_out: tuple[tuple[Corner, Corner], ...] = Field(
+        (),
+        description="further boxes that stop rays and may not contain a LiDAR, from which areas "
+        "around the vehicle are not measured, such as mirrors",
+    )
+
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:
-        of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer"}
+        of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer", "keep_out"}
         if self.mesh is None and of_mesh:
             raise InputError("needs mesh", key=min(of_mesh))
+        _check_above_ground(self.boxes)
         self.vehicle()
         return self
 
@@ -94,10 +125,11 @@ def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
         mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
-    if own is None:
-        return Vehicle("vehicle", np.array(settings.boxes), mesh)
-    boxes = np.array([*own.boxes, *settings.boxes])
-    return BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
+    body = Vehicle("vehicle", np.array(settings.boxes), mesh)
+    if own is not None:
+        boxes = np.array([*own.boxes, *settings.boxes])
+        body = BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
+    return with_keep_outs(body, Vehicle("keep_out", np.array(settings.keep_out)).boxes)
 
 
 def _short(value: Any) -> Any:

@@ -48,6 +48,19 @@ def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:
     return np.asarray(housings[housings[:, 0] != number])
 
 
+def housing_around(rig: Placement, number: int) -> int | None:
+    """Number of a LiDAR in whose housing LiDAR `number` is, from 0, a dead one after the others;
+    None outside of all."""
+    for housing in without(housings_in(rig), number):
+        offset = rig.mounts[number].position - housing[1:4]
+        along = np.abs(offset @ housing[4:13].reshape(3, 3))
+        if housing[16]:
+            along = np.array([math.hypot(*along[:2]), 0.0, along[2]])
+        if (along < housing[13:16]).all():
+            return int(housing[0])
+    return None
+
+
 @inner
 def turned(rotation, x, y, z):
     """The vector (x, y, z), turned."""

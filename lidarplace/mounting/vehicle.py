@@ -90,6 +90,12 @@ def poses_of(vehicle: Vehicle) -> Mapping[str, Vehicle]:
     return found
 
 
+def body_of(vehicle: Vehicle) -> Vehicle:
+    """The body alone, without keep-outs."""
+    found: Vehicle = getattr(vehicle, "body", vehicle)
+    return found
+
+
 def no_mounts_of(vehicle: Vehicle) -> NDArray[np.float64]:
     """The boxes in which no LiDAR may sit, shape (m, 2, 3)."""
     found: NDArray[np.float64] = getattr(vehicle, "no_mounts", vehicle.interior)
@@ -145,7 +151,7 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
 def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
     """How high the body is beneath this rectangle, metres; where it is not, what is nearest of it.
     Of a mesh by the boxes around its triangles. None without a body."""
-    parts = vehicle.boxes
+    parts = body_of(vehicle).boxes
     if vehicle.mesh is not None:
         corners = vehicle.mesh.triangles
         around = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.vehicle import depth_in_body
+from lidarplace.mounting.vehicle import body_of, depth_in_body
 from lidarplace.mounting.zone import Zone, distance, position
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.rigs.lidar import Lidar
@@ -117,8 +117,9 @@ def _nearest(zones: Sequence[Zone], mount: Mount) -> Zone:
 
 def _above(file: RigsFile) -> Zone:
     """On and above the middle of the body."""
-    low = file.vehicle.extents[:, 0].min(axis=0, initial=0.0).tolist()
-    high = file.vehicle.extents[:, 1].max(axis=0, initial=0.0).tolist()
+    extents = body_of(file.vehicle).extents
+    low = extents[:, 0].min(axis=0, initial=0.0).tolist()
+    high = extents[:, 1].max(axis=0, initial=0.0).tolist()
     return Zone.box("above", (low[0], high[0]), (low[1], high[1]), (high[2], high[2] + AROUND_M))
 
 

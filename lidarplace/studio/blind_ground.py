@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.near_field import seen_in_columns
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, body_of
 from lidarplace.requirements.judge import Outcome
 from lidarplace.rigs.placement import Placement
 
@@ -54,8 +54,9 @@ def _counted(
     placement: Placement | None, vehicle: Vehicle, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Middles of the cells, and the sensors over each."""
-    low = vehicle.extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
-    high = vehicle.extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
+    extents = body_of(vehicle).extents
+    low = extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
+    high = extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
     (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
     roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
     sensors, there = np.zeros(roi.shape[:2], np.int64), np.ones(roi.shape[:2], bool)

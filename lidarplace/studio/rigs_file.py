@@ -18,13 +18,14 @@ from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
     PlaceSettings,
+    carrier_of,
     keep_out_boxes,
     mountable,
 )
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
-from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
+from lidarplace.configuration.vehicle import OwnVehicle, VehicleSettings, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.files.atomic import write_text
 from lidarplace.mounting.vehicle import Vehicle
@@ -115,13 +116,17 @@ class RigsFile:
     @cached_property
     def body(self) -> Vehicle:
         """What stops rays: the body, and what is kept free of LiDARs."""
-        return self.vehicle.with_boxes(self.keep_out)
+        return vehicle_of(self.carrier_settings)
+
+    @property
+    def carrier_settings(self) -> VehicleSettings | None:
+        """The same as the key `vehicle`; None for a car in requirements, a sedan in clouds."""
+        return carrier_of(self.settings.vehicle, self.settings.keep_out)
 
     @cached_property
     def carrier(self) -> Vehicle | None:
-        """The same in clouds, of sweeps as well; None, a sedan, where the file tells of neither."""
-        told = self.settings.vehicle is not None or len(self.keep_out) > 0
-        return self.body if told else None
+        """The same in clouds; None, a sedan, where the file tells of neither."""
+        return None if self.carrier_settings is None else self.body
 
     @cached_property
     def laid(self) -> tuple[Laid, ...]:

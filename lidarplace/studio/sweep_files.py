@@ -55,11 +55,8 @@ def sweep_of(
 
 def _vehicle(file: RigsFile) -> Content:
     """The key `vehicle` of a sweep, with what the file keeps out; none for a sedan."""
-    if file.carrier is None:
-        return {}
-    told = file.settings.vehicle
-    own = {} if told is None else told.model_dump(mode="json", exclude_defaults=True)
-    return {"vehicle": own | {"boxes": file.carrier.boxes.tolist()}}
+    own = file.carrier_settings
+    return {} if own is None else {"vehicle": own.model_dump(mode="json", exclude_defaults=True)}
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:

@@ -13,7 +13,7 @@ from lidarplace.clouds.blind_lidars import OBJECTS_M, blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.common_view import common_view, weakest
 from lidarplace.mounting.facing import facing_pairs
-from lidarplace.mounting.housing import housings_of, without
+from lidarplace.mounting.housing import housing_around, housings_of, without
 from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.judge import Outcome, judge
@@ -168,12 +168,17 @@ def _paired(rig: Rig, file: RigsFile) -> Iterator[Violation]:
 def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
     """The LiDARs that see nothing of the ROI, dead or not, unless the file allows them."""
     whole = None if file.settings.allow_blind_lidars else _whole(rig, file)
-    text = (
-        f"sees no ground and nothing below {OBJECTS_M:g} m in the ROI; turn or move it, extend "
-        "the ROI, or set allow_blind_lidars: true"
-    )
-    found = () if whole is None else blind_lidars(whole, roi, file.carrier)
-    return [Violation("blind", (n,), math.nan, f"LiDAR {n}: {text}") for n in found]
+    if whole is None:
+        return []
+    texts = {}
+    for number in blind_lidars(whole, roi, file.carrier):
+        texts[number] = (
+            f"sees no ground and nothing below {OBJECTS_M:g} m in the ROI; turn or move it, extend "
+            "the ROI, or set allow_blind_lidars: true"
+        )
+        if (around := housing_around(whole, number)) is not None:
+            texts[number] = f"is inside the housing of LiDAR {around}; move it"
+    return [Violation("blind", (n,), math.nan, f"LiDAR {n}: {text}") for n, text in texts.items()]
 
 
 def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:

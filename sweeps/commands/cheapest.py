@@ -61,6 +61,6 @@ def cheapest(
     if as_json:
         print_json(told(problem, chosen, rig, called()))
     else:
-        print_chosen(console, problem, chosen, rig, folder)
+        print_chosen(console, problem, chosen, rig, folder, recall)
     if rig is None:
         raise typer.Exit(1)

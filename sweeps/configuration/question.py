@@ -12,7 +12,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.base.number_text import point
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.own_body import check_mounts
-from lidarplace.configuration.mounting import KeepOuts, KeepOutSettings, keep_out_boxes
+from lidarplace.configuration.mounting import KeepOuts, KeepOutSettings, carrier_of, keep_out_boxes
 from lidarplace.configuration.placement import (
     PlacementSettings,
     read_placement,
@@ -81,7 +81,7 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
         for rig, others in zip(rigs, further, strict=True):
             check_asked(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
-        vehicle = body.with_boxes(keep_out_boxes(file.keep_out))
+        vehicle = vehicle_of(carrier_of(file.vehicle, file.keep_out))
         return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves), further)
 
 

@@ -257,7 +257,7 @@ class CheapestSettings(Settings):
     by: Literal["lidars", "price", "power", "height"] = Field(
         "lidars",
         description="what to minimise: the number of LiDARs, their price with mounts, their "
-        "power, or the height of the highest mount and then the number of LiDARs",
+        "power, or the height of the highest mount; then the number of LiDARs",
     )
     recall: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = Field(
         None,

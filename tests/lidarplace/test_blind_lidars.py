@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
-from lidarplace.clouds.blind_lidars import OBJECTS_M, SPACE_M, blind_lidars
+from lidarplace.clouds.blind_lidars import OBJECTS_M, SPACE_M, blind_lidars, check_not_blind
 from lidarplace.clouds.own_body import body_parts, sedan
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.shade import ends_of
@@ -16,6 +16,7 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.scan_pattern import ScanPattern
+from tests.refused import refused
 
 FRONT = Roi((0, 40), (-20, 20), (0, 4), 0.5)
 AROUND = Roi((-40, 40), (-20, 20), (0, 4), 0.5)
@@ -93,6 +94,32 @@ def test_other_lidars_hide_what_is_behind_them():
     hidden = Placement("one", [rig.mounts[0]], narrow, dead=[(rig.mounts[1], wall)])
     assert blind_lidars(hidden, FRONT, NOTHING) == [0], "by a dead one, too"
     assert blind_lidars(Placement("one", [rig.mounts[0]], narrow), FRONT, NOTHING) == []
+
+
+@pytest.mark.parametrize(
+    ("size", "turn", "place", "inside"),
+    [
+        ((0.3, 0.1, 0.2), 0, (0.14, 0.04, 0.09), True),
+        ((0.3, 0.1, 0.2), 0, (0.14, 0.06, 0.0), False),
+        ((0.3, 0.1, 0.2), 90, (0.04, -0.14, 0.0), True),  # the long side is along y
+        ((0.3, 0.1, 0.2), 90, (0.14, 0.04, 0.0), False),
+        ((0.2, 0.2, 0.2), 0, (0.07, 0.07, 0.0), True),  # a cylinder
+        ((0.2, 0.2, 0.2), 0, (0.08, 0.08, 0.0), False),
+    ],
+)
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_a_lidar_inside_of_a_housing_is_named(size, turn, place, inside, is_dead):
+    housing = Mount.degrees(z=2.0, yaw=turn), Lidar.even(1, (0, 0), 90, size=size)
+    mount, lidar = Mount(place[0], place[1], 2.0 + place[2]), Lidar.paper()
+    rig = Placement("rig", [mount], lidar, dead=[housing])
+    if not is_dead:
+        rig = Placement("rig", [mount, housing[0]], [lidar, housing[1]])
+    assert (0 in blind_lidars(rig, AROUND, NOTHING)) == inside
+    if inside:
+        with refused("^'rig': LiDAR 1 at .* is inside the housing of LiDAR 2; move it"):
+            check_not_blind(rig, AROUND, NOTHING)
+    else:
+        check_not_blind(rig, AROUND, NOTHING)
 
 
 lengths = st.floats(-3, 3).map(lambda value: round(value, 3))

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +21,8 @@ from lidarplace.requirements.judge import judge
 from sweeps.commands.cheapest import app
 from sweeps.search.cheapest import choose
 from sweeps.search.cheapest.choose import cheapest, cost_of
+from sweeps.search.cheapest.polish import needed_for, polish
+from sweeps.search.cheapest.result import proof
 from sweeps.search.greedy.candidates import candidates_of
 from sweeps.search.judgement import chosen as recall_module
 from sweeps.search.problem.assess import Traffic, assess
@@ -43,7 +46,7 @@ WHERE = [{"x": [2, 5], "y": [-2, 2]}, {"distance": [0.5, 2]}, {"x": [-2, 2], "y"
 WHERE += [{"sectors": ["front"], "distance": [1, 4]}]
 
 
-def drawn(seed):
+def drawn(seed, by):
     """Keys of a small search: requirements of all kinds, constraints, and what is to be least."""
     random = np.random.default_rng(seed)
 
@@ -96,18 +99,20 @@ def drawn(seed):
     keys |= {"zones": zones, "vehicle": vehicle, "fixed": fixed, "constraints": constraints}
     keys |= {"models": models | ({"wide": MODELS["wide"]} if fixed else {})}
     keys |= {"requirements": requirements, "pitch_deg": 15, "roll_deg": 0, "objective": "price"}
-    least = one_of("lidars", "price", "price", "power", "height")
-    keys |= {"cheapest": {"by": least, "seconds": 60}}
+    if by == "price" and "lossy" in keys["models"] and len(keys["models"]) > 1:
+        keys["models"]["lossy"] = MODELS["lossy"] | {"price": one_of(0, 2)}  # equal sums
+    keys |= {"cheapest": {"by": by, "seconds": 60}}
     return keys | {"greedy": {"position_step": 0.6, "refine": 0}}
 
 
 def least_of_all(problem):
-    """What the cheapest of all rigs of the grid costs, each judged as a search does."""
+    """What the cheapest of all rigs of the grid costs, and of equal ones the least number of
+    LiDARs, each judged as a search does."""
     space, search = problem.space, problem.file.search
     fixed = ordered(space.fixed)
     candidates = [rig for rig in candidates_of(problem) if rig != fixed]
     low, high = space.numbers
-    best = math.inf
+    best = math.inf, 0
     for size in range(1, high + 1):
         for parts in itertools.combinations(candidates, size):
             lidars = [lidar for rig in parts for lidar in rig]
@@ -118,26 +123,31 @@ def least_of_all(problem):
             ):
                 continue
             rig = ordered([*fixed, *lidars])
-            if cost_of(rig, problem) < best and assess(rig, problem.question, NOTHING).feasible:
-                best = cost_of(rig, problem)
+            cost = round(cost_of(rig, problem), 6), len(rig)
+            if cost < best and assess(rig, problem.question, NOTHING).feasible:
+                best = cost
     return best
 
 
 NOTHING = Traffic({}, None)
+BY = ("lidars", "price", "power", "height")
 BY_POWER = ["search.cheapest.by=power"]
 
 
 @pytest.mark.parametrize("by_cuts", [False, True])
-@pytest.mark.parametrize("seed", range(10))
-def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by_cuts):
+@pytest.mark.parametrize(("seed", "by"), [*enumerate(BY * 2), (51, "price"), (51, "height")])
+def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts):
     if by_cuts:  # neither a rig to begin with nor one with more to spare: rows and cuts alone
         monkeypatch.setattr(choose._Work, "greedy", lambda self, by_cost: False)
         monkeypatch.setattr(choose._Work, "try_others", lambda self, cost: None)
-    problem = read_problem(write_search(tmp_path, search=drawn(seed)))
+    problem = read_problem(write_search(tmp_path, search=drawn(seed, by)))
     found = cheapest(problem)
     assert found.gap == 0 or found.rig is None
-    assert found.cost == pytest.approx(least_of_all(problem))
+    cost, number = least_of_all(problem)
+    assert (found.cost, found.fewest) == (pytest.approx(cost), number)
     if found.rig is not None:
+        assert len(found.rig) == number
+        assert all(needed_for(problem, found.rig, None))
         assert assess(found.rig, problem.question, NOTHING).feasible
         assert cost_of(found.rig, problem) == pytest.approx(found.cost)
     else:
@@ -159,7 +169,7 @@ def run(folder, *options, **changes):
 def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     done = run(tmp_path, cheapest={"by": "price"})
     assert done.exit_code == 0, done.output
-    assert "price 5: the least of the grid, which is proven" in done.output
+    assert "price 5 with 2 LiDARs: the least of the grid, which is proven" in done.output
     folder = tmp_path / "runs/small/cheapest"
     told = json.loads((folder / "cheapest.json").read_text())
     assert (told["cost"], told["bound"], told["gap"]) == (5, 5, 0)
@@ -174,6 +184,50 @@ def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     assert outcome.met
     assert outcome.worst.value / 6 == pytest.approx(told["margin"])
     assert done.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
+
+
+ONE = EASY | {"also_when": {}}
+LEFT = ONE | {"name": "aside", "where": {"x": [-1, 1], "y": [2.5, 3.5]}}
+NOSE = {"x": 2.45, "y": 0.0, "z": 0.6}
+PAIR = {"x": 0.0, "y": 1.05, "z": 0.9}
+FIXED = [{"x": 0.0, "y": 0.0, "z": 2.0, "model": "wide"}]
+
+
+@pytest.mark.parametrize(
+    ("zones", "changes", "reasons"),
+    [
+        ({"nose": NOSE | {"y": [-0.3, 0.3]}}, {"lidars": [2, 3]}, {"search.lidars"}),
+        ({"nose": NOSE}, {"lidars": 1}, {"somebody ahead"}),
+        ({"nose": NOSE}, {"lidars": 1, "fixed": FIXED}, {"search.fixed", "search.lidars"}),
+        (
+            {"nose": NOSE | {"lidars": 1}, "left": PAIR | {"lidars": 1}},
+            {},
+            {"somebody ahead", "search.zones.left.lidars"},
+        ),
+        (
+            {"left": PAIR | {"lidars": [0, 1], "mirrored": True}},
+            {"requirements": [LEFT]},
+            {"aside", "the pair: aside"},
+        ),
+    ],
+)
+def test_each_lidar_has_a_reason(tmp_path, zones, changes, reasons):
+    keys = {key: value for key, value in SMALL.items() if key != "lidars"} | {"zones": zones}
+    search = keys | {"requirements": [ONE]} | changes
+    problem = read_problem(write_search(tmp_path, search=search))
+    found = cheapest(problem)
+    assert (found.gap, found.fewest) == (0, len(found.rig))
+    why = needed_for(problem, found.rig, None)
+    assert {reason.partition(" at x ")[0] for reason in why} == reasons
+
+
+def test_refinement_leaves_out_what_is_not_needed(tmp_path):
+    keys = SMALL | {"requirements": [ONE], "cheapest": {"by": "height"}}
+    problem = read_problem(write_search(tmp_path, search=keys))
+    wide = {rig[0].mount.y: rig[0] for rig in candidates_of(problem) if rig[0].model == "wide"}
+    rig = polish(problem, ordered([*wide.values()][::2]), None)
+    assert len(rig) == 1
+    assert needed_for(problem, rig, None) == ["somebody ahead"]
 
 
 def test_none_is_feasible(tmp_path):
@@ -202,6 +256,9 @@ def test_a_rig_that_the_detector_rejects_is_excluded(tmp_path):
     found = cheapest(problem, recall)
     assert (found.cost, found.bound, found.gap) == (3, 3, 0)
     assert found.value == 90.0
+    why = needed_for(problem, found.rig, recall)
+    assert "price 70.0" in why
+    assert all(why)
     pairs = {rig for rig in asked if len(rig) == 2}
     good = itertools.combinations([rig[0] for rig in candidates_of(problem)], 2)
     assert pairs == {r for r in map(ordered, good) if assess(r, problem.question, NOTHING).feasible}
@@ -241,6 +298,8 @@ def test_time_that_is_over_leaves_a_gap(tmp_path, monkeypatch):
     assert assess(found.rig, problem.question, NOTHING).feasible
     assert 0 <= found.gap < 1
     assert found.bound <= 5 <= found.cost
+    least = replace(found, bound=found.cost, fewest=1)
+    assert "which is proven; at that price at least 1 are needed, when" in proof(problem, least)
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,11 @@ from lidarplace import PAPER_PLACEMENTS, Mount
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.logs.box_log import read_box_log
+from lidarplace.recall.detection_curve import default_curves
 from lidarplace.recall.expected_recall import ExpectedRecall
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
+from sweeps.configuration.question import laid_out
 from sweeps.plan.plan import make_plan
 from sweeps.search.judgement.verify import read_verification
 from sweeps.search.problem.assess import Traffic, assess
@@ -142,7 +144,9 @@ def test_a_search_of_a_vehicle_that_bends(tmp_path):
     bent = problem.question.carrier.vehicle
     assert list(bent.poses) == ["", "trailer at −80°", "trailer at 45°"]
     swept = problem.vehicle.vehicle()
-    assert swept.angles == bent.angles
+    assert swept.body.angles == bent.body.angles
+    laid = laid_out(problem.file.search.requirements, swept, default_curves())
+    np.testing.assert_array_equal(laid[0].boxes, problem.question.carrier.requirements[0].boxes)
     assert swept.poses.keys() == bent.poses.keys()
     np.testing.assert_array_equal(swept.boxes, bent.boxes)
     roof = Choice("lidar", "roof", Mount(0.0, 0.5, 2.5))

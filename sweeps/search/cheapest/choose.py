@@ -22,7 +22,8 @@ rows is judged exactly. If it fails, a cut excludes it and its like: without one
 with one that sees the place in question. Coverage, mounts that are off, and what a detector finds
 exclude that very rig; LiDARs that others blind or cover exclude all that hold them.
 Other choices of the same cost with the most to spare are tried first. The first rig that is judged
-and costs what the programme does at least is the cheapest of the grid.
+and costs what the programme does at least is the cheapest of the grid. Then the same rows, and a
+limit on the cost, prove how many LiDARs such a rig has at least.
 """
 
 import itertools
@@ -84,6 +85,7 @@ class Chosen:
     Attributes:
         cost, bound: what it costs, and what every rig of the grid costs at least; infinite where
             none meets everything.
+        fewest: LiDARs that every rig of the grid with that cost has at least; 0: not known.
         closest: the rig that was judged to lack least.
         value: of the detector, percent; None if it was not asked.
         counts: of candidates, objects, rounds, rows, cuts and rigs judged.
@@ -92,6 +94,7 @@ class Chosen:
     rig: Choices | None
     cost: float
     bound: float
+    fewest: float
     closest: Choices | None
     seconds: float
     value: float | None = None
@@ -145,9 +148,9 @@ def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
     start = time.monotonic()
     candidates = candidates_of(problem)
     if not candidates:
-        return Chosen(None, math.inf, math.inf, None, time.monotonic() - start)
+        return Chosen(None, math.inf, math.inf, 0, None, time.monotonic() - start)
     work = _Work(problem, candidates, recall)
-    work.run()
+    proven = work.run()
     rig, closest = (None if own is None else work.rig(own) for own in (work.best, work.closest))
     counts = {
         "candidates": len(candidates),
@@ -159,7 +162,7 @@ def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
     }
     seconds = time.monotonic() - start
     value = None if work.best is None else work.values.get(work.best)
-    return Chosen(rig, work.cost, work.bound, closest, seconds, value, counts)
+    return Chosen(rig, *proven, closest, seconds, value, counts)
 
 
 @dataclass(eq=False)
@@ -219,11 +222,22 @@ class _Work:
         """Numbers of their LiDARs."""
         return np.flatnonzero(np.isin(self.owner, list(chosen))).tolist()
 
-    def run(self) -> None:
-        """Solve, look, add, until a rig is as cheap as the programme, or time is up."""
+    def run(self) -> tuple[float, float, float]:
+        """Cost and bound of the cheapest rig, then the fewest LiDARs at that cost; see `Chosen`."""
         self.add_rows(())
         if not self.greedy(by_cost=True):
             self.greedy(by_cost=False)
+        self.minimise()
+        cost, bound = self.cost, self.bound
+        if self.best is None or not _reaches(bound, cost):
+            return cost, bound, 0.0
+        if self.problem.file.search.cheapest.by != "lidars":
+            self.programme, self.bound = self.programme.of_number(cost), 0.0
+            self.minimise()
+        return cost, bound, self.bound
+
+    def minimise(self) -> None:
+        """Solve, look, add, until a rig is as cheap as the programme, or time is up."""
         while self.left > 0 and not _reaches(self.bound, self.cost):
             self.rounds += 1
             found = self.programme.solve(self.left)

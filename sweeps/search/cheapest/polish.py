@@ -8,7 +8,7 @@ from dataclasses import replace
 from sweeps.search.cheapest.choose import Recall, Verdict, cost_of, verdict_of
 from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.greedy.refine import neighbours
-from sweeps.search.problem.choice import Choices
+from sweeps.search.problem.choice import Choice, Choices
 from sweeps.search.problem.constraints import requirement_name
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Placed, rig_of
@@ -26,13 +26,20 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
     Cheaper rigs are tried first: without one of its LiDARs, or with a cheaper model in its place.
     Each coordinate of each LiDAR moves by half a step of the grid while that helps, then by a
     quarter, and so on, as `search.greedy.refine` says. It takes no longer than the choice may.
+    Then what became surplus is left out.
     """
     settings, least = problem.file.search.greedy, problem.file.search.cheapest.recall
     assert settings is not None
     until = time.monotonic() + problem.file.search.cheapest.seconds
-    best, starts = rig, sorted(_cheaper(problem, rig), key=lambda own: cost_of(own, problem))
+
+    def meets_all(rig: Choices) -> bool:
+        if verdict_of(rig, problem).broken:
+            return False
+        return recall is None or least is None or recall(rig) >= least
+
+    best, starts = rig, sorted(_cheaper(problem, rig), key=lambda own: _order(problem, own))
     for start in [*starts, rig]:
-        if cost_of(start, problem) > cost_of(best, problem):
+        if _order(problem, start) > _order(problem, best):
             continue
         placed = slots_of(start, problem)
         if placed is None or _value(problem, placed)[0] < _HOPELESS:
@@ -41,10 +48,16 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
             length, angle = settings.position_step, math.radians(settings.angle_step_deg)
             placed = _moved(problem, placed, length / 2**level, angle / 2**level, until)
         moved = rig_of(placed, problem.space)
-        found = recall is None or least is None or recall(moved) >= least
-        if found and not verdict_of(moved, problem).broken:
+        if meets_all(moved):
             best = moved
+    while cheaper := next(filter(meets_all, _cheaper(problem, best)), None):
+        best = cheaper
     return best
+
+
+def _order(problem: Problem, rig: Choices) -> tuple[float, int]:
+    """What is to be least: the cost, then the number of LiDARs."""
+    return cost_of(rig, problem), len(rig)
 
 
 def _cheaper(problem: Problem, rig: Choices) -> Iterator[Choices]:
@@ -54,7 +67,8 @@ def _cheaper(problem: Problem, rig: Choices) -> Iterator[Choices]:
         models = (replace(place.lidar, model=model) for model in place.slot.models)
         for own in [[], *([replace(place, lidar=lidar)] for lidar in models)]:
             new = rig_of([*placed[:i], *placed[i + 1 :], *own], problem.space)
-            if new and cost_of(new, problem) < cost_of(rig, problem) and slots_of(new, problem):
+            is_cheaper = bool(new) and _order(problem, new) < _order(problem, rig)
+            if is_cheaper and slots_of(new, problem) is not None:
                 yield new
 
 
@@ -82,18 +96,37 @@ def _value(problem: Problem, placed: Sequence[Placed]) -> tuple[float, float, fl
     return min(verdict.margin, 1.0), -cost_of(rig, problem), min(verdict.margin, _PLENTY)
 
 
-def needed_for(problem: Problem, rig: Choices) -> list[str]:
-    """What fails without each LiDAR: the first requirement or constraint; "" for nothing."""
-    left = ((*rig[:number], *rig[number + 1 :]) for number in range(len(rig)))
-    verdicts = [verdict_of(own, problem) for own in left]
-    return [_worst(verdict) if verdict.broken else "" for verdict in verdicts]
+def needed_for(problem: Problem, rig: Choices, recall: Recall | None) -> list[str]:
+    """What fails without each LiDAR, or without its mirrored pair: a requirement, a constraint, the
+    recall, or the setting that asks for it; "" for nothing."""
+    placed = slots_of(rig, problem) or []
+    return [_needed_for(problem, rig, lidar, placed, recall) for lidar in rig]
+
+
+def _needed_for(
+    problem: Problem, rig: Choices, lidar: Choice, placed: Sequence[Placed], recall: Recall | None
+) -> str:
+    search = problem.file.search
+    together = next((place.rig for place in placed if lidar in place.rig), ())
+    for parts, text in [((lidar,), ""), (together, "the pair: ")]:
+        rest = tuple(other for other in rig if other not in parts)
+        if (verdict := verdict_of(rest, problem)).broken:
+            return text + _worst(verdict)
+    if not together:
+        return "search.fixed"
+    if slots_of(rest, problem) is None:
+        return f"search.zones.{lidar.zone}.lidars" if search.counted else "search.lidars"
+    least = search.cheapest.recall
+    if recall is not None and least is not None and (found := recall(rest)) < least:
+        return f"{search.objective[0].name} {found:.1f}"
+    return ""
 
 
 def _worst(verdict: Verdict) -> str:
     """The requirement that lacks most, and where; or another constraint."""
     short = [own for own in verdict.outcomes if not own.met]
     if not short:
-        return verdict.broken[0].name
+        return verdict.broken[-1].name.removeprefix(requirement_name(""))
     own = min(short, key=lambda own: own.worst.value / own.requirement.least)
     x, y = digits(own.worst.x, "z.2f"), digits(own.worst.y, "z.2f")
     return f"{own.requirement.name} at x {x}, y {y}"

@@ -1,8 +1,10 @@
 """The mixed-integer programme: one 0/1 unknown a candidate, and the rows that are known so far."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,6 +90,18 @@ class Programme:
         own = self.costs[list(chosen)]
         return self.base + float(own.max(initial=0.0) if self.of_highest else math.fsum(own))
 
+    def of_number(self, cost: float) -> Programme:
+        """The programme of the fewest LiDARs of choices that cost no more; shares rows and cuts."""
+        found = replace(self, costs=self.sizes, of_highest=False, base=0.0, exactly=False)
+        if self.of_highest:
+            found.cut((self.costs > cost - self.base + 1e-9).astype(float), -math.inf, 0.0)
+        else:
+            found.cut(self.costs, -math.inf, self._most(cost))
+        return found
+
+    def _most(self, cost: float) -> float:
+        return cost - self.base + 1e-6 * max(1.0, abs(cost))
+
     def solve(self, seconds: float, most: float | None = None, reach: float = 0.0) -> Solution:
         """The cheapest choice in so many seconds; or, of those that cost no more than `most`, the
         one with most to spare in the row that has least, up to `reach` times what is needed."""
@@ -128,8 +142,7 @@ class Programme:
             if self.of_highest:
                 high[:n] *= self.costs <= most - self.base + 1e-9
             else:
-                bound = most - self.base + 1e-6 * max(1.0, abs(most))
-                lines.append(_lines(width, goal[None], [-math.inf], bound))
+                lines.append(_lines(width, goal[None], [-math.inf], self._most(most)))
             goal = np.zeros(width)
             goal[n + 1] = -1.0
         low = np.zeros(width)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from rich.table import Table
 from lidarplace.command_line.terminal import table
 from lidarplace.files.atomic import write_text
 from lidarplace.requirements.tables import case_table, worst_cases
-from sweeps.search.cheapest.choose import Chosen, cost_of, verdict_of
+from sweeps.search.cheapest.choose import Chosen, Recall, cost_of, verdict_of
 from sweeps.search.cheapest.polish import needed_for
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
@@ -36,7 +37,15 @@ def proof(problem: Problem, chosen: Chosen) -> str:
     named = "" if settings.by == "lidars" else f"{settings.by} "
     told = f"{named}{_told(problem, chosen.cost)}"
     if chosen.gap == 0.0:
-        return f"{told}: the least of the grid, which is proven ({work})."
+        number, proven = len(chosen.rig), "of the grid, which is proven"
+        if settings.by != "lidars":
+            told += f" with {number} LiDAR{'s' * (number > 1)}"
+        if chosen.fewest == number:
+            return f"{told}: the least {proven} ({work})."
+        return (
+            f"{told}: the least {settings.by} {proven}; at that {settings.by} at least "
+            f"{chosen.fewest:g} are needed, when search.cheapest.seconds were over ({work})."
+        )
     return (
         f"{told}; no rig of the grid costs less than {_told(problem, chosen.bound)}, a gap of "
         f"{100 * chosen.gap:.3g} %, when search.cheapest.seconds were over ({work})."
@@ -49,7 +58,12 @@ def _told(problem: Problem, cost: float) -> str:
 
 
 def print_chosen(
-    console: Console, problem: Problem, chosen: Chosen, rig: Choices | None, folder: Path
+    console: Console,
+    problem: Problem,
+    chosen: Chosen,
+    rig: Choices | None,
+    folder: Path,
+    recall: Recall | None,
 ) -> None:
     """The rig, why it needs each LiDAR, and what binds; or the one that lacks least."""
     console.print(proof(problem, chosen), style="bold", soft_wrap=True)
@@ -67,7 +81,8 @@ def print_chosen(
             f"Refined between the candidates: {_told(problem, cost_of(rig, problem))}, least "
             f"margin {before.margin:.3g} → {verdict.margin:.3g}"
         )
-    console.print(_lidars(problem, shown, rig is not None))
+    why = [""] * len(shown) if rig is None else needed_for(problem, rig, recall)
+    console.print(_lidars(shown, why))
     if verdict.outcomes:
         worst = worst_cases(case_table(verdict.outcomes), [])
         worst = worst.iloc[(worst["value"] / worst["at_least"]).argsort(kind="stable")]
@@ -83,9 +98,8 @@ def print_chosen(
         console.print(f"{folder / 'placement.yaml'}", soft_wrap=True)
 
 
-def _lidars(problem: Problem, rig: Choices, is_met: bool) -> Table:
-    """A row for each LiDAR."""
-    why = needed_for(problem, rig) if is_met else [""] * len(rig)
+def _lidars(rig: Choices, why: Sequence[str]) -> Table:
+    """A row for each LiDAR, and why the rig needs it."""
     rows = []
     for lidar, reason in zip(rig, why, strict=True):
         own = lidar.mount
@@ -115,7 +129,7 @@ def as_json(
     shown = rig or chosen.closest
     verdict = None if shown is None else verdict_of(shown, problem)
     cases = None if verdict is None or not verdict.outcomes else case_table(verdict.outcomes)
-    known = {key: getattr(chosen, key) for key in ("cost", "bound", "seconds", "value")}
+    known = {key: getattr(chosen, key) for key in ("cost", "bound", "fewest", "seconds", "value")}
     known |= chosen.counts
     known |= {"gap": chosen.gap, "refined_cost": math.inf if rig is None else cost_of(rig, problem)}
     return {

@@ -12,6 +12,7 @@ import yaml
 from pydantic import BaseModel
 
 from lidarplace.base.errors import at
+from lidarplace.configuration.mounting import carrier_of
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
@@ -21,7 +22,6 @@ from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import SearchFile
 from sweeps.configuration.sweep import Point
 from sweeps.search.problem.choice import Choice, Choices
-from sweeps.search.problem.constraints import with_keep_outs
 
 _OWN = ("search", "robustness", "verify", "placement")
 
@@ -61,16 +61,9 @@ class SearchConfig:
 
     @cached_property
     def vehicle(self) -> VehicleSettings | None:
-        """The vehicle as that of a sweep: what is kept out are boxes of it. None if the search says
-        neither: clouds then have the sedan of sweeps."""
-        told, search = self.file.search.vehicle, self.file.search
-        if told is None and not search.keep_out:
-            return None
-        own = {} if told is None else told.model_dump(exclude_defaults=True)
-        boxes = with_keep_outs(search).boxes.tolist()
-        if told is not None and told.trailer is not None:
-            boxes = boxes[len(told.trailer.boxes) :]  # it has those of the trailer besides
-        return VehicleSettings.model_validate(own | ({"boxes": boxes} if boxes else {}))
+        """The vehicle as that of a sweep, with what is kept out. None if the search says neither:
+        clouds then have the sedan of sweeps."""
+        return carrier_of(self.file.search.vehicle, self.file.search.keep_out)
 
     def point(self, changes: Mapping[str, Any], names: Mapping[str, str]) -> Point:
         """A point of a sweep with `changes`, key path -> value, which the user wrote as `names`;

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarplace import Lidar, Placement, Roi
 from lidarplace.clouds.blind_lidars import blind_lidars
-from lidarplace.configuration.mounting import keep_out_boxes, mountable
+from lidarplace.configuration.mounting import carrier_of, keep_out_boxes, mountable
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
@@ -92,7 +92,7 @@ def _may_be_in_body(search: SearchSettings) -> bool:
 
 def with_keep_outs(search: SearchSettings) -> Vehicle:
     """The vehicle of a search, with all that hides what is behind it."""
-    return vehicle_of(search.vehicle).with_boxes(keep_out_boxes(search.keep_out))
+    return vehicle_of(carrier_of(search.vehicle, search.keep_out))
 
 
 def requirement_name(name: str) -> str:

@@ -1,7 +1,10 @@
 """A trailer that turns, against boxes that are where it is then."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
+import yaml
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.clouds.own_body import check_mounts
@@ -122,6 +125,24 @@ def test_a_file_says_it(tmp_path):
     assert isinstance(vehicle, BendingVehicle)
     assert list(vehicle.poses) == ["", "trailer at −60°"]
     np.testing.assert_array_equal(vehicle.boxes, [BOX, CAB])
-    path.write_text(f"{{boxes: [{CAB}], trailer: {{hitch: [0, 0], boxes: [], angles_deg: [9]}}}}")
-    with refused(("truck.yaml", "trailer.boxes", "")):
+
+
+UNDER = [[-9.0, -1.0, -2.0], [-2.0, 1.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("boxes", "angles", "body", "mistake"),
+    [
+        ([], [9], [], ("truck.yaml", "trailer.boxes", "")),
+        ([UNDER, UNDER], [9], [], ("truck.yaml", "trailer.boxes", "0.0")),
+        ([BOX, UNDER], [1.04, -1.04, 0], [], ("truck.yaml", "trailer.angles_deg", "1.04")),
+        ([BOX], [9], [UNDER], ("truck.yaml", "boxes", "0.0")),
+        ([BOX, UNDER], [1.04, -20], [], None),
+        ([BOX], [0], [CAB, UNDER], None),
+    ],
+)
+def test_implausible_trailers(tmp_path, boxes, angles, body, mistake):
+    path, trailer = tmp_path / "truck.yaml", {"hitch": [0, 0], "boxes": boxes, "angles_deg": angles}
+    path.write_text(yaml.safe_dump({"boxes": body, "trailer": trailer}))
+    with refused(mistake) if mistake else nullcontext():
         read_vehicle(path)

@@ -212,9 +212,15 @@ def test_no_sweep_is_written_of_a_lidar_in_the_body_or_that_sees_nothing(tmp_pat
     within, outside = {"x": 0, "y": 0, "z": 0.8}, {"x": 5, "y": 0, "z": 0.8}
     rack = {"rack": {"x": [4, 6], "y": [-1, 1], "z": [0, 1]}}
     ahead = sky | {"x": 2.4, "z": 0.6, "pitch_deg": 90}
+    big, near = {"lidar": {"size_mm": [400, 400, 400]}}, {"constraints": {"distance": 0.0}}
     for mounts, keys, told in (
         ([ahead, sky], {}, "LiDAR 1: sees no ground and nothing below 2 m"),
         ([sky], {"allow_blind_lidars": False}, "LiDAR 0: sees no ground"),
+        (
+            [sky | big, ahead | {"x": 0, "z": 2.7}],
+            near,
+            "LiDAR 1: is inside the housing of LiDAR 0",
+        ),
         ([ahead, within], {}, "LiDAR 1: .* m inside of the vehicle's body"),
         ([within], {"vehicle": {"boxes": [[[-1, -1, 0], [1, 1, 1]]]}}, "LiDAR 0: 0.2 m inside"),
         ([outside], {"keep_out": rack}, "LiDAR 0: 0.2 m inside of what is kept out"),

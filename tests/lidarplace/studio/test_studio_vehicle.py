@@ -82,6 +82,6 @@ def test_a_sweep_has_a_vehicle_with_its_keep_outs_if_the_file_has_any(tmp_path):
     assert "vehicle" not in yaml.safe_load(plain.read_text())
     studio = studio_of(tmp_path, keep_out={"rack": {"x": [0, 1], "y": [0, 1], "z": [1.5, 1.6]}})
     studio.sweep(racked, {"source": "log", "folder": "mine"})
-    swept = yaml.safe_load(racked.read_text())["vehicle"]["boxes"]
-    rack = [[0, 0, 1.5], [1, 1, 1.6]]
-    assert swept == [*studio.file.vehicle.boxes.tolist(), rack]
+    swept = yaml.safe_load(racked.read_text())["vehicle"]
+    assert swept["boxes"] == studio.file.vehicle.boxes.tolist()
+    assert swept["keep_out"] == [[[0, 0, 1.5], [1, 1, 1.6]]]
