@@ -20,6 +20,7 @@ from lidarplace.mounting.outline import outline
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
 from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
 from lidarplace.requirements.tables import Ground, by_rig, case_table
+from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
@@ -266,8 +267,9 @@ def _commands(problem: Problem, found: Found) -> list[kinds.Command]:
     if found.trials:
         rig = str(folder / "placement.yaml")
         lines[_verification(problem, found)] = command("run", str(folder / "sweep.yaml"))
-        view = command("view", "LOG", "--placement", rig)
-        lines["see what it sees in a frame of a box log"] = view
+        if isinstance(scene := problem.file.scene, LogScene):
+            view = command("view", str(scene.folder), "--placement", rig)
+            lines["see what it sees in a frame of the log"] = view
     journal = shlex.quote(str(journal_path(folder)))
     lines["look at all trials in a browser"] = f"optuna-dashboard {journal}"
     return [kinds.Command(what=what, line=line) for what, line in lines.items()]
