@@ -31,11 +31,11 @@ def rank_test_p(x: Values, y: Values, coefficient: str) -> Values:
         if coefficient == "spearman" and n <= LARGEST_EXACT_RHO and max(more) == 1:
             total = int(stats.rankdata(row) @ stats.rankdata(y))
             lower = min(total, n * (n + 1) ** 2 // 2 - total)  # the null is symmetric
-            p[i] = min(2 * _lower_tail_of_rho(n)[lower], 1.0)
+            p[i] = min(2 * lower_tail_of_rho(n)[lower], 1.0)
         elif coefficient == "kendall" and max(fewer) == 1:
             higher = row[:, None] < row
             lower = min((higher & (y[:, None] < y)).sum(), (higher & (y[:, None] > y)).sum())
-            p[i] = min(2 * _lower_tail_of_tau(more)[lower], 1.0)
+            p[i] = min(2 * lower_tail_of_tau(more)[lower], 1.0)
     return p
 
 
@@ -45,7 +45,7 @@ def _ties(values: Values) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=4)
-def _lower_tail_of_rho(n: int) -> Values:
+def lower_tail_of_rho(n: int) -> Values:
     """Share of the permutations of 1 to n whose sum of i times the i-th is at most the index.
 
     The sums are counted over the sets of numbers that the first positions use.
@@ -63,7 +63,7 @@ def _lower_tail_of_rho(n: int) -> Values:
 
 
 @lru_cache(maxsize=16)
-def _lower_tail_of_tau(ties: tuple[int, ...]) -> Values:
+def lower_tail_of_tau(ties: tuple[int, ...]) -> Values:
     """Share of the orders of tied numbers that have at most as many inversions as the index.
 
     Their numbers are the coefficients of Gauss's multinomial, in exact integers (Kendall 1945).
