@@ -73,3 +73,12 @@ def test_anchors_are_githubs(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# `scene`, source: log\n## A [b](c.md) d\n```\n# no heading\n```\n## A b d\n")
     assert anchors(page) == {"scene-source-log", "a-b-d", "a-b-d-1"}
+
+
+def test_files_of_python_that_pages_name_exist():
+    folders = ("lidarplace", "training", "tracking", "sweeps", "benchmarks", "studies", "examples")
+    files = {path.name for folder in folders for path in (ROOT / folder).rglob("*.py")}
+    files |= {path.name for path in (ROOT / "docs").glob("*.py")}
+    for page in PAGES:
+        named = set(re.findall(r"`(\w+\.py)`", text_of(page)))
+        assert named <= files, f"{page.name}: {named - files}"

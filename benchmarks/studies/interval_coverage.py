@@ -32,7 +32,7 @@ from tracking.statistics.confidence_interval import (
     intervals,
     to_normal,
 )
-from tracking.statistics.reliability import pooled_variance, seed_mean
+from tracking.statistics.reliability import pooled_variance, seed_mean, without_seeds
 
 Array = NDArray[np.float64]
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
@@ -200,7 +200,7 @@ def candidates(times: int) -> None:
 
 
 def paired(times: int) -> None:
-    """Spearman's rho where each seed adds the same to all placements: as it was, and in use."""
+    """Spearman's rho where each seed adds the same to all placements, also without a training."""
     print(f"Percent; standard error {100 * np.sqrt(0.05 * 0.95 / times):.1f}")
     rng, rows = np.random.default_rng(0), []
     for n in (8, 24):
@@ -211,17 +211,19 @@ def paired(times: int) -> None:
                     normal = float(to_normal(np.array(rho), "spearman"))
                     x, y = sample("normal", normal, n, seeds, noise, times, rng)
                     y += noise * effect * rng.standard_normal((times, 1, seeds))
-                    estimate = coefficient_of(x, y.mean(axis=-1), "spearman")
+                    fewer = y.copy()
+                    fewer[:, 0, 0] = np.nan
                     cell = []
-                    for method in (seeds_unpaired, intervals):
-                        low, high = method(x, y, "spearman").T
+                    for method, z in ((seeds_unpaired, y), (intervals, y), (intervals, fewer)):
+                        estimate = coefficient_of(x, without_seeds(z)[0], "spearman")
+                        low, high = method(x, z, "spearman").T
                         held = 100 * np.mean((low <= rho) & (rho <= high))
                         lost = 100 * np.mean((estimate < low - 1e-9) | (estimate > high + 1e-9))
                         cell.append(f"{held:.0f} ({lost:.0f})")
                     row.append(", ".join(cell))
                 rows.append((n, seeds, noise, rho, *row))
     head = ("placements", "seeds", "noise", "rho", "seed effect 0", "1", "3 times the noise")
-    print("As it was, in use; in brackets how often the estimate itself is outside")
+    print("As it was, in use, with one training missing; in brackets: the estimate is outside")
     _print(rows, head)
 
 

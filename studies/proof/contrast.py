@@ -97,6 +97,12 @@ def seeds(network: str, pair: tuple[str, str] = PAIRS[0]) -> int:
     return contrast(rows, pair, sorted(set(rows["test"])))[2]
 
 
+def independent(metric: str) -> str:
+    """Gain and interval over seeds of the independent contrast in a metric of its file."""
+    row = pd.read_csv(FOLDER / "independent.csv", index_col="metric").loc[metric]
+    return f"{row['gain']:+.1f} ({row['low']:+.1f} to {row['high']:+.1f})"
+
+
 def gain_at(network: str, metric: str, from_m: float, pair: tuple[str, str] = PAIRS[0]) -> str:
     """What the rig gains in a ring of distances, mean over seeds and tests, points."""
     rows = pd.read_parquet(FOLDER / "distance.parquet").query("network == @network")

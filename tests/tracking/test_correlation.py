@@ -1,6 +1,7 @@
 """The statistics against scipy and against brute force."""
 
 import itertools
+import math
 from functools import partial
 
 import numpy as np
@@ -68,6 +69,55 @@ def test_sampled_p_is_near_scipys_and_reproducible():
         # 9,999 samples: four standard errors of a share near 0.05 are 0.009, twice for two sides.
         assert p == pytest.approx(SCIPY[coefficient](x, y).pvalue, abs=0.02)
         assert p == permutation_p(x[None], y, coefficient)[0]
+
+
+@pytest.mark.parametrize("coefficient", COEFFICIENTS)
+@pytest.mark.parametrize("rounded", [(), (0,), (1,), (0, 1)])
+def test_p_in_the_tail_is_that_of_all_orders_of_nine(coefficient, rounded):
+    rng = np.random.default_rng(3)
+    y = 2 * rng.normal(size=9)
+    samples = [y + rng.normal(size=9) / 8, y]
+    samples = [np.round(one) if i in rounded else one for i, one in enumerate(samples)]
+    of_x, of_y = (scores(one, coefficient) for one in samples)
+    orders = np.array(list(itertools.permutations(range(9))), dtype=np.int8)
+    if coefficient == "kendall":
+        i, j = np.triu_indices(9, 1)
+        signs = np.sign(samples[1] - samples[1][:, None])
+        null = signs[orders[:, i], orders[:, j]] @ of_x / np.linalg.norm(signs[i, j])
+    else:
+        null = of_y[orders] @ of_x
+    tail = np.mean(null >= of_x @ of_y - 1e-9)
+    assert tail < 1e-3
+    assert permutation_p(samples[0][None], samples[1], coefficient)[0] == pytest.approx(2 * tail)
+
+
+def sums_of_products(x, y):
+    """Of all orders of `y`: each choice of one half, and both halves in all orders."""
+    half = np.array(list(itertools.permutations(range(5))))
+    for chosen in map(list, itertools.combinations(range(10), 5)):
+        rest = [i for i in range(10) if i not in chosen]
+        yield ((y[chosen][half] @ x[:5])[:, None] + y[rest][half] @ x[5:]).ravel()
+
+
+def test_p_of_ten_pairs_with_an_outlier_is_that_of_all_orders():
+    ranks = np.arange(10.0)
+    swapped = ranks[[1, 0, *range(2, 8), 9, 8]]
+    outlier = np.array([0.3, -1, 0.7, 0.2, -0.4, 1.1, -0.8, 0.5, -0.2, 60])
+    for coefficient, x, y in (("spearman", ranks, swapped), ("pearson", outlier**2, outlier)):
+        x, y = scores(x, coefficient), scores(y, coefficient)
+        tail = sum(np.count_nonzero(part >= x @ y - 1e-12) for part in sums_of_products(x, y))
+        p = permutation_p(x[None], y, coefficient)[0]
+        # From 499,999 orders, of which some must be as extreme.
+        error = 4 * 2 * np.sqrt(tail / math.factorial(10) / 499_999)
+        assert p == pytest.approx(2 * tail / math.factorial(10), abs=error)
+    assert permutation_p(ranks[None], swapped, "spearman")[0] == 76 / math.factorial(10)
+
+
+def test_p_of_true_nulls_is_not_smaller_than_it_may_be():
+    rng = np.random.default_rng(0)
+    p = permutation_p(rng.standard_t(2, (5_000, 10)), rng.standard_t(2, 10), "pearson")
+    for level in (0.05, 0.01, 1e-3, 1e-4):
+        assert np.sum(p <= level) <= 5_000 * level + 3 * np.sqrt(5_000 * level)
 
 
 def test_the_interval_allows_for_the_noise_of_seeds():

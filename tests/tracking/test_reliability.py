@@ -10,7 +10,7 @@ from tracking.statistics.reliability import (
     reliability,
     reliability_of_mean,
     seed_mean,
-    seed_noise,
+    without_seeds,
 )
 
 RATINGS = np.array(
@@ -87,11 +87,27 @@ def test_the_mean_s_own_interval_holds_it_whatever_the_seeds_add(seed_sd, covere
 def test_many_samples_at_once_are_each_by_itself():
     y = np.random.default_rng(3).normal(size=(5, 4, 3))
     y[1, 0, 0] = np.nan
-    variance, degrees = seed_noise(y)
+    _, variance, degrees = without_seeds(y)
     for i in range(5):
-        alone = seed_noise(y[i])
+        alone = without_seeds(y[i])[1:]
         assert (variance[i], degrees[i]) == pytest.approx((float(alone[0]), float(alone[1])))
-    assert (degrees[0], degrees[1]) == (6, 7)
+    assert (degrees[0], degrees[1]) == (6, 5)
+
+
+def test_missing_trainings_are_left_out_of_a_fit_by_least_squares():
+    rng = np.random.default_rng(4)
+    y = rng.normal(size=(6, 4)) + np.array([50.0, 0, -20, 7])
+    y[[0, 2, 2, 5], [0, 1, 3, 3]] = np.nan
+    row, seed = np.nonzero(np.isfinite(y))
+    design = np.column_stack([np.eye(6)[row], np.eye(4)[seed][:, 1:] - 1 / 4])
+    fit, squares = np.linalg.lstsq(design, y[row, seed])[:2]
+    # An unknown constant of the seeds is in all means alike.
+    means, variance, degrees = without_seeds(np.insert(y, 2, np.nan, axis=1))
+    assert means - means.mean() == pytest.approx(fit[:6] - fit[:6].mean())
+    assert (variance, degrees) == pytest.approx((squares[0] / 11, 11))
+    apart = np.array([[1.0, 2, np.nan, np.nan], [np.nan, np.nan, 5, 7]])  # no seed in common
+    assert without_seeds(apart)[0] == pytest.approx(seed_mean(apart))
+    assert tuple(map(float, without_seeds(apart)[1:])) == (1.25, 2)
 
 
 def test_unequal_seeds_recover_the_share_of_variance():

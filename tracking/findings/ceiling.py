@@ -12,7 +12,7 @@ from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.statistics.confidence_interval import from_normal, to_normal
 from tracking.statistics.jackknife import SampleError, combined, sample_error
-from tracking.statistics.reliability import Noise, reliability, reliability_of_mean, seed_mean
+from tracking.statistics.reliability import Noise, reliability, reliability_of_mean, without_seeds
 
 _OF_NOISE = (
     *("n", "seeds", "agreement_of_seeds", "ceiling_by_seeds", "unit", "agreement_of_halves"),
@@ -47,8 +47,10 @@ def ceilings(
         group = dict(zip(keys, key, strict=True))
         error = errors.get(_without_difficulty(group))
         values = y.to_numpy(np.float64)
-        means[key] = pd.Series(seed_mean(values), y.index)
-        found = _by_noise(seed_mean(values), Noise.of(values), error)
+        mean, variance, degrees = without_seeds(values)
+        seeds = Noise(np.isfinite(values).sum(axis=1) * 1.0, float(variance), float(degrees))
+        means[key] = pd.Series(mean, y.index)
+        found = _by_noise(mean, seeds, error)
         rows.append(group | dict(zip(_OF_NOISE, found, strict=True)))
     table = pd.DataFrame(rows, columns=[*keys, *_OF_NOISE])
     agreements = _between_detectors(means, keys.index("detector"))

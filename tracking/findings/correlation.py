@@ -17,7 +17,7 @@ from tracking.statistics.coefficients import (
     smallest_p,
 )
 from tracking.statistics.confidence_interval import LEAST_PLACEMENTS, intervals
-from tracking.statistics.reliability import Noise, reliability, seed_mean
+from tracking.statistics.reliability import reliability, without_seeds
 from tracking.statistics.straight_line import left_out_means, left_out_predictions, rmse
 
 FEW_PLACEMENTS = 6
@@ -33,9 +33,9 @@ def correlate(
 ) -> pd.DataFrame:
     """Correlate every surrogate with every metric over the placements of a sweep.
 
-    A placement counts with its mean over seeds. No sign is assumed: tests are two-sided.
-    Intervals are 95 % ones of the correlation with the metric as expected over seeds, so they
-    allow for the seeds' noise. p-values are permutation tests, exact up to 8 placements. Surrogates
+    A placement counts with its mean over seeds, see `without_seeds` for missing ones. No sign is
+    assumed: tests are two-sided. Intervals are 95 % ones of the correlation with the metric as
+    expected over seeds, so they allow for the seeds' noise. p-values: `permutation_p`. Surrogates
     that order placements alike, or reversed, are one test. Arguments and errors are those of
     `tracking.findings.paired.paired`; `seed` is of the permutations.
 
@@ -43,7 +43,7 @@ def correlate(
     the smallest number of `seeds`, `reliability` of the means over seeds, and for each of
     pearson, spearman and kendall the value, `_low`, `_high` and `_p`; `_holm`, adjusted
     family-wise, `_fdr`, by false discovery rate, and `_tests`, how many different tests both
-    were adjusted for; `exact`, whether p is from all permutations; `note`, why there is no
+    were adjusted for; `exact`, whether every p is from all permutations; `note`, why there is no
     number or what to keep in mind; `pairs_tested`, rows of this table with a coefficient.
     """
     rows: list[dict[str, object]] = []
@@ -101,7 +101,7 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
     if n < 3:
         note = "no value: the class has no ground truth" if n == 0 else "fewer than 3 placements"
         return [{**row, "note": note} for row in rows]
-    mean = seed_mean(y)
+    mean = without_seeds(y)[0]
     for coefficient in COEFFICIENTS:
         values = scores(x, coefficient) @ scores(mean, coefficient)
         p = permutation_p(x, mean, coefficient, seed)
@@ -129,8 +129,9 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
 
 
 def _reliability(y: NDArray[np.float64]) -> float:
-    noise = Noise.of(y)
-    return float(reliability(seed_mean(y), noise.of_mean, noise.degrees)[0])
+    means, variance, degrees = without_seeds(y)
+    share = (1 / np.isfinite(y).sum(axis=1)).mean()
+    return float(reliability(means, variance * share, degrees)[0])
 
 
 def leave_one_out(
@@ -147,7 +148,7 @@ def leave_one_out(
     for group in paired(results, surrogates, axes):
         found: dict[str, dict[str, object]] = {}
         for placements, names in group.by_placements():
-            y = seed_mean(group.metric.loc[placements].to_numpy(np.float64))
+            y = without_seeds(group.metric.loc[placements].to_numpy(np.float64))[0]
             known = group.surrogates.loc[placements, names].to_numpy(np.float64).T
             found |= {name: _without_each(x, y) for name, x in zip(names, known, strict=True)}
         rows += [

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.findings.groups import at
@@ -17,7 +16,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import detector_label, metric_label, surrogate_name
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
-from tracking.statistics.coefficients import LARGEST_EXACT, permutation_p
+from tracking.statistics.coefficients import permutation_p
 
 FULL_TRAINING = "full training"  # the stage after the last rung
 
@@ -172,18 +171,10 @@ def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
     rho, tau = rank_agreement(both, later)
     best, first = str(own.idxmax()), str(both.idxmin())
     lost = own[best] - own[first]
-    found = len(both), rho, _p_value(both, later), tau, len(known), known[best], first, lost
+    p = permutation_p(both.to_numpy(float)[None], later.to_numpy(float), "spearman")[0]
+    p = np.nan if np.isnan(rho) else p
+    found = len(both), rho, p, tau, len(known), known[best], first, lost
     return dict(zip(_AGREEMENT, found, strict=True))
-
-
-def _p_value(a: pd.Series, b: pd.Series) -> float:
-    """Two-sided p-value of Spearman's rho; NaN for fewer than 3 or equal ones. From all
-    permutations up to `LARGEST_EXACT` pairs, beyond that scipy's, by the t distribution."""
-    if len(a) < 3 or a.nunique() == 1 or b.nunique() == 1:
-        return np.nan
-    if len(a) > LARGEST_EXACT:
-        return float(stats.spearmanr(a, b).pvalue)
-    return float(permutation_p(a.to_numpy()[None], b.to_numpy(), "spearman")[0])
 
 
 def savings(group: Promoted) -> dict[str, float]:

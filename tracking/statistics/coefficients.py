@@ -11,6 +11,7 @@ from scipy import stats
 
 from lidarplace.base.errors import InputError
 from tracking.statistics import Values
+from tracking.statistics.rank_tests import rank_test_p
 
 COEFFICIENTS = ("pearson", "spearman", "kendall")
 
@@ -45,70 +46,75 @@ def scores(values: Values, coefficient: str) -> Values:
 
 LARGEST_EXACT = 8  # up to this many pairs all permutations are tried: 8! = 40,320
 
-LARGEST_SAMPLED = 100
-"""Up to this many pairs permutations are sampled; beyond, scipy's large-sample tests do."""
-
-_SAMPLED = 9_999
-_LARGE_SAMPLE = dict(
-    zip(COEFFICIENTS, (stats.pearsonr, stats.spearmanr, stats.kendalltau), strict=True)
-)
-_BLOCK = 4_000_000  # numbers of a block of score vectors, 32 MB
+_SAMPLED = 9_999  # random orders of every test
+_MOST_SAMPLED = 499_999  # random orders of a test that few of the first are as extreme as
+_MOST_NUMBERS = 50_000_000  # in all these orders, 100 MB
+_FEW = 20
+_BLOCK = 200_000  # multiplications at a time: one thread does them in its cache
 
 
-@lru_cache(maxsize=8)
-def _orders(n: int, seed: int) -> NDArray[np.int16]:
-    """All permutations of n items, or a seeded sample of them, shape (m, n)."""
-    if n <= LARGEST_EXACT:
+@lru_cache(maxsize=6)
+def _orders(n: int, count: int, seed: int) -> NDArray[np.int16]:
+    """All permutations of n items, or a seeded sample of `count` if they are more, shape (m, n)."""
+    if n <= LARGEST_EXACT or math.factorial(n) <= count:
         return np.array(list(permutations(range(n))), dtype=np.int16)
-    rows = np.tile(np.arange(n, dtype=np.int16), (_SAMPLED, 1))
+    rows = np.tile(np.arange(n, dtype=np.int16), (count, 1))
     return np.random.default_rng(seed).permuted(rows, axis=1)
+
+
+def _most_orders(numbers: int) -> int:
+    """Random orders at most, of so many numbers each."""
+    return min(max(_MOST_NUMBERS // numbers, _SAMPLED), _MOST_SAMPLED)
 
 
 def permutation_p(x: Values, y: Values, coefficient: str, seed: int = 0) -> Values:
     """Two-sided p-value of a coefficient between each row of `x` and `y`.
 
     The null pairs `y` with `x` in any order. As in `scipy.stats.permutation_test` with pairings,
-    the p-value is twice the smaller tail, at most 1. With up to `LARGEST_EXACT` pairs it is exact;
-    up to `LARGEST_SAMPLED`, from seeded random orders and with one added to both counts (Phipson
-    and Smyth 2010). Where no sampled order is as extreme, it is scipy's for large samples, no
-    larger than this and no smaller than `smallest_p`, or many tests could not be corrected for. `x`
-    has shape (k, n), `y` (n,), the result (k,), NaN where a sample is constant.
+    the p-value is twice the smaller tail, at most 1. It is exact with up to `LARGEST_EXACT` pairs
+    and where `rank_test_p` can count. Elsewhere it is from seeded random orders, with one added to
+    both counts (Phipson and Smyth 2010): never below what was drawn.
+
+    `_SAMPLED` orders come first. If fewer than `_FEW` are as extreme, up to `_MOST_SAMPLED` replace
+    them. The result is valid: p <= a implies that the p-value of the first orders is at most a,
+    too, or, where a is below that of `_FEW`, that the p-value of the others is. `x` has shape
+    (k, n), `y` (n,), the result (k,), NaN where a sample is constant.
     """
-    n = len(y)
-    of_x = scores(x, coefficient)
-    if n > LARGEST_SAMPLED:
-        known = np.isfinite(of_x[:, 0]) & np.isfinite(scores(y, coefficient)[0])
-        return _large_sample_p(x, y, coefficient, known)
-    orders = _orders(n, seed)
-    of_y = scores(y, coefficient)
+    of_x, of_y = scores(x, coefficient), scores(y, coefficient)
     observed = of_x @ of_y
-    less, greater = np.zeros(len(x), np.int64), np.zeros(len(x), np.int64)
-    for block in np.array_split(orders, math.ceil(len(orders) * of_x.shape[1] / _BLOCK)):
+    p = np.where(np.isnan(observed), np.nan, rank_test_p(x, y, coefficient))
+    rows = np.flatnonzero(np.isfinite(observed) & np.isnan(p))
+    for count in (_SAMPLED, _most_orders(len(of_y))):
+        if len(rows):
+            orders = _orders(len(y), count, seed)
+            tail = _smaller_tail(of_x[rows], y, coefficient, orders, observed[rows])
+            added = int(len(orders) == count)  # all permutations include the observed one
+            p[rows] = np.minimum(2 * (tail + added) / (len(orders) + added), 1.0)
+            rows = rows[(tail < _FEW) & bool(added)]
+    return p
+
+
+def _smaller_tail(
+    of_x: Values, y: Values, coefficient: str, orders: NDArray[np.int16], observed: Values
+) -> NDArray[np.int64]:
+    """How many orders of `y` give a coefficient as low, or as high, whichever are fewer."""
+    of_y = scores(y, coefficient)
+    less, greater = np.zeros((2, len(of_x)), np.int64)
+    length = max(_BLOCK // of_x.size, 1)
+    for start in range(0, len(orders), length):
+        block = orders[start : start + length]
         # Unit vectors of values and of ranks are permuted with them; Kendall's, of pairs, are not.
         of_block = scores(y[block], coefficient) if coefficient == "kendall" else of_y[block]
-        null = of_block @ of_x.T
+        null = of_x @ of_block.T
         # Equal coefficients may differ by rounding, and must count as equal.
-        less += (null <= observed + 1e-12).sum(axis=0)
-        greater += (null >= observed - 1e-12).sum(axis=0)
-    added = 0 if n <= LARGEST_EXACT else 1
-    tail = np.minimum(less, greater)
-    p = np.minimum(2 * (tail + added) / (len(orders) + added), 1.0)
-    extreme = np.isfinite(observed) & (tail == 0)  # never of all permutations: one is the sample
-    if extreme.any():
-        tiny = np.maximum(_large_sample_p(x, y, coefficient, extreme), smallest_p(n))
-        p = np.where(extreme, np.minimum(p, tiny), p)
-    return np.where(np.isnan(observed), np.nan, p)
-
-
-def _large_sample_p(x: Values, y: Values, coefficient: str, wanted: NDArray[np.bool_]) -> Values:
-    """scipy's two-sided p of the `wanted` rows of `x`, NaN for the others; shape (k,)."""
-    test = _LARGE_SAMPLE[coefficient]
-    return np.array([test(a, y).pvalue if ok else np.nan for a, ok in zip(x, wanted, strict=True)])
+        less += (null <= observed[:, None] + 1e-12).sum(axis=1)
+        greater += (null >= observed[:, None] - 1e-12).sum(axis=1)
+    return np.minimum(less, greater)
 
 
 def smallest_p(n: int) -> float:
-    """The smallest two-sided p-value that n pairs without ties can give: 2 / n!."""
-    return min(1.0, 2 / math.factorial(n))
+    """The smallest two-sided p-value of `permutation_p` for n pairs, by 2 / n! and by the draws."""
+    return max(min(1.0, 2 / math.factorial(n)), 2 / (_most_orders(n) + 1))
 
 
 def holm(p: Values) -> Values:

@@ -7,7 +7,7 @@ from scipy import stats
 
 from tracking.statistics import Values
 from tracking.statistics.coefficients import scores
-from tracking.statistics.reliability import reliability, seed_mean, seed_noise
+from tracking.statistics.reliability import reliability, without_seeds
 
 LEAST_RELIABLE = 0.25
 """Reliability of the means below which its estimate is not trusted to correct by."""
@@ -21,7 +21,7 @@ def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) 
     Placements are a sample, and so are the seeds. Two steps, both on the scale of a normal
     population's Pearson correlation:
 
-    1. The coefficient with the means over seeds has a normal interval of Fisher's z, whose standard
+    1. The coefficient with the means `without_seeds` has a normal interval of Fisher's z. Its
        error is `pearson`: 1 / sqrt(n - 3), or by the influence function if that is larger, as for
        heavy tails; `spearman`: sqrt((1 + rho^2 / 2) / (n - 3)) (Bonett and Wright 2000); `kendall`:
        from tau's exact variance in a bivariate normal population (Esscher 1924). A perfect order
@@ -34,7 +34,7 @@ def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) 
     one is missing; leading axes broadcast. Lower and upper bound, shape (..., 2), NaN for fewer
     than 4 placements and constants.
     """
-    mean = seed_mean(y)
+    mean = without_seeds(y)[0]
     u, v = scores(x, coefficient), scores(mean, coefficient)
     found = (u * v).sum(axis=-1)
     n = mean.shape[-1]
@@ -68,9 +68,9 @@ def _lowered_by(y: Values, confidence: float) -> Values:
 
     1 where no placement has two seeds. The value is at least the root of `LEAST_RELIABLE`.
     """
-    variance, degrees = seed_noise(y)
+    means, variance, degrees = without_seeds(y)
     share = (1 / np.maximum(np.isfinite(y).sum(axis=-1), 1)).mean(axis=-1)
-    found = reliability(seed_mean(y), variance * share, degrees, confidence)
+    found = reliability(means, variance * share, degrees, confidence)
     value, low, high = np.moveaxis(np.sqrt(np.nan_to_num(found, nan=1.0)), -1, 0)
     value = np.maximum(value, np.sqrt(LEAST_RELIABLE))
     return np.stack([value, np.minimum(low, value), np.maximum(high, value)], axis=-1)
@@ -87,7 +87,7 @@ def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> 
     (-1, 1), shape (...,).
     """
     root, least, most = np.moveaxis(_lowered_by(y, confidence), -1, 0)
-    n, degrees = y.shape[-2], seed_noise(y)[1]
+    n, degrees = y.shape[-2], without_seeds(y)[2]
     sign = np.where(r < 0, -1.0, 1.0)
     size, bounds = np.abs(r), sign[..., None] * bounds
     low, high = bounds.min(axis=-1), bounds.max(axis=-1)
@@ -155,7 +155,7 @@ def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Value
     `x` has a row a surrogate, shape (..., k, n), `y` is that of `intervals`; the result has shape
     (..., k - 1, 2).
     """
-    of_x, of_y = scores(x, coefficient), scores(seed_mean(y), coefficient)
+    of_x, of_y = scores(x, coefficient), scores(without_seeds(y)[0], coefficient)
     found = (of_x * of_y[..., None, :]).sum(axis=-1)
     sign = np.where(found < 0, -1.0, 1.0)
     level = _simultaneous_level(x.shape[-2])

@@ -24,10 +24,13 @@ class Noise:
 
     @classmethod
     def of(cls, y: Values) -> Noise:
-        """Of the differences between placements, see `seed_noise`; `y` has shape (n, seeds)."""
-        variance, degrees = seed_noise(y)
+        """Of the differences between placements; `y` has shape (n, seeds).
+
+        By `without_seeds` where all placements have the same seeds, else by `pooled_variance`.
+        """
         counts = np.isfinite(y).sum(axis=1).astype(np.float64)
         paired = _crossed(y)
+        variance, degrees = without_seeds(y)[1:] if paired else pooled_variance(y)
         between = float(np.var(y.mean(axis=0), ddof=1)) if paired else np.nan
         seed_sd = np.sqrt(max(between - float(variance) / len(y), 0.0)) if paired else np.nan
         return cls(counts, float(variance), float(degrees), float(seed_sd))
@@ -57,26 +60,37 @@ class Noise:
         return self.variance * float(np.mean(1 / self.counts))
 
 
-def seed_noise(y: Values) -> tuple[Values, Values]:
-    """Variance of one seed's value, as far as it changes differences between placements.
+def without_seeds(y: Values) -> tuple[Values, Values, Values]:
+    """Means of placements without what a seed adds to all of them, and the noise of one value.
 
-    Trainings of one seed share order, augmentation and initial weights. Where all placements have
-    the same seeds, what a seed adds to all of them alike is taken out: the residual mean square of
-    a two-way analysis of variance without repetition (Fisher 1925). Elsewhere `pooled_variance`.
+    Trainings of one seed share order, augmentation and initial weights. So a value is a part of its
+    placement, one of its seed, and noise: a two-way analysis of variance without repetition (Fisher
+    1925), by least squares where trainings are missing (Yates 1933). If all placements have the
+    same seeds, the means are the plain ones. Where seeds cannot be compared, because placements do
+    not share enough of them, these are `seed_mean` and `pooled_variance`.
 
     `y` has a row a placement and a column a seed, shape (..., n, seeds), NaN where one is missing.
-    Returns the variance, NaN without degrees of freedom, and these, shape (...,).
+    Returns the means, (..., n), the variance, NaN without degrees of freedom, and these, (...,).
     """
-    variance, degrees = pooled_variance(y)
-    n, seeds = y.shape[-2:]
-    crossed = _crossed(y)
-    if not crossed.any():
-        return variance, degrees.astype(np.float64)
-    of_seed, of_placement = y.mean(axis=-2, keepdims=True), y.mean(axis=-1, keepdims=True)
-    rest = y - of_seed - of_placement + y.mean(axis=(-2, -1), keepdims=True)
-    own = (n - 1) * (seeds - 1)
-    squares = (rest**2).sum(axis=(-2, -1)) / own
-    return np.where(crossed, squares, variance), np.where(crossed, float(own), degrees)
+    known, means = np.isfinite(y), seed_mean(y)
+    rest = np.where(known, y - means[..., None], 0.0)
+    counts = known.sum(axis=-1, keepdims=True)
+    shares = known / np.maximum(counts, 1)  # of each seed in the mean of a placement
+    # The normal equations of the seeds, after those of the placements are eliminated.
+    each = np.eye(y.shape[-1]) * known.sum(axis=-2)[..., None, :]
+    matrix = each - np.swapaxes(known, -1, -2).astype(np.float64) @ shares
+    of_seeds = np.linalg.pinv(matrix, hermitian=True) @ rest.sum(axis=-2)[..., None]
+    within = shares @ of_seeds
+    squares = np.where(known, rest + within - np.swapaxes(of_seeds, -1, -2), 0.0) ** 2
+    free = known.any(axis=-2).sum(axis=-1) - 1.0  # effects of seeds
+    degrees = known.sum(axis=(-2, -1)) - known.any(axis=-1).sum(axis=-1) - free
+    linked = (np.linalg.matrix_rank(matrix, hermitian=True) == free) & (degrees > 0)
+    variance, unlinked = pooled_variance(y)
+    return (
+        means - np.where(linked[..., None], within[..., 0], 0.0),
+        np.where(linked, squares.sum(axis=(-2, -1)) / np.maximum(degrees, 1), variance),
+        np.where(linked, degrees, unlinked),
+    )
 
 
 def _crossed(y: Values) -> NDArray[np.bool_]:
@@ -85,7 +99,7 @@ def _crossed(y: Values) -> NDArray[np.bool_]:
 
 
 def pooled_variance(y: Values) -> tuple[Values, NDArray[np.intp]]:
-    """Variance within placements pooled over them; arguments and result as of `seed_noise`."""
+    """Variance of one value within placements, pooled over them, and its degrees of freedom."""
     counts = np.isfinite(y).sum(axis=-1)
     degrees = np.maximum(counts - 1, 0).sum(axis=-1)
     deviations = y - seed_mean(y)[..., None]
@@ -104,9 +118,9 @@ def reliability(
 ) -> Values:
     """Share of the variance of means between placements that is not noise, with its interval.
 
-    1 - (variance of the noise of a mean) / (variance of the means). With the noise of `seed_noise`
-    this is ICC(3, k) where all placements have the same seeds, ICC(1, k) for others in equal number
-    (Shrout and Fleiss 1979). The interval is that of the F distribution, exact for normal means and
+    1 - (variance of the noise of a mean) / (variance of the means). With `without_seeds` this is
+    ICC(3, k) where all placements have the same seeds, ICC(1, k) for others in equal number (Shrout
+    and Fleiss 1979). The interval is that of the F distribution, exact for normal means and
     noise. `means` have shape (..., n); `variance` and `degrees`, (...,), are of the noise of a
     mean: by seeds, test objects, or both.
 
