@@ -32,9 +32,9 @@ def check_intrinsic(matrix: Sequence[Sequence[float]], pixels: tuple[int, int] |
             fix = f"values are probably {unit}" if field > WIDEST_DEG else "use pixels"
             found = f"{field:.4g} by {focal:g} for {size} pixels"
             raise InputError(key="intrinsic", expected=expected, found=found, fix=fix)
-    if not 1 / _MOST_STRETCHED <= fx / fy <= _MOST_STRETCHED:
-        expected, found = f"fx / fy of 1 / {_MOST_STRETCHED:g} to {_MOST_STRETCHED:g}", fx / fy
-        raise InputError(key="intrinsic", expected=expected, found=f"{found:.3g}")
+    if not 1 / _MOST_STRETCHED <= (ratio := fx / fy) <= _MOST_STRETCHED:
+        expected = f"fx / fy of 1 / {_MOST_STRETCHED:g} to {_MOST_STRETCHED:g}"
+        raise InputError(key="intrinsic", expected=expected, found=f"{ratio:.3g}")
     if pixels is not None and not (0 < cx < pixels[0] and 0 < cy < pixels[1]):
         expected = f"a principal point within {pixels[0]} x {pixels[1]} pixels"
         raise InputError(key="intrinsic", expected=expected, found=f"{cx:g}, {cy:g}")

@@ -39,10 +39,10 @@ def seen_parts(pair):
     azimuths is Simpson's."""
     (lowest, highest), (start, width) = pair[0].field.sines, pair[0].field.azimuth
     cuts = np.empty(room(pair[7]) + room(pair[8]) + STEPS + 1)
-    turns = np.empty_like(cuts)
+    turns = np.empty(2 * len(cuts))
     if highest <= lowest:
         return _of_circle(pair, True, lowest, cuts, turns)[:2]
-    nodes, count = np.empty(COLUMNS + 2 * ROWS * len(cuts)), COLUMNS
+    nodes, count = np.empty(COLUMNS + 2 * ROWS * len(turns)), COLUMNS
     nodes[:count] = np.arange(1, count + 1) / COLUMNS
     for row in range(ROWS):
         up = lowest + row / (ROWS - 1.0) * (highest - lowest)

@@ -291,6 +291,5 @@ def _file(
     fitted = facts | {"below_m": BELOW_M} | few
     factor = {str(name): round(share, 4) for name, share in fit.factor.items()}
     further = [name for name in factor if name not in (*CLASSES, OTHER)]
-    known = {"factor": factor, "classes": further, "distance": fit.distance}
-    known |= {"lidars": lidars, "fitted": fitted}
-    return CorrectionFile.model_validate(known)
+    known = {"factor": factor, "classes": further, "lidars": lidars, "fitted": fitted}
+    return CorrectionFile.model_validate(known | {"distance": fit.distance})
