@@ -128,12 +128,13 @@ lidar: {name: vlp32c, correction: our_car.yaml, unit: up_lidar}    # in sweeps, 
 ```
 
 ```yaml
-factor: {Car: 0.62, Pedestrian: 0.7, other: 0.6}   # share of the rays on an object that return
+factor: {Car: 0.62, Truck: 0.7, other: 0.6}        # share of the rays on an object that return
 distance: 75                                       # metres after which 1/e of them do
 lidars:                                            # by the name of the LiDAR in the recorded rig
   up_lidar:
     azimuth_steps: 1808                            # overrides the model, like elevations_deg
     mask: {azimuth_deg: 90, shares: [0.1, 1, 1, 0.4]}   # from -180 degrees on, to the left
+classes: [Truck]                                   # further classes of your logs
 fitted: {routes: 4, tracks: 257}                   # any notes
 ```
 

@@ -2,12 +2,13 @@
 
 import re
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import pandas as pd
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.suggestions import did_you_mean
 
 IGNORE = "ignore"
 """What a class map says of a category whose boxes are left out."""
@@ -33,6 +34,16 @@ def check_class_name(name: Any, **parts: str) -> None:
     if not is_class_name(name):
         found = reprlib.repr(name) if isinstance(name, str) else str(name)[:_LONGEST]
         raise InputError(expected=CLASS_NAME, found=found, **parts)
+
+
+def check_among(names: Iterable[str], classes: Iterable[str], **parts: str) -> None:
+    """Raise InputError of these `parts`, with what was probably meant, unless all `names` are among
+    `classes`: a name that none has would count for nothing."""
+    known = list(dict.fromkeys(classes))
+    for name in names:
+        if name not in known:
+            problem = f"{name} is not among classes{did_you_mean(name, known)}"
+            raise InputError(problem, expected=", ".join(known) or "none", **parts)
 
 
 def counts_of(classes: pd.Series) -> dict[str, int]:

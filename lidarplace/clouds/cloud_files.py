@@ -11,7 +11,7 @@ from pyarrow import feather
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import first_line, reading
-from lidarplace.files.columns import check_columns, integers, numbers_if_known
+from lidarplace.files.columns import check_columns, groups, integers, no_text, numbers_if_known
 from lidarplace.files.regular import regular
 
 COLUMNS = ("x", "y", "z", "intensity", "ring", "lidar", "time")
@@ -59,13 +59,19 @@ def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
     check_columns(list(table.columns), [own.get(name, name) for name in COLUMNS[:3]], source)
     check_columns(list(table.columns), list(own.values()), source)
     if "laser_number" in table.columns:
+        no_text(table, ["laser_number"], source)
         laser = integers(table, "laser_number", source)
         table = table.assign(ring=laser % ARGOVERSE_BEAMS, lidar=laser // ARGOVERSE_BEAMS)
         own |= {"ring": "ring", "lidar": "lidar"}
     cloud = pd.DataFrame({name: table[own[name]].to_numpy() for name in COLUMNS if name in own})
-    for name in cloud.columns.difference(["lidar"]):
-        if cloud[name].dtype.kind not in "iuf":
-            cloud[name] = numbers_if_known(cloud, name, source)
+    if "lidar" in cloud:
+        cloud["lidar"] = groups(cloud, "lidar", source)
+    of_numbers = list(cloud.columns.difference(["lidar"]))
+    no_text(cloud, of_numbers, source)
+    for name in of_numbers:
+        if (kind := cloud[name].dtype.kind) not in "iu":
+            values = numbers_if_known(cloud, name, source)
+            cloud[name] = cloud[name] if kind == "f" else values
     cloud = cloud.astype({n: np.float32 for n in "xyz" if cloud[n].dtype != np.float64})
     if "intensity" in cloud:
         light = cloud["intensity"].to_numpy(np.float32)

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
+from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.settings import (
@@ -26,6 +27,7 @@ from lidarplace.configuration.settings import (
 )
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.files.atomic import write_text
+from lidarplace.logs.boxes import CLASSES
 from lidarplace.rigs.correction import MOST_FACTOR, OTHER, Correction, Mask
 from lidarplace.rigs.lidar import MOST_OFFSET, Lidar
 
@@ -97,6 +99,9 @@ class CorrectionFile(Settings):
         description=f"share of the rays on objects of a class that return; {OTHER}: of the other "
         "classes, 1 by default",
     )
+    classes: tuple[ClassName, ...] = Field(
+        (), description=f"classes of the logs other than {', '.join(CLASSES)} that have a factor"
+    )
     distance: Distance | None = Field(
         None, gt=0, description="metres after which 1/e of the rays on objects return; null: all do"
     )
@@ -107,6 +112,8 @@ class CorrectionFile(Settings):
 
     @model_validator(mode="after")
     def _build(self) -> CorrectionFile:
+        known, fix = ((*CLASSES, OTHER, *self.classes), "list it in classes if your logs have it")
+        check_among(self.factor, known, key="factor", fix=fix)
         self.of_all  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 

@@ -9,14 +9,15 @@ from importlib.resources import files
 from typing import Annotated, Any, ClassVar, Self
 
 import yaml
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration.intrinsic import check_intrinsic
 from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.settings import (
     Amount,
-    ClassName,
     CountFromOne,
     Degrees,
     Distance,
@@ -26,10 +27,11 @@ from lidarplace.configuration.settings import (
     Text,
     Turn,
 )
+from lidarplace.logs.boxes import CLASSES
 from lidarplace.rigs.further_sensors import Camera, Kind, MountedSensor, Radar
 from lidarplace.rigs.placement import Mount
 
-Ranges = dict[ClassName, Annotated[Distance, Field(gt=0)]]
+Ranges = dict[str, Annotated[Distance, Field(gt=0)]]
 Row = tuple[Number, Number, Number]
 
 
@@ -68,6 +70,12 @@ class FurtherSensorSettings(PoseSettings):
             raise InputError(wrong, key="model", expected=", ".join(known))
         return {key: own for key, own in known[name].items() if key in cls.model_fields} | data
 
+    @field_validator("ranges")
+    @classmethod
+    def _of_known_classes(cls, ranges: dict[str, float]) -> dict[str, float]:
+        check_among(ranges, CLASSES)
+        return ranges
+
     @property
     def by_class(self) -> tuple[tuple[str, float], ...]:
         """The ranges, that of any other class by the name ""."""
@@ -99,9 +107,8 @@ class CameraSettings(FurtherSensorSettings):
             raise InputError("intrinsic is set, too", key="fov_deg", fix="set only one")
         if self.fov_deg is not None and not all(0 < angle < 180 for angle in self.fov_deg):
             raise InputError(key="fov_deg", expected="angles within (0, 180)", found=self.fov_deg)
-        if self.intrinsic is not None and not min(self.intrinsic[0][0], self.intrinsic[1][1]) > 0:
-            such = "focal lengths > 0, such as [[1260, 0, 800], …]"
-            raise InputError(key="intrinsic", expected=such)
+        if self.intrinsic is not None:
+            check_intrinsic(self.intrinsic, self.pixels)
         return self
 
     def built(self) -> Camera | None:

@@ -50,6 +50,14 @@ def counts_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.f
     return values
 
 
+def no_text(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
+    """Raise InputError for text in columns of numbers; for files whose columns have types."""
+    for name in names:
+        if table[name].dtype.kind not in "iufbcmM":
+            text = table[name].astype(object).map(lambda value: isinstance(value, str | bytes))
+            check_values(table, [name], text.to_numpy(bool), "a number", source, reprlib.repr)
+
+
 def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
     """Columns of finite numbers >= 0; (rows, columns), float64."""
     values = numbers(table, names, source)

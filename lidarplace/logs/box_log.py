@@ -24,6 +24,7 @@ from lidarplace.logs.boxes import (
     FRAME_COLUMNS,
     FULL_POSE_COLUMNS,
     GEOMETRY,
+    POINTS,
     POSE_COLUMNS,
     SIZE,
     SOURCE,
@@ -213,9 +214,10 @@ def read_frames(folder: Path) -> pd.DataFrame:
     frames = read_parquet(folder / "frames.parquet")
     columns.check_columns(list(frames.columns), FRAME_COLUMNS, source)
     columns.one_of(frames, "split", SPLITS, source)
+    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
+    columns.no_text(frames, ["frame", "timestamp_s", *poses], source)
     frames["frame"] = columns.frame_numbers(frames, source)
     frames["route"] = columns.groups(frames, "route", source)
-    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
     for name in ("timestamp_s", *poses):
         frames[name] = columns.numbers_if_known(frames, name, source)
     frames = _with_texts(frames, ("scene", *([SOURCE] if SOURCE in frames else [])), source)
@@ -229,13 +231,18 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
     source = str(folder / "boxes.parquet")
     boxes = read_parquet(folder / "boxes.parquet", frames)
     columns.check_columns(list(boxes.columns), BOX_COLUMNS, source)
+    counted = count_columns(boxes)
+    columns.no_text(boxes, ["frame", "timestamp_s", *GEOMETRY, *counted], source)
     check_boxes(boxes, source)
     check_classes(boxes, source)
     boxes["frame"] = columns.frame_numbers(boxes, source)
     boxes["timestamp_s"] = columns.numbers_if_known(boxes, "timestamp_s", source)
     boxes[list(GEOMETRY)] = columns.numbers(boxes, GEOMETRY, source)
-    for name in count_columns(boxes):
+    for name in counted:
         boxes[name] = columns.counts_if_known(boxes, name, source)
+        if POINTS in counted:
+            expected = f"at least {name}, or missing"
+            columns.check_values(boxes, [POINTS], boxes[POINTS] < boxes[name], expected, source)
     return _with_texts(boxes, ("scene", "object_id"), source)
 
 
@@ -245,6 +252,7 @@ def read_buildings(folder: Path) -> pd.DataFrame:
         return _no_buildings()
     buildings, source = read_parquet(path), str(path)
     columns.check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
+    columns.no_text(buildings, GEOMETRY, source)
     buildings[list(GEOMETRY)] = columns.numbers(buildings, GEOMETRY, source)
     columns.sizes(buildings, SIZE, source)
     return _with_texts(buildings, ("scene",), source)

@@ -8,23 +8,16 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
 
-import numpy as np
-
 from lidarplace.base.errors import InputError
-from lidarplace.base.kernel_cache import inner, njit
-from lidarplace.mounting.field_of_view import View, has_direction, in_view, view_of_sensor, views_of
-from lidarplace.mounting.housing import housings_in, turned
-from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
+from lidarplace.mounting.field_of_view import View, view_of_sensor, views_of
+from lidarplace.mounting.housing import housings_in
+from lidarplace.mounting.sight import Obstacles, obstacles_of
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.view_edges import Edges, edges_of
+from lidarplace.mounting.view_share import seen_parts, steps_between_edges
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Placement
 
-ROWS, STEPS = 16, 120
-"""Bands of elevation, and azimuths, at which a field of view is looked at first. Between azimuths
-its edges are found by bisection, and bands are halved until they tell no more."""
-_HALVINGS = 12
-_TOLERANCE = 1e-3
-"""Of a band: by how much its middle may differ from what its ends tell."""
 Pair = tuple[int, int]
 
 
@@ -60,20 +53,28 @@ def shares(
     """
     found = dict.fromkeys(pairs, 0.0)
     pairs = [pair for pair in pairs if max(pair) < len(views)]
-    solid = {}
+    solid: dict[int, float] = {}
+    edges: dict[int, Edges] = {}
+
+    def parts(one: int, other: int, at: float) -> tuple[float, float]:
+        hides, known = (obstacles[one], obstacles[other]), (edges[one], edges[other])
+        steps = steps_between_edges(hides)
+        seen, common = seen_parts((views[one], views[other], at, *hides, one, other, *known, steps))
+        return seen, common
+
     for n in {n for pair in pairs for n in pair}:
+        edges[n] = edges_of(views[n], obstacles[n], n)
         field = views[n].field
         box = (field.sines[1] - field.sines[0]) * field.azimuth[1]
         at = min(range_m, field.reach)
-        solid[n] = box * _seen((views[n], views[n], at, obstacles[n], obstacles[n], n, n))[0]
+        solid[n] = box * parts(n, n, at)[0]
     for i, j in pairs:
         apart = math.dist(views[i].origin, views[j].origin)
         at = min(range_m, min(views[n].field.reach for n in (i, j)) - apart)
         if at <= 0:
             continue
         first, other = (i, j) if solid[i] <= solid[j] * (1 + 1e-9) else (j, i)
-        hides = obstacles[first], obstacles[other]
-        own, common = _seen((views[first], views[other], at, *hides, first, other))
+        own, common = parts(first, other, at)
         found[i, j] = common / own if own > 0 else 0.0
     return found
 
@@ -124,87 +125,3 @@ def common_view(
     obstacles = [obstacles_of(vehicle, housings)] * len(placement.mounts)
     obstacles += [obstacles_of(vehicle, housings, own.mount.position) for own in further]
     return shares(views, pairs_asked(asked, len(views)), asked.range, obstacles)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _seen(pair):
-    """Parts of the box of angles of a sensor: what it sees, and what both of a pair see.
-
-    `pair`: view of the sensor and of the other one, the distance, obstacles and number of each."""
-    lowest, highest = pair[0].field.sines
-    if highest <= lowest:
-        return _of_row(pair, lowest)
-    seen, common = 0.0, 0.0
-    ends, rows = np.empty((_HALVINGS + 1, 2)), np.empty((_HALVINGS + 1, 4))
-    for band in range(ROWS):
-        ends[0, 0], ends[0, 1] = band / ROWS, (band + 1) / ROWS
-        for side in range(2):
-            up = lowest + ends[0, side] * (highest - lowest)
-            rows[0, 2 * side], rows[0, 2 * side + 1] = _of_row(pair, up)
-        depth = 0
-        while depth >= 0:  # a stack of bands that are still open
-            low, high = ends[depth]
-            s0, c0, s1, c1 = rows[depth]
-            middle = 0.5 * (low + high)
-            up = lowest + middle * (highest - lowest)
-            sm, cm = _of_row(pair, up)
-            bent = max(abs(s0 - 2.0 * sm + s1), abs(c0 - 2.0 * cm + c1))
-            if bent <= 6.0 * _TOLERANCE or depth == _HALVINGS:
-                seen += (high - low) * (s0 + 4.0 * sm + s1) / 6.0
-                common += (high - low) * (c0 + 4.0 * cm + c1) / 6.0
-                depth -= 1
-            else:
-                ends[depth, 1], rows[depth, 2], rows[depth, 3] = middle, sm, cm
-                depth += 1
-                ends[depth, 0], ends[depth, 1] = middle, high
-                rows[depth, 0], rows[depth, 1] = sm, cm
-                rows[depth, 2], rows[depth, 3] = s1, c1
-    return seen, common
-
-
-@inner
-def _of_row(pair, up):
-    """The same of one elevation, whose sine is `up`."""
-    start, width = pair[0].field.azimuth
-    seen, common = 0.0, 0.0
-    before = _status(pair, up, start)
-    for step in range(STEPS):
-        near, far = start + step / STEPS * width, start + (step + 1) / STEPS * width
-        after = _status(pair, up, far)
-        for which in range(2):
-            share = 1.0 * before[which]
-            if before[which] != after[which]:
-                low, high = near, far
-                for _ in range(_HALVINGS):
-                    middle = 0.5 * (low + high)
-                    if _status(pair, up, middle)[which] == before[which]:
-                        low = middle
-                    else:
-                        high = middle
-                passed = (0.5 * (low + high) - near) / (far - near)
-                share = passed if before[which] else 1.0 - passed
-            if which == 0:
-                seen += share
-            else:
-                common += share
-        before = after
-    return seen / STEPS, common / STEPS
-
-
-@inner
-def _status(pair, up, azimuth):
-    """Whether a sensor sees in a direction of its own frame, and whether the other one sees the
-    point there, too."""
-    view, other, at, hides, hides_other, own, another = pair
-    level = math.sqrt(max(1.0 - up * up, 0.0))
-    ahead, left = level * math.cos(azimuth), level * math.sin(azimuth)
-    if not has_direction(view.field, ahead, left, up):
-        return False, False
-    o, (dx, dy, dz) = view.origin, turned(view.rotation, ahead, left, up)
-    if stopped(o, dx, dy, dz, at, hides, own):
-        return False, False
-    x, y, z = o[0] + at * dx, o[1] + at * dy, o[2] + at * dz
-    if not in_view(other, x, y, z):
-        return True, False
-    p = other.origin
-    return True, not stopped(p, x - p[0], y - p[1], z - p[2], 1.0, hides_other, another)

@@ -290,5 +290,6 @@ def _file(
     few = {"too_few_tracks": True} if facts["tracks"] < FEWEST_TRACKS else {}
     fitted = facts | {"below_m": BELOW_M} | few
     factor = {str(name): round(share, 4) for name, share in fit.factor.items()}
-    known = {"factor": factor, "distance": fit.distance, "lidars": lidars, "fitted": fitted}
-    return CorrectionFile.model_validate(known)
+    further = [name for name in factor if name not in (*CLASSES, OTHER)]
+    known = {"factor": factor, "classes": further, "lidars": lidars, "fitted": fitted}
+    return CorrectionFile.model_validate(known | {"distance": fit.distance})

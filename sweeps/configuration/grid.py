@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS, RANKING
 from lidarplace.base.roi import Roi
@@ -201,8 +202,8 @@ def _check_rungs(common: Common, point: Point) -> None:
             problem = "these trainings see as many frames as the full ones"
             fix = "lower training.epochs or training.frame_share"
             raise InputError(problem, key=f"{key}.set", fix=fix)
-        if rung.object_class and rung.object_class not in point.classes:
-            raise InputError(f"{rung.object_class} is not among classes", key=f"{key}.class")
+        if rung.object_class:
+            check_among([rung.object_class], point.classes, key=f"{key}.class")
 
 
 def refuse_overlaps(

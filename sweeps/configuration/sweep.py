@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS, RANKING, Direction, Overlaps
 from lidarplace.base.registry import OneOf
@@ -290,10 +291,7 @@ class Point(Settings):
             ("class_settings", self.class_settings, self.classes),
             ("training.sample_groups", self.training.sample_groups, (*self.classes, *CLASSES)),
         ):
-            for name in named:
-                if name not in known:
-                    problem = f"{name} is not among classes{did_you_mean(name, known)}"
-                    raise InputError(problem, key=key, expected=", ".join(self.classes))
+            check_among(named, known, key=key)
         return self
 
     @model_validator(mode="after")

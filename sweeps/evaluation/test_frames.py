@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.clouds import Crop
@@ -55,10 +56,7 @@ class TestFrames:
         boxes = whole.boxes[whole.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
         log = replace(whole, boxes=boxes, frames=frames)
         there = [str(name) for name in boxes["class"].unique() if name != OTHER]
-        for name in classes:
-            if name not in there:
-                known = ", ".join(there) or "none"
-                raise InputError("unknown class", place="--class", expected=known, found=name)
+        check_among(classes, there, place="--class")
         x0, y0, z0, x1, y1, z1 = crop
         roi = Roi((x0, x1), (y0, y1), (z0, z1), 0.1)  # of whose voxels nothing is asked
         truths = ground_truth(log, roi.x, roi.y, roi.z, by_points=counted == "points")

@@ -72,11 +72,20 @@ def test_names_of_other_makers_are_understood(tmp_path):
     assert list(read.columns) == [*CLOUD.columns, "time"]
 
 
-@pytest.mark.parametrize("column", ["x", "intensity", "offset_ns", "laser_number"])
-def test_a_value_that_is_no_number_is_named(tmp_path, column):
-    cloud = CLOUD.assign(**{column: ["1", "two", None]})
-    cloud.to_parquet(path := tmp_path / "a.parquet")
-    with refused("two", "a.parquet: row 1"):
+@pytest.mark.parametrize(
+    ("column", "values", "row"),
+    [
+        *((column, [None, "2", "x"], 1) for column in ("x", "intensity", "time", "ring")),
+        *(("laser_number", ["1", "2", "3"], 0), ("x", [1.0, np.inf, 2.0], 1)),
+        *(("lidar", [[0], [0], [1]], 0), ("lidar", [1.0, np.nan, 0.0], 1)),
+        *(("lidar", ["top", None, "top"], 1), ("time", [0.0, 0.1, -np.inf], 2)),
+    ],
+)
+def test_a_wrong_value_is_named(tmp_path, column, values, row):
+    CLOUD.drop(columns=column, errors="ignore").assign(**{column: values}).to_parquet(
+        path := tmp_path / "a.parquet"
+    )
+    with refused((f"a.parquet: row {row}", column, "")):
         read_cloud(path)
 
 

@@ -19,7 +19,7 @@ from lidarplace.clouds.returns import sample_points
 from lidarplace.clouds.shapes import SIGN
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.configuration import correction as files
-from lidarplace.configuration.correction import CorrectionFile, read_correction
+from lidarplace.configuration.correction import CorrectionFile, read_correction, write_correction
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.mounting.vehicle import Vehicle
@@ -30,6 +30,8 @@ from lidarplace.rig_files.own import read_own
 from lidarplace.rigs.correction import Correction, Mask
 from lidarplace.rigs.pose import rotation
 from lidarplace.rigs.scan_pattern import ScanPattern
+from lidarplace.validation.fit import Fit
+from lidarplace.validation.validation import _file
 from sweeps.tasks.task import plain
 from tests.lidarplace.from_a_car import cast
 from tests.lidarplace.recall.small_scenes import log_of
@@ -51,6 +53,17 @@ lidars:
   down: {mask: {azimuth_deg: 180, elevation_deg: [-5], shares: [[1, 0.5], [0.1, 1]]}}
 fitted: {routes: 4, below_m: 75}
 """
+
+
+def test_a_fit_lists_the_classes_of_its_log(tmp_path):
+    fit = Fit({"other": 1.0, "Car": 0.9, "Truck": 0.8}, None)
+    fitted = _file(fit, ["up"], None, {"tracks": 50})
+    write_correction(path := tmp_path / "c.yaml", fitted)
+    assert read_correction(path) == fitted
+    assert fitted.classes == ("Truck",)
+    path.write_text(path.read_text().replace("classes", "# classes"))
+    with refused("factor: Truck is not among classes"):
+        read_correction(path)
 
 
 def corrected(correction, **other) -> Lidar:

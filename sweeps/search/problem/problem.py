@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS
-from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
@@ -283,10 +283,8 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:
 
 
 def _check_objective(objective: ObjectiveSettings, file: SearchFile) -> None:
-    for name in (name for part in objective.parts for name in part.weights or ()):
-        if name not in file.classes:
-            problem = f"{name} is not among classes{did_you_mean(name, file.classes)}"
-            raise InputError(problem, expected=", ".join(file.classes))
+    for part in objective.parts:
+        check_among(part.weights or (), file.classes)
     if objective.measured and file.detector is None:
         raise InputError("needs a detector")
     if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
