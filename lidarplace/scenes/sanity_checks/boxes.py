@@ -42,7 +42,7 @@ def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
         why = "yaw is in radians; all are whole numbers, as of degrees"
         yield Doubt("yaw", "yaw", turned, why, "units.angle", bool(turned.sum() >= LEAST_BOXES))
     too_large = log.boxes[list(SIZE)].to_numpy(np.float64) > MOST_SIZE_M
-    if (large := too_large.any(axis=1)).any():
+    if (large := np.asarray(too_large.any(axis=1))).any():
         why = f"sizes are in metres; over {MOST_SIZE_M:g} m"
         certain = too_large.all(axis=1).any()  # a tram is long, but not as wide and high
         yield Doubt("size", SIZE[0], large, why, "units.size", bool(certain))

@@ -41,12 +41,11 @@ def doubts_of_motion(log: BoxLog) -> Iterator[Doubt]:
     """Doubt the convention of the boxes: in another one far fewer vehicles slide."""
     pairs = _pairs(log)
     if _has_poses(log):
-        others = SEEN_IN_THE_WORLD
-        yield from _doubts(log, [_in_the_world(pairs, each) for each in (OURS, *others)], others)
+        steps = [_in_the_world(pairs, each) for each in (OURS, *SEEN_IN_THE_WORLD)]
+        yield from _doubts(log, steps, SEEN_IN_THE_WORLD)
         return
-    others = SEEN_FROM_THE_VEHICLE
-    steps = [_beside_the_vehicle(pairs, each) for each in (OURS, *others)]
-    if doubts := [*_doubts(log, steps, others)]:
+    steps = [_beside_the_vehicle(pairs, each) for each in (OURS, *SEEN_FROM_THE_VEHICLE)]
+    if doubts := [*_doubts(log, steps, SEEN_FROM_THE_VEHICLE)]:
         yield from doubts
         return
     # The motion that was found for the vehicle may make up for a mirrored yaw. If all slide unless

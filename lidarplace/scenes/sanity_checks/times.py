@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
@@ -32,7 +33,8 @@ def doubts_of_times(log: BoxLog) -> Iterator[Doubt]:
         yield Doubt("time", "timestamp_s", rows, why, "units.time, or frames.rate_hz", certain)
     if not {*POSE_COLUMNS} <= {*frames.columns}:
         return
-    length = np.hypot(*(route[axis].diff() for axis in POSE_COLUMNS[:2]))
+    dx, dy = (route[axis].diff() for axis in POSE_COLUMNS[:2])
+    length = pd.Series(np.hypot(dx, dy), dx.index)
     for value, most, unit in (
         (length[step > 0] / step[step > 0], MOST_SPEED, "m/s"),
         (length, MOST_STEP_M, "m a frame"),
