@@ -33,8 +33,8 @@ def test_vehicles_that_move_along_their_yaw_have_no_sine(seed, poses):
     log = traffic(seed, objects=9)
     steps = steps_across(log if poses else without_poses(log))
     assert len(steps.sine) > 50
-    # Without poses the vehicle's turn is taken to be small: 0.02 rad a frame.
-    assert np.median(steps.sine) < (1e-6 if poses else 0.05)
+    # Without poses the vehicle's turn is taken to be small: 0.02 rad a frame, of three in a step.
+    assert np.median(steps.sine) < (1e-6 if poses else 0.15)
 
 
 @pytest.mark.parametrize("poses", [True, False])

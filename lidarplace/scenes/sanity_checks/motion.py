@@ -21,7 +21,8 @@ from lidarplace.scenes.sanity_checks.doubt import Doubt
 
 STEP_M = 0.2  # shorter steps from frame to frame say more of the labels' noise than of motion
 MOST_BOXES = 20_000  # of a larger log some runs of frames are enough
-RUN = 8  # frames
+RUN = 8  # steps
+STRIDE_S = 0.3  # at least so long is a step, of several frames: labels jitter from one to the next
 LEAST_STEPS = 20  # steps of vehicles that are needed to compare yaw with motion
 LEAST_VEHICLES = 3  # that slide: one may be towed, or labelled in its own way
 ACROSS = 0.3
@@ -33,6 +34,7 @@ MOST_OFF = 0.5
 """Share of steps in which the vehicle itself may drive another way than it heads: it reverses."""
 BACKWARDS = 0.8  # share of steps against the heading that no traffic has
 CLEARLY = 4  # so many times fewer are across in the convention that is meant
+MORE = 1.2  # so many times more vehicles move at most: one that sets parked ones in motion is wrong
 UNKNOWNS = 2
 """Of the vehicle's own motion in a frame: how far ahead, and by which angle to the left."""
 
@@ -102,7 +104,10 @@ def _doubts(log: BoxLog, steps: list[Steps], others: tuple[Convention, ...]) -> 
             remedy = "columns.yaw (by half a turn)"
             yield from _doubt(log, ours, ours.back, why, remedy)
         return
-    shares = [(each.sine > ACROSS).mean() if len(each.sine) else 1.0 for each in steps[1:]]
+    shares = [
+        (each.sine > ACROSS).mean() if LEAST_STEPS <= len(each.sine) <= MORE * len(across) else 1.0
+        for each in steps[1:]
+    ]
     best = int(np.argmin(shares))
     if shares[best] < across.mean() / CLEARLY:
         why = (
@@ -128,11 +133,13 @@ def _has_poses(log: BoxLog) -> bool:
 
 
 def _pairs(log: BoxLog) -> pd.DataFrame:
-    """Boxes of a vehicle in a frame and the one before it; `before_…` are the earlier values."""
+    """Boxes of a vehicle in a frame and `STRIDE_S` before it, whose values are `before_…`."""
     order = log.frames.sort_values(["scene", "frame"])
     order["place"] = np.arange(len(order))
+    frame_s = order.groupby(["scene", "route"])["timestamp_s"].diff().median()
+    stride = math.ceil(min(STRIDE_S / frame_s, 10)) if frame_s > 0 else 1
     runs = -(-len(log.boxes) // MOST_BOXES)
-    order = order[order["place"] // RUN % runs == 0] if runs else order
+    order = order[order["place"] // (RUN * stride) % runs == 0] if runs else order
     poses = [name for name in POSE_COLUMNS if name in order]
     boxes = log.boxes["frame"].isin(order["frame"]) & (log.boxes["class"] != "Pedestrian")
     rows = np.flatnonzero(boxes.to_numpy())
@@ -140,11 +147,11 @@ def _pairs(log: BoxLog) -> pd.DataFrame:
     table = log.boxes.iloc[rows][columns].assign(row=rows)
     table = table.merge(order[["frame", "place", *poses]], on="frame")
     table = table.sort_values(["scene", "object_id", "place"], ignore_index=True)
-    before = table.shift(1)
+    before = table.shift(stride)
     follows = (
         (table["scene"] == before["scene"])
         & (table["object_id"] == before["object_id"])
-        & (table["place"] == before["place"] + 1)
+        & (table["place"] == before["place"] + stride)
     )
     return table.join(before[["x", "y", *poses]].add_prefix("before_"))[follows]
 
