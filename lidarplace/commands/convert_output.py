@@ -93,12 +93,10 @@ def convert_log(
         level = known("ground", real.ground, {KEEP: False, LEVEL: True})
         log = read(ignored)
         look = check or partial(check_log, fix="check {remedy} of the source")
-        for caution in look(log, source):
-            say(f"warning: {caution}", sys.stderr)
+        cautions = look(log, source)
         for recorded in {rig.names: rig for rig in log.rigs.values()}.values():
             matrices = np.stack([mount.rotation for mount in recorded.placement.mounts])
-            for caution in order_caution(recorded.names, matrices):
-                say(f"warning: {caution}", sys.stderr)
+            cautions += order_caution(recorded.names, matrices)
         if rig is not None:
             log = replace(log, rigs=dict.fromkeys(log.frames["scene"].unique(), rig))
         if real.clouds is not None:
@@ -112,6 +110,8 @@ def convert_log(
             if real.clouds is None or not real.kept:
                 shutil.rmtree(out / RECORDED, ignore_errors=True)  # of a log of before
             write_box_log(out, log)
+    for caution in cautions:
+        say(f"warning: {caution}", sys.stderr)
     notes += _rig_notes(log)
     if not (log.frames["split"] == "test").any():
         notes.append("no test frames: sweeps with detectors need some")

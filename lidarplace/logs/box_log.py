@@ -184,14 +184,13 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
     columns.check_values(boxes, ["frame"], row < 0, f"one of {name}, which lists all", source)
     if "timestamp_s" not in boxes or "timestamp_s" not in frames or boxes.empty:
         return
-    time = frames["timestamp_s"].to_numpy(np.float64)
-    off = np.abs(boxes["timestamp_s"].to_numpy(np.float64) - time[row])
+    time, own = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
+    off = np.abs(own - time[row]) if np.ptp(own) > 0 else np.zeros(len(own))
     step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
     if (far := off > (step / 2 if step > 0 else 0)).mean() > 0.5:
         problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
         parts = {"expected": f"{time[row][far][0]:.16g}", "fix": "are frame numbers off by one?"}
-        found = f"{boxes['timestamp_s'].to_numpy()[far][0]:.16g}"
-        place = f"{source}: row {int(far.argmax())}"
+        place, found = f"{source}: row {int(far.argmax())}", f"{own[far][0]:.16g}"
         raise InputError(problem, place=place, key="timestamp_s", found=found, **parts)
 
 
