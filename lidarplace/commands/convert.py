@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import say
@@ -29,12 +28,8 @@ from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from lidarplace.scenes.label_tables.units import SECONDS
-from lidarplace.scenes.sanity_checks.boxes import (
-    doubts_of_degrees,
-    doubts_of_surroundings,
-    doubts_of_units,
-)
-from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_poses
+from lidarplace.scenes.sanity_checks.boxes import doubts_of_degrees
+from lidarplace.scenes.sanity_checks.check_log import check_log, doubts_of_log, error_of
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 
@@ -59,7 +54,7 @@ class _Readers(TyperGroup):
             wrong(error)
 
         def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
-            convert_log(lambda ignored: read(source, ignored), out)
+            convert_log(lambda ignored: read(source, ignored), source, out)
 
         convert.__doc__ = read.__doc__
         own = new_app()
@@ -169,7 +164,7 @@ def nuscenes(
         test = read_text(test_scenes).split() if test_scenes else test_share
         return read_nuscenes(source, version=version, test_scenes=test, **own)
 
-    convert_log(read, out, Real(ground, clouds, world=world))
+    convert_log(read, source, out, Real(ground, clouds, world=world))
 
 
 @verb(app, "data/av2/sensor logs/av2 --split val")
@@ -192,7 +187,7 @@ def argoverse(
         own = _boxes(ignored, class_map, lidar, keep_ignored)
         return read_argoverse(source, splits=split or (), **own)
 
-    convert_log(read, out, Real(ground, clouds, CLOUDS_ORIGIN, world=world))
+    convert_log(read, source, out, Real(ground, clouds, CLOUDS_ORIGIN, world=world))
 
 
 @verb(app, "data/waymo logs/waymo")
@@ -214,7 +209,7 @@ def waymo(
         own = _boxes(ignored, class_map, lidar, keep_ignored)
         return read_waymo(source, splits=split or (), **own)
 
-    convert_log(read, out, Real(ground))
+    convert_log(read, source, out, Real(ground))
 
 
 @verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
@@ -256,7 +251,7 @@ def openlabel(
             ignored=ignored,
         )
 
-    convert_log(read, out, Real(ground, clouds, origin, world, rig, lidar))
+    convert_log(read, source, out, Real(ground, clouds, origin, world, rig, lidar))
 
 
 @verb(
@@ -320,16 +315,16 @@ def table(
         classes = named_class_map(class_map)
         return read_tabular(source, frames=every, class_map=classes, ignored=ignored)
 
-    def check(log: BoxLog) -> None:
+    def check(log: BoxLog, source: Path) -> list[str]:
         if preview is not None:
             from lidarplace.viewing.from_above import write_from_above
 
             write_from_above(preview, log, f"{source.name}: the first frames from above")
             say(preview)
-        _refuse(log, source, meaning)
+        return _check(log, source, meaning)
 
     at = [0.0 if meaning is None else getattr(meaning.origin, axis) for axis in "xyz"]
-    convert_log(read, out, Real(ground, clouds, at, world, rig, lidar), check)
+    convert_log(read, source, out, Real(ground, clouds, at, world, rig, lidar), check)
 
 
 @verb(app, "data/kitti logs/kitti --skip-bad")
@@ -369,7 +364,9 @@ def kitti(
 
     with checked_input():
         own = source if part(source, "velodyne").is_dir() else None
-    convert_log(read, out, Real(ground, clouds or own, world=world, kept=clouds is not None))
+    convert_log(
+        read, source, out, Real(ground, clouds or own, world=world, kept=clouds is not None)
+    )
     if skipped:
         say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
 
@@ -387,29 +384,15 @@ def _propose(source: Path, path: Path) -> None:
     say(path)
 
 
-def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
-    """Raise ValueError for the first implausible values, and name the key to change."""
+def _check(log: BoxLog, source: Path, mapping: TableMapping | None) -> list[str]:
+    """Raise InputError for implausible values, and name the key of the mapping to change. Without a
+    mapping, which may accept them, those that are not certain are warnings."""
     if mapping is None:
-        every = chain(doubts_of_units(log), doubts_of_motion(log, "rad"))
-    else:
-        every = chain(
-            doubts_of_poses(log),
-            doubts_of_units(log),
-            doubts_of_degrees(log) if mapping.units.angle == "deg" else (),
-            doubts_of_surroundings(log),
-            doubts_of_motion(log, mapping.units.angle),
-        )
-    for doubt in every:
-        column, rows = doubt.column, log.frames if doubt.check == "poses" else log.boxes
-        accept = "a mapping (--propose begins one)"
-        if mapping is not None:
-            if doubt.check in mapping.accept:
-                continue
-            column = mapping.column(column)
-            accept = f"the mapping, or accept the value: accept: [{doubt.check}]"
-        raise InputError(
-            f"{doubt.why}: {doubt.where(rows)}",
-            place=source,
-            key=f"column {column}",
-            fix=f"change {doubt.remedy} of {accept}",
-        )
+        return check_log(log, source, fix="change {remedy} of a mapping (--propose begins one)")
+    of_degrees = doubts_of_degrees(log) if mapping.units.angle == "deg" else ()
+    for doubt in chain(of_degrees, doubts_of_log(log)):
+        if doubt.check not in mapping.accept:
+            accept = f"accept: [{doubt.check}]"
+            fix = f"change {{remedy}} of the mapping, or accept the value: {accept}"
+            raise error_of(doubt, log, source, mapping.column(doubt.column), fix)
+    return []

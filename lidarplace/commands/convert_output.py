@@ -5,6 +5,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,10 @@ from lidarplace.rig_files.own import read_own
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.rigs.rotations import order_caution
 from lidarplace.scenes.ground_level import OFF, OFF_M, levelled, off_ground
 from lidarplace.scenes.real_clouds import count_real_points
-from lidarplace.scenes.sanity_checks.boxes import doubts_of_units
+from lidarplace.scenes.sanity_checks.check_log import check_log
 from lidarplace.scenes.static_world import static_worlds
 
 RECORDED = Path("clouds") / "recorded"
@@ -77,23 +79,24 @@ def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
 
 def convert_log(
     read: Callable[[Counter[str]], BoxLog],
+    source: Path,
     out: Path | None,
     real: Real = Real(KEEP),
-    check: Callable[[BoxLog], None] | None = None,
+    check: Callable[[BoxLog, Path], list[str]] | None = None,
 ) -> None:
     """Read a log, write it to `out` if given, and print what is in it; a mistake ends with code 2.
-    Implausible values give a warning, unless `check` looks at the log instead, or raises."""
+    `check` returns warnings of implausible values, or raises InputError; by default `check_log`."""
     ignored: Counter[str] = Counter()
     notes: list[str] = []
     with checked_input():
         rig = _read_rig(real.rig, real.lidar)
         level = known("ground", real.ground, {KEEP: False, LEVEL: True})
         log = read(ignored)
-        if check is not None:
-            check(log)
-        else:
-            for doubt in doubts_of_units(log):
-                say(f"warning: {doubt.why}: {doubt.where(log.boxes)}", sys.stderr)
+        look = check or partial(check_log, fix="check {remedy} of the source")
+        cautions = look(log, source)
+        for recorded in {rig.names: rig for rig in log.rigs.values()}.values():
+            matrices = np.stack([mount.rotation for mount in recorded.placement.mounts])
+            cautions += order_caution(recorded.names, matrices)
         if rig is not None:
             log = replace(log, rigs=dict.fromkeys(log.frames["scene"].unique(), rig))
         if real.clouds is not None:
@@ -107,7 +110,11 @@ def convert_log(
             if real.clouds is None or not real.kept:
                 shutil.rmtree(out / RECORDED, ignore_errors=True)  # of a log of before
             write_box_log(out, log)
+    for caution in cautions:
+        say(f"warning: {caution}", sys.stderr)
     notes += _rig_notes(log)
+    if not (log.frames["split"] == "test").any():
+        notes.append("no test frames: sweeps with detectors need some")
     output().print(*tables, sep="\n", soft_wrap=True)
     for note in notes:
         say(note)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from pydantic import ValidationError
 
@@ -20,6 +21,7 @@ from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
 from lidarplace.rig_files.mounted import MountedLidar, Vector, check_lidars, lidars_in, of_frame
 from lidarplace.rig_files.own import read_own, write_own
 from lidarplace.rigs.catalogue.datasheet import catalogue
+from lidarplace.rigs.rotations import order_caution
 
 app = new_app()
 
@@ -113,13 +115,17 @@ def rig(
             raise InputError("applies only when reading another tool's file", place="--only")
         check_lidars(lidars, str(source))
         lidars = _with_models(lidars, {"lidar": lidar, "camera": camera, "radar": radar})
+        mounted = lidars_in(lidars)
         if reads:
             write_own(out, lidars)
         else:
             known.write(out, [each.moved(-start[0], -start[1], -start[2]) for each in lidars])
-    alone = len(lidars_in(lidars))
+    alone = len(mounted)
     if not reads and known.lidars_alone and alone < len(lidars):
         say(f"left out, as {out} holds LiDARs alone: {len(lidars) - alone} others", sys.stderr)
+    matrices = np.stack([each.mount.rotation for each in mounted])
+    for caution in order_caution([each.name for each in mounted], matrices):
+        say(f"warning: {caution}", sys.stderr)
     for each in lidars:
         if each.mount.z < 0:
             say(f"warning: {each.name} is {-each.mount.z:g} m under the ground", sys.stderr)

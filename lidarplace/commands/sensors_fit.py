@@ -18,6 +18,7 @@ from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import write_text
+from lidarplace.files.regular import files_in
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.rig_files.mounted import MountedLidar, lidars_in
 from lidarplace.rig_files.own import as_written, read_own, write_own
@@ -92,7 +93,7 @@ def _files(clouds: Sequence[Path]) -> list[Path]:
     for path in clouds:
         inside = [path]
         if path.is_dir():
-            inside = sorted(own for own in path.iterdir() if own.name.endswith(CLOUD_SUFFIXES))
+            inside = [own for own in files_in(path) if own.name.endswith(CLOUD_SUFFIXES)]
         if not inside:
             expected = f"files of {', '.join(CLOUD_SUFFIXES)}"
             raise InputError("no clouds", place=path, expected=expected)

@@ -12,6 +12,7 @@ from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
 from lidarplace.detections import layouts
 from lidarplace.detections.layouts import Found, LogFrames
+from lidarplace.files.regular import files_in
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.logs.plausible import MOST_YAW
@@ -107,7 +108,7 @@ def _files(path: Path) -> list[Path]:
         raise InputError("no such file or folder", place=path)
     own = [path]
     if path.is_dir():
-        own = sorted(file for file in path.iterdir() if file.suffix in {**_SUFFIXES, **_PICKLES})
+        own = [file for file in files_in(path) if file.suffix in {**_SUFFIXES, **_PICKLES}]
     if not own:
         raise InputError("no detections", place=path, expected=f"files {', '.join(_SUFFIXES)}")
     for file in own:

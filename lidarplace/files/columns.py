@@ -1,6 +1,7 @@
 """Columns of tables, validated: what is missing or wrong is an InputError of file, row, value."""
 
 import math
+import re
 import reprlib
 from collections.abc import Callable, Collection, Sequence
 from decimal import Decimal
@@ -14,16 +15,19 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import FRAME
 
 _INT64 = 2.0**63
+_DATE = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:|$)")  # ISO 8601
 _LONGEST = 300  # characters of what was found
 
 
-def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> None:
-    """Raise InputError that says which of `names` are not in `found`, or twice."""
+def check_columns(found: Sequence[str], names: Sequence[str], source: str, fix: str = "") -> None:
+    """Raise InputError that says which of `names` are not in `found`, or twice. `fix` is what to do
+    about a missing one."""
     if missing := [name for name in names if name not in found]:
         listed = ", ".join(map(str, found)) or "none"
         if len(listed) > _LONGEST:
             listed = f"{listed[:_LONGEST]} …"
-        raise InputError("missing column", place=source, key=", ".join(missing), found=listed)
+        key = ", ".join(missing)
+        raise InputError("missing column", place=source, key=key, found=listed, fix=fix)
     if twice := [name for name in names if found.count(name) > 1]:
         raise InputError("duplicate column", place=source, key=twice[0])
 
@@ -148,4 +152,7 @@ def check_values(
         key, place = names[column], f"{source}: row {row}"
         value = table[key].iloc[row]
         found = (text(value) if isinstance(value, str) else str(value))[:_LONGEST]
-        raise InputError("invalid value", place=place, key=key, expected=expected, found=found)
+        parts = {"expected": expected, "found": found}
+        if "number" in expected and _DATE.match(found):
+            parts["fix"] = "make dates numbers, such as seconds since 1970"
+        raise InputError("invalid value", place=place, key=key, **parts)

@@ -14,7 +14,7 @@ def read_json(path: Path, object_hook: Callable[[dict[str, Any]], Any] | None = 
     """The content of a JSON file, see `json.load`. Raises ValueError that names file and line."""
     with reading(path), at(path):
         try:
-            with regular(path).open(encoding="utf-8") as file:
+            with regular(path).open(encoding="utf-8-sig") as file:
                 return json.load(file, object_hook=object_hook)
         except json.JSONDecodeError as error:
             raise InputError(f"not JSON: {error.msg}", place=f"line {error.lineno}") from None

@@ -20,6 +20,12 @@ def regular(path: Path) -> Path:
     return path
 
 
+def files_in(folder: Path) -> list[Path]:
+    """Paths in a folder, sorted, without hidden ones: on foreign disks macOS adds a file `._NAME`
+    to each file. Raises OSError."""
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
 def is_there(path: Path) -> bool:
     """Whether its folder has that name, maybe as a link that leads nowhere. Raises OSError."""
     try:

@@ -179,9 +179,20 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 
 
 def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: str) -> None:
-    """Raise ValueError for the first box, of `source`, in no frame of the table `name`."""
-    unlisted = ~boxes["frame"].isin(frames["frame"])
-    columns.check_values(boxes, ["frame"], unlisted, f"one of {name}, which lists all", source)
+    """Raise ValueError for the first box, of `source`, in no frame of the table `name`, or if most
+    boxes are of another time than their frame."""
+    row = pd.Index(frames["frame"]).get_indexer(pd.Index(boxes["frame"]))
+    columns.check_values(boxes, ["frame"], row < 0, f"one of {name}, which lists all", source)
+    if "timestamp_s" not in boxes or "timestamp_s" not in frames or boxes.empty:
+        return
+    time, own = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
+    off = np.abs(own - time[row]) if np.ptp(own) > 0 else np.zeros(len(own))
+    step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
+    if (far := off > (step / 2 if step > 0 else 0)).mean() > 0.5:
+        problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
+        parts = {"expected": f"{time[row][far][0]:.16g}", "fix": "are frame numbers off by one?"}
+        place, found = f"{source}: row {int(far.argmax())}", f"{own[far][0]:.16g}"
+        raise InputError(problem, place=place, key="timestamp_s", found=found, **parts)
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:

@@ -9,12 +9,12 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
 from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
 from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.rotations import rotations
 
 PUBLISHER = "static_transform_publisher"
 PLACE = ("x", "y", "z")
@@ -62,10 +62,8 @@ def _joint(node: Element, number: int) -> Joint:
         numbers = {n: _number(n, word) for n, word in given.items() if n not in FRAMES}
         position = np.array([numbers.get(name, 0.0) for name in PLACE])
         quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
-        if not math.hypot(*quaternion) > 0:
-            raise InputError("the rotation is a quaternion of length 0")
         if set(given) & set(QUATERNION):
-            matrix = Rotation.from_quat(quaternion).as_matrix()
+            matrix = rotations(quaternion).as_matrix()
         else:
             angles = [numbers.get(name, 0.0) for name in ANGLES]
             matrix = Mount(*position, *angles).rotation

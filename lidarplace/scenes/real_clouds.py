@@ -126,7 +126,7 @@ def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
             found.append(next((folder / n for n in names if is_there(folder / n)), None))
     else:
         files: dict[tuple[str, int], Path] = {}  # "" is the scene of those in the folder itself
-        for path in sorted([*folder.glob("*"), *folder.glob("*/*")]):
+        for path in sorted([*folder.glob("[!.]*"), *folder.glob("*/[!.]*")]):
             stem = path.name.partition(".")[0]
             if path.name.lower().endswith(CLOUD_SUFFIXES) and stem.isdecimal():
                 files["" if path.parent == folder else path.parent.name, int(stem)] = path

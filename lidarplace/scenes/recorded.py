@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -25,6 +25,8 @@ from lidarplace.logs.boxes import SPLITS
 from lidarplace.rigs.recorded import RecordedRig, one_rig
 from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap, check_class_map
 from lidarplace.scenes.parts import ScenePart
+from lidarplace.scenes.sanity_checks.check_log import check_log
+from lidarplace.scenes.sanity_checks.copies import doubts_of_copies
 
 
 class LogScene(Settings):
@@ -139,6 +141,11 @@ class LogScene(Settings):
         boxes = log.boxes.assign(**{"class": names})[(names != IGNORE).to_numpy()]
         return replace(log, boxes=boxes.reset_index(drop=True))
 
+    def cautions(self) -> tuple[str, ...]:
+        """Implausible values of the log, a line each. Raises InputError for values that are wrong
+        beyond doubt, and for test routes that are training routes."""
+        return _cautions(tuple(part.recording for part in log_parts(self)))
+
     def groups(self) -> ClassMap:
         """Which class of the log counts as which; what it does not name stays as it is."""
         return PAPER_GROUPS if isinstance(self.class_map, str) else self.class_map or {}
@@ -173,3 +180,14 @@ def log_parts(scene: LogScene) -> list[ScenePart]:
         for name, log, split in (("", own, "train"), ("test log", other, "test"))
         if counts[split]
     ]
+
+
+@lru_cache(maxsize=8)
+def _cautions(recordings: tuple[LogRecording, ...]) -> tuple[str, ...]:
+    """Of the log, or of that to train and that to test on."""
+    logs = {recording.scene.folder: recording.record() for recording in recordings}
+    cautions = [caution for folder, log in logs.items() for caution in check_log(log, folder)]
+    if len(logs) > 1:
+        (_, train), (folder, test) = logs.items()
+        cautions += check_log(test, folder, doubts_of_copies(train, test))
+    return tuple(cautions)

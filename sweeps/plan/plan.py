@@ -176,6 +176,8 @@ class _Builder:
         if not isinstance(point.scene, LogScene):
             return typical_of(point, None)
         boxes = self._boxes_of(point.scene)
+        with reading("scene"):
+            self.cautions |= dict.fromkeys(point.scene.cautions())
         self.cautions |= dict.fromkeys(check_classes(point, boxes))
         return typical_of(point, boxes)
 

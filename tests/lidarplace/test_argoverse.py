@@ -44,12 +44,12 @@ def test_poses_agree_with_scipy_box_by_box(tmp_path):
     rng = np.random.default_rng(5)
     times = [START + n * TENTH for n in range(30)]
     poses = {
-        time: (tuple(rng.normal(size=4)), tuple(rng.uniform(-900, 900, 3)))
+        time: (tuple(Rotation.random(rng=rng).as_quat()), tuple(rng.uniform(-900, 900, 3)))
         for time in rng.permutation(times).tolist()
     }
     boxes = []
     for time in rng.choice(times, 100).tolist():
-        own = rng.uniform(-80, 80, 3), rng.uniform(0.3, 2, 3), rng.normal(size=4)
+        own = rng.uniform(-80, 80, 3), rng.uniform(0.3, 2, 3), Rotation.random(rng=rng).as_quat()
         boxes.append(Box(time, "PEDESTRIAN", *map(tuple, own)))
     log = read_argoverse(write_argoverse(tmp_path, [Log("val", "a", boxes, poses, times)]))
     boxes.sort(key=lambda box: box.timestamp_ns)

@@ -242,7 +242,7 @@ def test_annotations_of_nuscenes_are_its_detections(tmp_path):
 
 
 def test_annotations_of_argoverse_are_its_detections(tmp_path):
-    box = argoverse_layout.Box(5, "BICYCLIST", (10.0, 1.0, 0.5), rotation=(0.9, 0.0, 0.0, 0.1))
+    box = argoverse_layout.Box(5, "BICYCLIST", (10.0, 1.0, 0.5), rotation=(0.8, 0.0, 0.0, 0.6))
     poses = {5: (argoverse_layout.LEVEL, (1.0, 2.0, 3.0))}
     drive = argoverse_layout.Log("val", "01bb", [box], poses)
     log = read_argoverse(argoverse_layout.write_argoverse(tmp_path, [drive]))

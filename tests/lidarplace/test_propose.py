@@ -142,7 +142,7 @@ def test_what_nothing_tells_is_left_open(tmp_path):
     assert '  x:   # nothing tells it; other columns: "no, A: b"\n' in guess.read_text()
     result = convert(labels, tmp_path / "log", "--mapping", guess)
     assert result.exit_code == 2
-    assert "guess.yaml: columns.category: expected a valid string, found None" in result.stderr
+    assert "guess.yaml: columns.category: expected a column, found no name" in result.stderr
 
 
 @pytest.mark.parametrize("column", ["recording", "kind", "track", "posX", "stamp", "host_heading"])

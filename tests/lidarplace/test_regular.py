@@ -5,7 +5,8 @@ import re
 
 import pytest
 
-from lidarplace.files.regular import is_there, regular
+from lidarplace.files.json_file import read_json
+from lidarplace.files.regular import files_in, is_there, regular
 from tests.fuzz.mutate_bytes import NO_FILES
 from tests.test_layers import MODULES
 
@@ -66,3 +67,11 @@ def test_files_and_links_to_them_are_read(tmp_path):
     assert regular(path).read_text() == regular(link).read_text() == "text"
     with pytest.raises(NotADirectoryError):
         is_there(path / "train.txt")
+
+
+def test_hidden_files_are_no_data_and_a_mark_at_the_start_is_no_json(tmp_path):
+    """macOS writes `._NAME` beside NAME on foreign disks, Windows' editors a byte order mark."""
+    for name in ("b.json", "._b.json", "a.json"):
+        (tmp_path / name).write_bytes(b'\xef\xbb\xbf{"a": 1}')
+    assert files_in(tmp_path) == [tmp_path / "a.json", tmp_path / "b.json"]
+    assert read_json(tmp_path / "a.json") == {"a": 1}

@@ -21,7 +21,9 @@ from lidarplace.rig_files.own import read_own, write_own
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import angles, rotation
+from lidarplace.rigs.rotations import order_caution, rotations, rotations_of
 from tests.lidarplace.nuscenes_layout import Sample, Scene, write_nuscenes
+from tests.refused import refused
 
 DATA = Path(__file__).parents[1] / "data/rigs"
 QUARTER = math.pi / 2
@@ -163,7 +165,7 @@ LAUNCH = """<launch>
     <node pkg="tf2_ros" exec="static_transform_publisher"
       args="--x 1 --qz 1 --qw 0 --frame-id roof --child-frame-id lidar"/>
   </group>
-  <node pkg="tf2_ros" type="static_transform_publisher" args="1 2 3 0 0 0 2 base_link other"/>
+  <node pkg="tf2_ros" type="static_transform_publisher" args="1 2 3 0 0 0 1.005 base_link other"/>
   <node pkg="camera" exec="driver"/>
 </launch>"""
 
@@ -198,6 +200,34 @@ def test_objects_of_carlas_bridge(tmp_path):
     assert model.azimuth_steps == 320000 / 32 / 20
     np.testing.assert_allclose(np.degrees(model.elevations), np.linspace(-26.8, 2, 32))
     assert (model.range, model.drop_off) == (50, 0.45), "of CARLA, where the file is silent"
+
+
+def test_a_rotation_that_is_none_is_refused():
+    """A quaternion of length 0.9, a matrix that scales, shears or mirrors; rounding passes."""
+    right, row = Rotation.random(3, rng=1), "row {}".format
+    for close in (right.as_quat(), right.as_quat() * 1.009, right.as_quat().astype("f4")):
+        np.testing.assert_allclose(rotations(close).as_matrix(), right.as_matrix(), atol=1e-6)
+    close = rotations_of(right.as_matrix().round(4))
+    assert (right * close.inv()).magnitude().max() < 1e-3
+    for factor in (0.0, 0.9, 1.02, np.nan):
+        with refused(("row 2", "", f"{factor:g}")):
+            rotations(right.as_quat() * [[1], [1], [factor]], row)
+    for wrong in (0.9 * np.eye(3), np.diag([1, 1, -1]), np.eye(3) + 0.1 * np.eye(3, k=1)):
+        with refused(("row 1", "", "")):
+            rotations_of(np.stack([np.eye(3), wrong, np.eye(3)]), row)
+
+
+@pytest.mark.parametrize("yaws", [(40,), (0, 90, -120)])
+def test_the_other_order_of_a_quaternion_tilts_level_lidars(yaws):
+    right = Rotation.from_euler("zx", [(yaw, 0) for yaw in yaws], degrees=True)
+    wrong = Rotation.from_quat(right.as_quat(), scalar_first=True).as_matrix()
+    names = [f"l{n}" for n in range(len(yaws))]
+    assert order_caution(names, right.as_matrix()) == []
+    (said,) = order_caution(names, wrong)
+    assert "l0" not in said or yaws[0] != 0
+    for rolls in ((90, -90), (0, 180)):  # on the sides, or one on its head: this may be meant
+        turned = Rotation.from_euler("xy", [(roll, 0) for roll in rolls], degrees=True)
+        assert order_caution("ab", turned.as_matrix()) == []
 
 
 def test_calibrations_of_nuscenes(tmp_path):

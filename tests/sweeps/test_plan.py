@@ -226,7 +226,7 @@ def test_more_placements_read_no_more_of_a_log(tmp_path, monkeypatch):
         plan = plan_of(tmp_path, scene=scene, classes=["Car"], grid={"placement": placements})
         assert {t.grid_point.point.scene.frame_counts() for t in plan.trials} == {(3, 1)}
         reads.append(len(read))
-    assert reads[0] == reads[1]
+    assert reads[0] >= reads[1], "a log is checked once"
 
 
 def test_weather_is_seen_by_clouds_and_surrogates_alone(tmp_path):

@@ -71,13 +71,16 @@ class OccupancyGrid(Plottable):
         if it is there, are used. Warns of boxes that look as if they were in degrees or
         millimetres. Raises ValueError: a column is missing, a value is not finite, the boxes come
         from more than `frames` frames, or nothing knows the class."""
-        return cls.by_class(boxes, roi, (object_class,), frames)[object_class]
+        grids = cls.by_class(boxes, roi, (object_class,), frames)
+        for told in implausible(boxes):
+            warnings.warn(told, stacklevel=2)
+        return grids[object_class]
 
     @classmethod
     def by_class(
         cls, boxes: pd.DataFrame, roi: Roi, classes: Collection[str], frames: int
     ) -> dict[str, OccupancyGrid]:
-        """`from_boxes` for several classes; checks and frame numbers are made once.
+        """`from_boxes` for several classes, without its warnings; frame numbers are made once.
 
         Raises ValueError as `from_boxes`; all `classes` together must not have more than
         `frames`."""
@@ -90,8 +93,6 @@ class OccupancyGrid(Plottable):
         check_boxes(boxes)
         for name in classes:
             _check_class(name, boxes)
-        for told in implausible(boxes):
-            warnings.warn(told, stacklevel=3)
         of_class = {name: np.flatnonzero(boxes["class"].isin([name])) for name in classes}
         rows = np.concatenate([np.empty(0, np.int64), *of_class.values()])
         frame = frame_ids(boxes)

@@ -142,7 +142,7 @@ def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
 
 def _sweeps(folder: Path) -> NDArray[np.int64]:
     """Times of the sweeps that are there, in nanoseconds."""
-    for path in (paths := sorted(folder.glob("*.feather"))):
+    for path in (paths := sorted(folder.glob("[!.]*.feather"))):
         if not path.stem.isdecimal() or int(path.stem) >= 2**63:
             raise InputError(place=path, expected="a name that is the time in nanoseconds")
     return np.array([int(path.stem) for path in paths], np.int64)

@@ -47,7 +47,7 @@ def read_openlabel(
 
     Raises ValueError if a file is wrong, a type unknown, or no transform leads to the vehicle."""
     classes = merged(BOX_LOG, class_map)
-    paths = sorted(source.glob("*.json")) if source.is_dir() else [source]
+    paths = sorted(source.glob("[!.]*.json")) if source.is_dir() else [source]
     if not paths:
         raise InputError(place=source, expected="a file .json for each drive")
     for name in test:

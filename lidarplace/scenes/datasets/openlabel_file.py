@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.record import Number
+from lidarplace.rigs.rotations import rotations, rotations_of
 
 VEHICLE = "local_cs"  # the type of a coordinate system that moves with the vehicle
 Matrix = NDArray[np.float64]
@@ -39,9 +40,9 @@ class Transform(BaseModel):
         """Shape (4, 4)."""
         if self.matrix4x4 is not None:
             matrix = np.reshape(self.matrix4x4, (4, 4))
-            return _rigid(Rotation.from_matrix(matrix[:3, :3]), matrix[:3, 3])
+            return _rigid(rotations_of(matrix[:3, :3]), matrix[:3, 3])
         if self.quaternion is not None:
-            return _rigid(Rotation.from_quat(self.quaternion), self.translation)
+            return _rigid(rotations(self.quaternion), self.translation)
         return _rigid(Rotation.from_euler(self.sequence, self.euler_angles), self.translation)
 
 
@@ -61,15 +62,14 @@ class Cuboid(BaseModel):
         """Shape (4, 4)."""
         turned = self.val[3:-3]
         if len(turned) == 4:
-            return _rigid(Rotation.from_quat(turned), self.val[:3])
+            return _rigid(rotations(turned), self.val[:3])
         return _rigid(Rotation.from_euler("ZYX", turned[::-1]), self.val[:3])
 
     @model_validator(mode="after")
     def _is_one(self) -> Self:
         if min(self.val[-3:]) < 0:
             raise InputError(expected="sizes of at least 0", found=self.val[-3:])
-        if len(self.val) == 10 and not np.linalg.norm(self.val[3:7]) > 0:
-            raise InputError("the rotation is a quaternion of length 0")
+        self.pose()  # raises ValueError for a quaternion that is no rotation
         return self
 
 

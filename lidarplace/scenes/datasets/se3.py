@@ -8,8 +8,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.base.errors import InputError
-from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS, first
+from lidarplace.logs.boxes import FULL_POSE_COLUMNS, POSE_COLUMNS
+from lidarplace.rigs.rotations import rotations
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,6 @@ class Poses:
 def poses(
     position: NDArray[np.float64], quaternion: NDArray[np.float64], row: Callable[[int], str]
 ) -> Poses:
-    """Poses from positions, (N, 3), and quaternions w, x, y, z of any length but 0, (N, 4). Raises
-    ValueError if a quaternion has no length; `row` names its row."""
-    if (none := first(~(np.linalg.norm(quaternion, axis=1) > 0))) is not None:
-        raise InputError("the rotation is a quaternion of length 0", place=row(none))
-    return Poses(position, Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]))
+    """Poses from positions, (N, 3), and quaternions w, x, y, z, (N, 4). Raises InputError for a
+    quaternion whose length is not 1; `row` names its row."""
+    return Poses(position, rotations(quaternion[:, [1, 2, 3, 0]], row))

@@ -29,6 +29,7 @@ from lidarplace.logs.boxes import (
     rows_of,
 )
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classified, classify, merged
+from lidarplace.scenes.datasets.other_reader import other_reader
 
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split", CLOUD)
@@ -91,8 +92,9 @@ def read_tabular(
 def _found(folder: Path, name: str) -> Path:
     found = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
     if len(found) != 1:
-        wanted = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
-        raise InputError(place=folder, expected=wanted, found="both" if found else "neither")
+        wanted, both = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES), "both"
+        fix = "" if found else other_reader(folder)
+        raise InputError(place=folder, expected=wanted, found=both if found else "neither", fix=fix)
     return found[0]
 
 
@@ -100,7 +102,8 @@ def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
     """The table in a Parquet or a CSV file; `texts` are columns in which `007` stays text. Raises
     ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(place=path, expected=f"a name that ends in {' or '.join(SUFFIXES)}")
+        expected = f"a name that ends in {' or '.join(SUFFIXES)}"
+        raise InputError(place=path, expected=expected, fix=other_reader(path))
     if path.suffix.lower() == ".csv":
         return read_csv(path, dtype=dict.fromkeys(texts, str))
     return read_parquet(path)
@@ -123,7 +126,8 @@ def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], p
     of which nothing is known, as this reader itself leaves it, is dropped."""
     if "timestamp_s" in table and table["timestamp_s"].isna().all():
         del table["timestamp_s"]
-    columns.check_columns(list(table.columns), needed, str(path))
+    fix = "`lidarplace convert table FILE --propose MAP.yaml` maps other names"
+    columns.check_columns(list(table.columns), needed, str(path), fix if "class" in needed else "")
     table["frame"] = columns.frame_numbers(table, str(path))
     for name in table.columns.intersection(list(numeric)):
         table[name] = columns.numbers(table, [name], str(path))

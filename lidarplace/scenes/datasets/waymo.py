@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from lidarplace.base.errors import InputError, at
+from lidarplace.base.errors import InputError
 from lidarplace.files.columns import check_columns, counts_if_known, integers, numbers, sizes, texts
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
@@ -21,6 +20,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POINTS, SOURCE, first, geometry_of, rows_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
+from lidarplace.rigs.rotations import rotations_of
 from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
 from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses
@@ -82,7 +82,7 @@ def read_waymo(
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
 
     Raises ValueError if a file is missing or wrong, a box is in no frame, or a type is unknown."""
-    pattern, each = "lidar_box/*.parquet", "a file for each segment"
+    pattern, each = "lidar_box/[!.]*.parquet", "a file for each segment"
     drives = drives_in(folder, splits, SPLITS, pattern, each)
     classes = merged(WAYMO, class_map, keep_ignored)
     return join_drives(drives, lambda path, start: _segment(path, start, classes, ignored, lidar))
@@ -157,8 +157,8 @@ def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: st
             raise InputError(place=f"{source}: row {row}", key=column, expected="16 finite numbers")
         matrix[:] = values
     transforms = matrices.reshape(-1, 4, 4)
-    with at(f"{source}: {column}"):  # a matrix that is not a rotation
-        return Poses(transforms[:, :3, 3], Rotation.from_matrix(transforms[:, :3, :3]))
+    turned = rotations_of(transforms[:, :3, :3], lambda row: f"{source}: row {rows[row]}: {column}")
+    return Poses(transforms[:, :3, 3], turned)
 
 
 def _boxes(

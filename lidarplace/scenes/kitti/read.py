@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import LIDAR_HEIGHT
-from lidarplace.files.regular import is_there, regular
+from lidarplace.files.regular import files_in, is_there, regular
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, CLOUD, FRAME_COLUMNS, GEOMETRY, SOURCE
 from lidarplace.rigs.lidar import Lidar
@@ -131,13 +131,17 @@ def read_kitti(
 def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
     """Columns frame, timestamp_s, split, route; sorted by frame."""
     labels = part(folder, "label_2")
-    files = {path.stem for path in labels.iterdir() if path.suffix == ".txt"}
+    if (tracking := part(folder, "label_02")).is_dir() and not labels.is_dir():
+        problem = "KITTI's tracking layout, a file a drive; only the object layout is read"
+        fix = "make a table of its boxes in the ego frame, and read it by convert table --propose"
+        raise InputError(problem, place=tracking, expected="a folder label_2", fix=fix)
+    files = {path.stem for path in files_in(labels) if path.suffix == ".txt"}
     found: dict[int, str] = {}
     # Someone who names the folder `training` means its lists too, which lie next to it.
     lists = folder / "ImageSets"
     if not is_there(lists) and labels.parent == folder and folder.resolve().name == "training":
         lists = folder.resolve().parent / "ImageSets"
-    names = {path.name for path in lists.iterdir()} if is_there(lists) else set()
+    names = {path.name for path in files_in(lists)} if is_there(lists) else set()
     listed = [name for name in SETS if f"{name}.txt" in names]
     for name in listed:
         path = lists / f"{name}.txt"

@@ -1,7 +1,7 @@
 """The mapping of a label file: columns, units, origin, classes, frames and drives."""
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -34,10 +34,22 @@ class Columns(Settings):
     yaw: Name = Field(description="about z, from the x axis towards y")
     points: Name | None = Field(None, description="of the number of real points in a box")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, columns: Any) -> Any:
+        for name, field in cls.model_fields.items():
+            if isinstance(columns, dict) and columns.get(name, "") is None and field.is_required():
+                fix = "name one, or add it to the file"
+                if name == "yaw":
+                    fix += "; a quaternion about z is the yaw 2 atan2(qz, qw)"
+                raise InputError(key=name, expected="a column", found="no name", fix=fix)
+        return columns
+
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
         if (self.time is None) == (self.frame is None):
-            raise InputError(expected="one of `time` and `frame`, not both")
+            both = "neither" if self.time is None else "both"
+            raise InputError(expected="one of `time` and `frame`", found=both)
         return self
 
 
@@ -141,9 +153,9 @@ class TableMapping(Settings):
         return self.columns.time or self.columns.frame or ""
 
     def column(self, name: str) -> str:
-        """The file's own name of a column of boxes, or of the vehicle's heading."""
-        if name == "ego_yaw" and self.poses is not None:
-            return self.poses.yaw
+        """The file's own name of a column of boxes, or of the vehicle's pose."""
+        if name.startswith("ego_"):
+            return str(getattr(self.poses, name.removeprefix("ego_")))
         return self.stamp if name == "timestamp_s" else str(getattr(self.columns, name))
 
 

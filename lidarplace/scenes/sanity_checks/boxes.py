@@ -4,22 +4,31 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import SIZE
-from lidarplace.logs.plausible import MOST_SIZE_M, MOST_YAW, STEP_S
+from lidarplace.logs.plausible import MOST_SIZE_M, MOST_YAW
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.scenes.sanity_checks.doubt import Doubt
+from lidarplace.scenes.sanity_checks.doubt import LEAST_BOXES, Doubt
 
 FARTHEST_M = 1000.0
+FAR_M = 150.0  # the median box of a log in the ego frame is nearer
 NEAREST_M = 2.0  # a log none of whose boxes is farther away has another unit
 IN_VEHICLE = 0.01  # share of boxes whose centre may be in the vehicle's body: people who touch it
 OFF_GROUND_M = 0.25
+NO_SLOPE_M = 0.5  # roads that rise do not lift the median box by so much
 NEAR_M = 40.0  # boxes up to here show where the ground is; farther away it may rise
-LENGTHS_M = {"Car": (1.5, 20.0), "Cyclist": (0.7, 25.0), "Pedestrian": (0.3, 4.0)}
-"""Longest side of the median object of a class."""
+LEAST_OBJECTS = 3  # one object may be a scooter car or a statue
+OFTEN = 0.1  # share of boxes that are no outliers
+SIDES_M = {
+    "Car": np.array([(2.6, 1.0, 0.9), (20.0, 3.2, 4.5)]),
+    "Cyclist": np.array([(1.0, 0.2, 0.8), (25.0, 3.2, 4.5)]),
+    "Pedestrian": np.array([(0.15, 0.15, 0.9), (1.5, 1.5, 2.5)]),
+}
+"""Least and most length, width and height of the median object of a class. The limits are between
+those of real ones and half of them, or the triple, as of feet; a Cyclist may be a box truck."""
 LEAST_WHOLE = 3  # so many turned boxes, all by whole numbers of radians, are no chance
-LEAST_BOXES = 20  # so many boxes come close to a full turn, and are not all next to the vehicle
 
 
 def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
@@ -27,14 +36,16 @@ def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
     yaw = log.boxes["yaw"].to_numpy(np.float64)
     far, turned = np.abs(yaw) > MOST_YAW, yaw != 0
     if far.any():
-        yield Doubt("yaw", "yaw", far, "yaw is in radians; over two turns", "units.angle")
+        why = "yaw is in radians; over two turns"
+        yield Doubt("yaw", "yaw", far, why, "units.angle", certain=True)
     elif turned.sum() >= LEAST_WHOLE and (yaw[turned] % 1 == 0).all():
         why = "yaw is in radians; all are whole numbers, as of degrees"
-        yield Doubt("yaw", "yaw", turned, why, "units.angle")
-    large = (log.boxes[list(SIZE)].max(axis=1) > MOST_SIZE_M).to_numpy()
-    if large.any():
+        yield Doubt("yaw", "yaw", turned, why, "units.angle", bool(turned.sum() >= LEAST_BOXES))
+    too_large = log.boxes[list(SIZE)].to_numpy(np.float64) > MOST_SIZE_M
+    if (large := np.asarray(too_large.any(axis=1))).any():
         why = f"sizes are in metres; over {MOST_SIZE_M:g} m"
-        yield Doubt("size", SIZE[0], large, why, "units.size")
+        certain = too_large.all(axis=1).any()  # a tram is long, but not as wide and high
+        yield Doubt("size", SIZE[0], large, why, "units.size", bool(certain))
 
 
 def doubts_of_degrees(log: BoxLog) -> Iterator[Doubt]:
@@ -47,67 +58,77 @@ def doubts_of_degrees(log: BoxLog) -> Iterator[Doubt]:
 
 
 def doubts_of_surroundings(log: BoxLog) -> Iterator[Doubt]:
-    """Doubts of the sizes of a class, of places, heights and times."""
-    for doubts in (_sizes, _places, _heights, _times) if len(log.boxes) else ():
-        yield from doubts(log)
+    """Doubts of the sizes of a class, of places and heights."""
+    for doubts in (_sizes, _places, _heights) if len(log.boxes) else ():
+        yield from doubts(log.boxes)
 
 
-def _sizes(log: BoxLog) -> Iterator[Doubt]:
-    longest = log.boxes[list(SIZE)].max(axis=1)
-    for name, (least, most) in LENGTHS_M.items():
-        own = (log.boxes["class"] == name).to_numpy()
-        if own.any() and not least <= (median := longest[own].median()) <= most:
-            why = f"the longest side of a {name} is {median:g} m in the median"
-            why += f", expected {least:g} to {most:g}"
-            yield Doubt("size", SIZE[0], own, why, "units.size")
+def _sizes(boxes: pd.DataFrame) -> Iterator[Doubt]:
+    sizes = boxes[list(SIZE)].to_numpy(np.float64)
+    codes, names = pd.factorize(boxes["class"])
+    for name, (low, high) in SIDES_M.items():
+        if name not in names:
+            continue
+        rows = codes == list(names).index(name)
+        median = np.median(sizes[rows], axis=0)
+        wrong = [n for n in range(3) if not low[n] <= median[n] <= high[n]]
+        remedy = "columns.length, columns.width and columns.height"
+        if not median.any():
+            continue  # points, not boxes
+        if name == "Car" and (n := int(median.argmax())):
+            why = f"cars are {('', 'wider', 'higher')[n]} than long in the median"
+        elif wrong:
+            remedy = f"units.size, or the order of {remedy}"
+            n = wrong[0]
+            why = f"the {SIZE[n]} of a {name} is {median[n]:g} m in the median, expected "
+            why += f"{low[n]:g} to {high[n]:g}"
+            if median[n] < low[n] and ((low <= 2 * median) & (2 * median <= high)).all():
+                why += ", as of half sizes"
+                remedy = "the sizes (twice these half extents)"
+        else:
+            continue
+        if boxes["object_id"][rows].nunique() >= LEAST_OBJECTS:
+            yield Doubt("size", SIZE[0], rows, why, remedy, bool(rows.sum() >= LEAST_BOXES))
             return
-    cars = (log.boxes["class"] == "Car").to_numpy()
-    if cars.any() and log.boxes["length"][cars].median() < log.boxes["width"][cars].median():
-        why = "cars are wider than long in the median"
-        yield Doubt("size", SIZE[0], cars, why, "columns.length and columns.width")
 
 
-def _places(log: BoxLog) -> Iterator[Doubt]:
-    x, y = (log.boxes[name].to_numpy(np.float64) for name in "xy")
+def _places(boxes: pd.DataFrame) -> Iterator[Doubt]:
+    x, y = (boxes[name].to_numpy(np.float64) for name in "xy")
     distance = np.hypot(x, y)
+    every = np.ones(len(distance), bool)
     if (far := distance > FARTHEST_M).any():
         why = f"farther than {FARTHEST_M:,.0f} m from the vehicle"
-        yield Doubt("place", "x", far, why, "units.position, or coordinates: world with poses")
+        remedy = "units.position, or coordinates: world with poses"
+        yield Doubt("place", "x", far, why, remedy, bool(far.mean() > OFTEN))
         return
     if len(distance) >= LEAST_BOXES and distance.max() < NEAREST_M:
         why = f"nothing is farther than {NEAREST_M:g} m from the vehicle"
-        yield Doubt("place", "x", np.ones(len(distance), bool), why, "units.position")
+        yield Doubt("place", "x", every, why, "units.position", certain=True)
         return
+    if len(distance) >= LEAST_BOXES and (median := np.median(distance)) > FAR_M:
+        why = f"boxes are {median:.0f} m from the vehicle in the median"
+        remedy = "units.position, or coordinates: world with poses"
+        yield Doubt("place", "x", distance > FAR_M, why, remedy)
     low, high = Vehicle.car().boxes[0][:, :2]
-    within = ((low < np.stack([x, y], 1)) & (np.stack([x, y], 1) < high)).all(axis=1)
+    within = (low[0] < x) & (x < high[0]) & (low[1] < y) & (y < high[1])
     if within.mean() > IN_VEHICLE:
         why = "the centre is in the body of the vehicle"
         remedy = "units.position, coordinates, or classes: the own vehicle is null"
         yield Doubt("place", "x", within, why, remedy)
 
 
-def _heights(log: BoxLog) -> Iterator[Doubt]:
-    boxes = log.boxes
-    near = np.hypot(*boxes[["x", "y"]].to_numpy(np.float64).T) < NEAR_M
-    bottom = boxes["z"] - boxes["height"] / 2
-    median = bottom[near].median()
-    if not abs(median) > OFF_GROUND_M:  # NaN: nothing is near
+def _heights(boxes: pd.DataFrame) -> Iterator[Doubt]:
+    x, y, z, height = (boxes[name].to_numpy(np.float64) for name in ("x", "y", "z", "height"))
+    near = np.hypot(x, y) < NEAR_M
+    bottom = z - height / 2
+    if near.sum() < LEAST_BOXES or not abs(median := np.median(bottom[near])) > OFF_GROUND_M:
         return
     why = f"the undersides of near boxes are {median:+.2f} m off the ground in the median"
-    at = boxes["z"][near].median()
-    if abs(at) < OFF_GROUND_M:
+    if abs(np.median(z[near])) < OFF_GROUND_M:
         remedy = "box_z: bottom"
-    elif median > 0 and abs(median - boxes["height"][near].median() / 2) < OFF_GROUND_M:
+    elif median > 0 and abs(median - np.median(height[near]) / 2) < OFF_GROUND_M:
         remedy = "box_z: centre"
     else:
         remedy = f"origin.z, {-median:+.2f} m from its value, or units.position"
-    yield Doubt("ground", "z", near & (bottom.abs() > OFF_GROUND_M).to_numpy(), why, remedy)
-
-
-def _times(log: BoxLog) -> Iterator[Doubt]:
-    filled = log.frames[log.frames["frame"].isin(log.boxes["frame"])]
-    step = filled.groupby("scene")["timestamp_s"].diff().median()
-    if step < STEP_S[0] or step > STEP_S[1]:
-        why = f"from one frame with boxes to the next it is {step:g} s in the median"
-        every = np.ones(len(log.boxes), bool)
-        yield Doubt("time", "timestamp_s", every, why, "units.time, or frames.rate_hz")
+    rows = near & (np.abs(bottom) > OFF_GROUND_M)
+    yield Doubt("ground", "z", rows, why, remedy, bool(abs(median) > NO_SLOPE_M))

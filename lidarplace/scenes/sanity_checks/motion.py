@@ -1,8 +1,8 @@
-"""Do vehicles move where they head? They rarely slide: it shows what a yaw means."""
+"""Do vehicles move where they head? They rarely slide: it shows which convention boxes are in."""
 
 import math
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,40 +10,51 @@ from numpy.typing import NDArray
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
+from lidarplace.scenes.sanity_checks.conventions import (
+    CLOCKWISE,
+    OURS,
+    SEEN_FROM_THE_VEHICLE,
+    SEEN_IN_THE_WORLD,
+    Convention,
+)
 from lidarplace.scenes.sanity_checks.doubt import Doubt
 
 STEP_M = 0.2  # shorter steps from frame to frame say more of the labels' noise than of motion
-MOST_STEPS = 20_000
+MOST_BOXES = 20_000  # of a larger log some runs of frames are enough
+RUN = 8  # steps
+STRIDE_S = 0.3  # at least so long is a step, of several frames: labels jitter from one to the next
 LEAST_STEPS = 20  # steps of vehicles that are needed to compare yaw with motion
+LEAST_VEHICLES = 3  # that slide: one may be towed, or labelled in its own way
 ACROSS = 0.3
 """Sine of the angle between motion and length axis, 17 degrees, above which a step is across."""
 MOST_ACROSS = 0.1
 """Share of steps that are across without a doubt: labels jitter, and cars in car parks turn."""
+CERTAIN_ACROSS, CERTAIN_STEPS = 0.3, 100  # share across, of so many, of no traffic that is right
 MOST_OFF = 0.5
 """Share of steps in which the vehicle itself may drive another way than it heads: it reverses."""
-CLEARLY = 4  # so many times fewer are across in the unit that is meant
+BACKWARDS = 0.8  # share of steps against the heading that no traffic has
+CLEARLY = 4  # so many times fewer are across in the convention that is meant
+MORE = 1.2  # so many times more vehicles move at most: one that sets parked ones in motion is wrong
 UNKNOWNS = 2
 """Of the vehicle's own motion in a frame: how far ahead, and by which angle to the left."""
 
 
-def doubts_of_motion(log: BoxLog, angle: Literal["rad", "deg"]) -> Iterator[Doubt]:
-    """Doubt whether yaw was in this unit: in the other one far fewer vehicles slide."""
-    steps = steps_across(log)
-    across = steps.sine > ACROSS
-    if len(across) < LEAST_STEPS or across.mean() < MOST_ACROSS:
+def doubts_of_motion(log: BoxLog) -> Iterator[Doubt]:
+    """Doubt the convention of the boxes: in another one far fewer vehicles slide."""
+    pairs = _pairs(log)
+    if _has_poses(log):
+        steps = [_in_the_world(pairs, each) for each in (OURS, *SEEN_IN_THE_WORLD)]
+        yield from _doubts(log, steps, SEEN_IN_THE_WORLD)
         return
-    factor, unit = (math.pi / 180, "deg") if angle == "rad" else (180 / math.pi, "rad")
-    other = min(
-        (steps_across(log, factor, of_world).sine > ACROSS).mean() for of_world in (False, True)
-    )
-    if other < across.mean() / CLEARLY:
-        boxes = np.zeros(len(log.boxes), bool)
-        boxes[steps.box[across]] = True
-        why = (
-            f"vehicles move across their length axis in {across.mean():.0%} of {len(across):,} "
-            f"steps, with yaw in {unit} in {other:.0%}"
-        )
-        yield Doubt("yaw", "yaw", boxes, why, f"units.angle: {unit}")
+    steps = [_beside_the_vehicle(pairs, each) for each in (OURS, *SEEN_FROM_THE_VEHICLE)]
+    if doubts := [*_doubts(log, steps, SEEN_FROM_THE_VEHICLE)]:
+        yield from doubts
+        return
+    # The motion that was found for the vehicle may make up for a mirrored yaw. If all slide unless
+    # it moves, and none slides next to one that stands and yaw clockwise, it stands.
+    standing = [_beside_the_vehicle(pairs, each, stands=True) for each in (OURS, CLOCKWISE)]
+    if (standing[1].sine > ACROSS).sum() < MOST_ACROSS / CLEARLY * len(standing[1].sine):
+        yield from _doubts(log, standing, (CLOCKWISE,))
 
 
 def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
@@ -61,31 +72,59 @@ def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
             f"the vehicle drives another way than it heads in {off.sum() / moved.sum():.0%} of "
             f"{moved.sum():,} steps"
         )
-        remedy = "poses.angle, or poses.yaw, which is from the x axis towards y,"
-        yield Doubt("poses", "ego_yaw", off[log.frames.index].to_numpy(bool), why, remedy)
+        remedy = "poses.angle, or poses.yaw (from the x axis towards y)"
+        rows = off[log.frames.index].to_numpy(bool)
+        yield Doubt("poses", "ego_yaw", rows, why, remedy, bool(moved.sum() >= CERTAIN_STEPS))
 
 
 class Steps(NamedTuple):
-    """Objects from one frame to the next, shape (steps,)."""
+    """Vehicles from one frame to the next, shape (steps,)."""
 
     sine: NDArray[np.float64]  # |sine| of the angle between motion and length axis
+    back: NDArray[np.bool_]  # whether the motion is against the heading
     box: NDArray[np.int64]  # the box at the end of the step, by its place in the log
 
 
-def steps_across(log: BoxLog, factor: float = 1.0, of_world: bool = False) -> Steps:
-    """Steps of the vehicles of a log (pedestrians step aside), their yaw taken `factor` times. With
-    `of_world` it is the angle in the world that is taken so, the vehicle's own being right. Where
-    the log has poses, motion is that in the world; elsewhere see `_beside_the_vehicle`."""
-    steps = _steps(log)
-    if len(steps) > MOST_STEPS:  # whole frames, spread over the log
-        number = steps["frame"].rank(method="dense").astype(int)
-        steps = steps[number % (len(steps) // MOST_STEPS + 1) == 0]
-    if _has_poses(log):
-        length, across, enough = _in_the_world(steps, factor, of_world)
-    else:
-        length, across, enough = _beside_the_vehicle(steps, factor)
-    moved = enough & (length > STEP_M)
-    return Steps(across[moved] / length[moved], steps["row"].to_numpy(np.int64)[moved])
+def steps_across(log: BoxLog) -> Steps:
+    """Steps of the vehicles of a log (pedestrians step aside). Where the log has poses, motion is
+    that in the world; elsewhere see `_beside_the_vehicle`."""
+    motion = _in_the_world if _has_poses(log) else _beside_the_vehicle
+    return motion(_pairs(log), OURS)
+
+
+def _doubts(log: BoxLog, steps: list[Steps], others: tuple[Convention, ...]) -> Iterator[Doubt]:
+    """Doubt of the first of `steps`, ours, if those of another convention are far fewer across."""
+    ours, across = steps[0], steps[0].sine > ACROSS
+    if len(across) < LEAST_STEPS:
+        return
+    if across.mean() < MOST_ACROSS:
+        if ours.back.mean() > BACKWARDS:
+            why = f"vehicles move against their heading in {ours.back.mean():.0%} of "
+            why += f"{len(across):,} steps"
+            remedy = "columns.yaw (by half a turn)"
+            yield from _doubt(log, ours, ours.back, why, remedy)
+        return
+    shares = [
+        (each.sine > ACROSS).mean() if LEAST_STEPS <= len(each.sine) <= MORE * len(across) else 1.0
+        for each in steps[1:]
+    ]
+    best = int(np.argmin(shares))
+    if shares[best] < across.mean() / CLEARLY:
+        why = (
+            f"vehicles move across their length axis in {across.mean():.0%} of {len(across):,} "
+            f"steps, with {others[best].meaning} in {shares[best]:.0%}"
+        )
+        yield from _doubt(log, ours, across, why, others[best].remedy)
+
+
+def _doubt(
+    log: BoxLog, steps: Steps, wrong: NDArray[np.bool_], why: str, remedy: str
+) -> Iterator[Doubt]:
+    boxes = np.zeros(len(log.boxes), bool)
+    boxes[steps.box[wrong]] = True
+    if log.boxes["object_id"][boxes].nunique() >= LEAST_VEHICLES:
+        certain = wrong.mean() >= CERTAIN_ACROSS and len(wrong) >= CERTAIN_STEPS
+        yield Doubt("yaw", "yaw", boxes, why, remedy, bool(certain))
 
 
 def _has_poses(log: BoxLog) -> bool:
@@ -93,61 +132,86 @@ def _has_poses(log: BoxLog) -> bool:
     return known and bool(log.frames["ego_yaw"].notna().all())
 
 
-def _steps(log: BoxLog) -> pd.DataFrame:
-    """Boxes of an object in a frame and the one before it; `before_…` are the earlier values."""
+def _pairs(log: BoxLog) -> pd.DataFrame:
+    """Boxes of a vehicle in a frame and `STRIDE_S` before it, whose values are `before_…`."""
     order = log.frames.sort_values(["scene", "frame"])
     order["place"] = np.arange(len(order))
+    frame_s = order.groupby(["scene", "route"])["timestamp_s"].diff().median()
+    stride = math.ceil(min(STRIDE_S / frame_s, 10)) if frame_s > 0 else 1
+    runs = -(-len(log.boxes) // MOST_BOXES)
+    order = order[order["place"] // (RUN * stride) % runs == 0] if runs else order
     poses = [name for name in POSE_COLUMNS if name in order]
-    vehicles = log.boxes[["scene", "frame", "object_id", "x", "y", "yaw"]].assign(
-        row=np.arange(len(log.boxes))
-    )[(log.boxes["class"] != "Pedestrian").to_numpy()]
-    table = vehicles.merge(order[["frame", "place", *poses]], on="frame")
+    boxes = log.boxes["frame"].isin(order["frame"]) & (log.boxes["class"] != "Pedestrian")
+    rows = np.flatnonzero(boxes.to_numpy())
+    columns = ["scene", "frame", "object_id", "x", "y", "yaw"]
+    table = log.boxes.iloc[rows][columns].assign(row=rows)
+    table = table.merge(order[["frame", "place", *poses]], on="frame")
     table = table.sort_values(["scene", "object_id", "place"], ignore_index=True)
-    before = table.shift(1)
+    before = table.shift(stride)
     follows = (
         (table["scene"] == before["scene"])
         & (table["object_id"] == before["object_id"])
-        & (table["place"] == before["place"] + 1)
+        & (table["place"] == before["place"] + stride)
     )
     return table.join(before[["x", "y", *poses]].add_prefix("before_"))[follows]
 
 
-Motion = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
-"""Length of each step, how much of it is across the length axis, and whether that is known."""
+def _in_the_world(pairs: pd.DataFrame, convention: Convention) -> Steps:
+    """Steps by the poses of the vehicle."""
 
-
-def _in_the_world(steps: pd.DataFrame, factor: float, of_world: bool) -> Motion:
     def place(prefix: str) -> NDArray[np.float64]:
-        x, y, ego_x, ego_y, ego_yaw = _columns(steps, prefix, "x", "y", *POSE_COLUMNS)
-        cos, sin = np.cos(ego_yaw), np.sin(ego_yaw)
+        x, y = _place(pairs, prefix, convention)
+        if convention.place == "world":
+            return np.stack([x, y])
+        ego_x, ego_y, ego_yaw = _columns(pairs, prefix, *POSE_COLUMNS)
+        turn = ego_yaw if convention.place == "ego" else 0 * ego_yaw
+        cos, sin = np.cos(turn), np.sin(turn)
         return np.stack([ego_x + cos * x - sin * y, ego_y + sin * x + cos * y])
 
-    step = place("") - place("before_")
-    yaw, ego_yaw = _columns(steps, "", "yaw", "ego_yaw")
-    yaw = factor * (yaw + ego_yaw) if of_world else factor * yaw + ego_yaw
-    across = np.abs(np.cos(yaw) * step[1] - np.sin(yaw) * step[0])
-    return np.hypot(*step), across, np.ones(len(steps), bool)
+    dx, dy = place("") - place("before_")
+    yaw, ego_yaw = _columns(pairs, "", "yaw", "ego_yaw")
+    factor = convention.factor
+    yaw = convention.turn + factor * yaw
+    if convention.yaw == "ego":
+        yaw += factor * ego_yaw if convention.turned else ego_yaw
+    across, ahead = np.cos(yaw) * dy - np.sin(yaw) * dx, np.cos(yaw) * dx + np.sin(yaw) * dy
+    length = np.hypot(dx, dy)
+    moved = length > STEP_M
+    sine = np.abs(across[moved]) / length[moved]
+    return Steps(sine, ahead[moved] < 0, pairs["row"].to_numpy(np.int64)[moved])
 
 
-def _beside_the_vehicle(steps: pd.DataFrame, factor: float) -> Motion:
-    """By the motion of the vehicle, v ahead and w to the left, under which objects slide least.
-    `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the normal of an object's
-    length axis, d its step and p its place in the ego frame. Needs over two objects in a frame."""
-    x, y, yaw = _columns(steps, "", "x", "y", "yaw")
-    before_x, before_y = _columns(steps, "before_", "x", "y")
+def _beside_the_vehicle(pairs: pd.DataFrame, convention: Convention, stands: bool = False) -> Steps:
+    """By the motion of the vehicle, v ahead and w to the left, under which objects slide least; or
+    it `stands`. `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the normal of an
+    object's length axis, d its step and p its place in the ego frame. Needs over two objects in a
+    frame."""
+    x, y = _place(pairs, "", convention)
+    before_x, before_y = _place(pairs, "before_", convention)
+    yaw = convention.turn + convention.factor * pairs["yaw"].to_numpy(np.float64)
     dx, dy = x - before_x, y - before_y
-    cos, sin = np.cos(factor * yaw), np.sin(factor * yaw)
+    cos, sin = np.cos(yaw), np.sin(yaw)
     slide = cos * dy - sin * dx
-    by_motion = np.stack([-sin, sin * y + cos * x], axis=1)
-    across, enough = np.zeros(len(steps)), np.zeros(len(steps), bool)
-    for rows in steps.reset_index(drop=True).groupby("frame").indices.values():
-        if len(rows) > UNKNOWNS:
-            motion = np.linalg.lstsq(by_motion[rows], -slide[rows])[0]
-            left = np.abs(slide[rows] + by_motion[rows] @ motion)
-            across[rows] = left * np.sqrt(len(rows) / (len(rows) - UNKNOWNS))
-            enough[rows] = True
-    return np.hypot(dx, dy), across, enough
+    frame, count = np.unique(pairs["frame"].to_numpy(), return_inverse=True, return_counts=True)[1:]
+    count = count[frame]
+    if not stands:
+        by_motion = np.stack([-sin, sin * y + cos * x], axis=1)
+        terms = by_motion[:, :, None] * np.column_stack([by_motion, -slide])[:, None]
+        sums = np.zeros((int(frame.max(initial=-1)) + 1, 2, 3))
+        np.add.at(sums, frame, terms)
+        motion = np.linalg.pinv(sums[..., :2], hermitian=True) @ sums[..., 2:]
+        slide += (by_motion * motion[frame, :, 0]).sum(axis=1)
+        slide *= np.sqrt(count / np.maximum(count - UNKNOWNS, 1))
+    length = np.hypot(dx, dy)
+    moved = (length > STEP_M) & (count > UNKNOWNS)
+    sine = np.abs(slide[moved]) / length[moved]
+    return Steps(sine, np.zeros(len(sine), bool), pairs["row"].to_numpy(np.int64)[moved])
 
 
-def _columns(steps: pd.DataFrame, prefix: str, *names: str) -> NDArray[np.float64]:
-    return steps[[prefix + name for name in names]].to_numpy(np.float64).T
+def _place(pairs: pd.DataFrame, prefix: str, convention: Convention) -> NDArray[np.float64]:
+    """Coordinates x and y in the ego frame, (2, pairs)."""
+    return np.reshape(convention.axes, (2, 2)) @ _columns(pairs, prefix, "x", "y")
+
+
+def _columns(pairs: pd.DataFrame, prefix: str, *names: str) -> NDArray[np.float64]:
+    return pairs[[prefix + name for name in names]].to_numpy(np.float64).T

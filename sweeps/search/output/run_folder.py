@@ -189,7 +189,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> kind
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=stride,
-        cautions=[*greedy_warnings(problem), *rig_warnings(warned, problem)],
+        cautions=[*problem.cautions, *greedy_warnings(problem), *rig_warnings(warned, problem)],
         linear_share=_linear_share(problem, found),
         tracking_uri=public_url(absolute_uri(file.tracking_uri)),
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},

@@ -50,7 +50,8 @@ def warnings_of(problem: Problem) -> list[str]:
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
     further = ignored("each rig", settings.further_settings)
-    return contested + further + greedy_warnings(problem) + rig_warnings(begun_with, problem)
+    said = [*contested, *problem.cautions, *further, *greedy_warnings(problem)]
+    return said + rig_warnings(begun_with, problem)
 
 
 def greedy_warnings(problem: Problem) -> list[str]:

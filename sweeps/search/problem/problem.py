@@ -190,6 +190,12 @@ class Problem(SearchConfig):
         (trial,) = plan.trials
         return plan.needed_for([trial.pog]), trial
 
+    @cached_property
+    def cautions(self) -> tuple[str, ...]:
+        """Cautions of its log and classes, a line each. Raises ConfigError: they are wrong."""
+        with at(self.path, ConfigError):
+            return make_plan(self.sweep()).cautions
+
     def check_memory(self) -> None:
         """Raise ValueError if the POG, or surrogates of it, cannot fit into this machine."""
         tasks, trial = self.pog_tasks(self.sweep())

@@ -1,0 +1,77 @@
+"""Conventions that are not ours are refused, or give a warning, wherever a box log comes in."""
+
+from dataclasses import replace
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from lidarplace.base.errors import InputError
+from lidarplace.commands.convert import app
+from lidarplace.logs.box_log import write_box_log
+from lidarplace.logs.boxes import POSE_COLUMNS
+from lidarplace.scenes.recorded import LogScene
+from tests.fuzz.conventions import CONVENTIONS, OF_TIME, WITH_POSES, right_log
+from tests.lidarplace.company_table import Manner, mapping_of, write_in_manner
+
+
+def convert(*arguments):
+    """What is said of a table, empty if nothing."""
+    result = CliRunner().invoke(app, ["table", *map(str, arguments)])
+    assert result.exit_code in (0, 2), result.exception
+    assert result.stderr.count("\n") == 1 or result.exit_code == 0
+    return result.stderr
+
+
+def table(log, folder):
+    write_box_log(folder / "log", log)
+    return convert(folder / "log", folder / "out")
+
+
+def scene(log, folder):
+    write_box_log(folder / "log", log)
+    try:
+        return "\n".join(LogScene(source="log", folder=folder / "log").cautions())
+    except InputError as error:
+        return str(error)
+
+
+def label_table(log, folder):
+    manner = Manner(coordinates="world" if POSE_COLUMNS[0] in log.frames else "ego")
+    if manner.coordinates == "ego":  # which the writer needs
+        log = replace(log, frames=log.frames.assign(**dict.fromkeys(POSE_COLUMNS, 0.0)))
+    write_in_manner(log, manner).to_parquet(folder / "labels.parquet")
+    (folder / "map.yaml").write_text(yaml.safe_dump(mapping_of(log, manner)))
+    return convert(folder / "labels.parquet", folder / "out", "--mapping", folder / "map.yaml")
+
+
+DOORS = {"table": table, "scene": scene, "label table": label_table}
+
+
+def check(name, door, poses, seed, folder):
+    """The right log passes, the wrong one does not."""
+    right = right_log(seed)
+    wrong = (CONVENTIONS | OF_TIME | WITH_POSES)[name](right)
+    for log, said in ((right, False), (wrong, True)):
+        if not poses:
+            log = replace(log, frames=log.frames.drop(columns=[*POSE_COLUMNS]))
+        place = folder / str(said)
+        place.mkdir()
+        text = DOORS[door](log, place)
+        assert bool(text) == said, (name, door, poses, seed, text)
+
+
+CASES = [
+    *((name, door, poses) for name in CONVENTIONS for door in DOORS for poses in (True, False)),
+    *((name, door, True) for name in OF_TIME for door in ("table", "scene")),
+    *((name, door, True) for name in WITH_POSES for door in DOORS),
+]
+
+
+@pytest.mark.parametrize("seed", [5, *(pytest.param(n, marks=pytest.mark.long) for n in range(20))])
+@pytest.mark.parametrize("door", DOORS)
+def test_conventions(door, seed, tmp_path):
+    for n, case in enumerate(CASES):
+        if case[1] == door:
+            (tmp_path / str(n)).mkdir()
+            check(*case, seed, tmp_path / str(n))
