@@ -107,7 +107,8 @@ def _files(path: Path) -> list[Path]:
         raise InputError("no such file or folder", place=path)
     own = [path]
     if path.is_dir():
-        own = sorted(file for file in path.iterdir() if file.suffix in {**_SUFFIXES, **_PICKLES})
+        known = {**_SUFFIXES, **_PICKLES}
+        own = sorted(f for f in path.iterdir() if f.suffix in known and not f.name.startswith("."))
     if not own:
         raise InputError("no detections", place=path, expected=f"files {', '.join(_SUFFIXES)}")
     for file in own:
