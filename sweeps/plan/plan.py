@@ -314,7 +314,8 @@ class _Builder:
                 point.seed if judge.uses("seed") else None,
                 log=self._common.output / self._common.name / "commands" / f"{name}.log",
             )
-            inputs = (*scenes, *collected("train", rig), *test, *truths["train"])
+            objects = dict.fromkeys(truths["train"] + truths["test"])
+            inputs = (*scenes, *collected("train", rig), *test, *objects)
             found = self._once(Task("command", trial.label, params, inputs, gpu=judge.gpus > 0))
             how = parameters.MeasureParams(point.classes, ious, point.metrics)
             inputs = (found, *truths["test"])
