@@ -73,9 +73,8 @@ def check(seen: pd.DataFrame) -> Check:
     individuals = len(one[["scene", "object_id"]].drop_duplicates())
     if individuals < LEAST_INDIVIDUALS:
         problem = f"too few individuals of class {name} for a curve"
-        expected = f"at least {LEAST_INDIVIDUALS}"
-        fix = "evaluate more routes, or name the other classes with --class"
-        raise InputError(problem, expected=expected, found=individuals, fix=fix)
+        fix = f"at least {LEAST_INDIVIDUALS} are needed; --class names the other classes"
+        raise InputError(problem, found=individuals, fix=fix)
     whole = fit(name, iou, seen["cells"], seen["found"])
     left_out, expected = {}, seen["found"] * np.nan
     for unit, keys in UNITS.items():
