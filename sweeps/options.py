@@ -109,6 +109,10 @@ ClassesOption = Annotated[
     typer.Option("--class", metavar="NAME", help="repeatable; all classes of the log by default"),
 ]
 SplitOption = Annotated[str, typer.Option(metavar="train|test", help="frames to evaluate")]
+AcceptOption = Annotated[
+    list[str] | None,
+    typer.Option("--accept", metavar="CHECK", help="a check of detections to skip; repeatable"),
+]
 CountedOption = Annotated[
     str,
     typer.Option(

@@ -106,6 +106,7 @@ def make_world(folder: Path) -> None:
     (folder / "examples/requirements.yaml").write_text(yaml.safe_dump(needs))
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
+    write_more_frames(folder / "logs/mine")
     write_recorded_log(folder / "logs/recorded", frames=1)
     (folder / "results").mkdir()
     for rig in ("roof", "corners"):
@@ -128,6 +129,20 @@ def make_world(folder: Path) -> None:
     (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(own))
     _tables(folder)
     write_data_sets(folder / "data", "nuscenes/v1.0-mini", "av2/sensor", both=True)
+
+
+def write_more_frames(log: Path) -> None:
+    """Ten times the test frame, each with individuals of its own, enough for a detection curve."""
+    for path in (log / "boxes.parquet", log / "frames.parquet"):
+        table = pd.read_parquet(path)
+        last = table[table["frame"] == table["frame"].max()]
+        parts = [table]
+        for number in range(4, 13):
+            part = last.assign(frame=number, timestamp_s=number / 10)
+            if "object_id" in part:
+                part = part.assign(object_id=part["object_id"] + 10 * number, x=part["x"] + 0.1)
+            parts.append(part)
+        pd.concat(parts).to_parquet(path)
 
 
 def _block(page: str, start: str) -> str:

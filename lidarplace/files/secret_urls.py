@@ -1,6 +1,7 @@
 """Passwords and tokens in addresses stay in the process: what is written or said has *** there."""
 
 import re
+from collections.abc import Sequence
 from typing import Any
 from urllib.parse import unquote
 
@@ -16,6 +17,12 @@ _QUERY = re.compile(
     r"([^&\s\"'#;]+)",
     re.IGNORECASE,
 )
+_NAME = re.compile(
+    r"(?:^|[-_.])(?:passw(?:or)?d|pwd|token|secret|credentials?|"
+    r"(?:api|access|auth|secret|private)[-_]?key)$",
+    re.IGNORECASE,
+)
+_TOKEN = re.compile(r"(?:hf_|gh[opsu]_|github_pat_|glpat-|sk-|xox[a-z]-|AKIA|eyJ)[\w.-]{12,}")
 _SHORTEST = 4
 """Characters of a secret that is looked for by itself: shorter ones are parts of other words."""
 
@@ -52,6 +59,19 @@ def secrets_in(url: str) -> list[str]:
     """The password and the tokens of one address, which may have spaces in them."""
     found = re.findall(r"://[^:/@]*:(.*)@", url) + [m[2] for m in _TOKEN_AS_USER.finditer(url)]
     return [secret for secret in found + [m[2] for m in _QUERY.finditer(url)] if secret]
+
+
+def secret_argument(words: Sequence[str]) -> str | None:
+    """The option, the variable or the beginning of the word of a command that looks like a secret:
+    `--api-key …`, `HF_TOKEN=…`, `ghp_…`; None if there is none."""
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        name, equals, value = word.partition("=")
+        value = value if equals else following if word.startswith("-") else ""
+        if _NAME.search(name) and value and value[0] not in "-{$":
+            return name
+        if token := _TOKEN.search(word):
+            return f"{token[0][:4]}…"
+    return None
 
 
 def check_whole(key: str, url: str) -> None:

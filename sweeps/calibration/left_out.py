@@ -7,11 +7,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.recall.baselines import ENOUGH_POINTS
 from lidarplace.recall.detection_curve import DetectionCurve, fit
 
 UNITS = {"rig": ["rig"], "route": ["route"], "object": ["scene", "object_id"]}
 """What is left out -> the columns that name it."""
+LEAST_INDIVIDUALS = 30
+"""Fewer say little of their class: the recall of 30 is known to 9 points (one standard error)."""
 MOST_PARTS = 10
 """More routes or objects are thrown together at random: every part takes a fit."""
 
@@ -63,8 +66,15 @@ class Check:
 
 
 def check(seen: pd.DataFrame) -> Check:
-    """Fit a curve to `observations` of one class and overlap, and leave parts of them out."""
+    """Fit a curve to `observations` of one class and overlap, and leave parts of them out. Raises
+    InputError: they are of fewer than `LEAST_INDIVIDUALS`."""
     name, iou = str(seen["class"].iloc[0]), float(seen["iou"].iloc[0])
+    one = seen[seen["rig"] == seen["rig"].iloc[0]]
+    individuals = len(one[["scene", "object_id"]].drop_duplicates())
+    if individuals < LEAST_INDIVIDUALS:
+        problem = f"too few individuals of class {name} for a curve"
+        fix = f"at least {LEAST_INDIVIDUALS} are needed; --class names the other classes"
+        raise InputError(problem, found=individuals, fix=fix)
     whole = fit(name, iou, seen["cells"], seen["found"])
     left_out, expected = {}, seen["found"] * np.nan
     for unit, keys in UNITS.items():
@@ -85,12 +95,11 @@ def check(seen: pd.DataFrame) -> Check:
     }
     of_rig = seen.assign(**measures).groupby("rig")[["found", *measures]].mean()
     rho = of_rig.corr(method="spearman")["found"]
-    one = seen[seen["rig"] == seen["rig"].iloc[0]]
     return Check(
         curve=whole,
         rigs=len(of_rig),
         objects=len(one),
-        individuals=len(one[["scene", "object_id"]].drop_duplicates()),
+        individuals=individuals,
         left_out=left_out,
         **{name: float(rho[name]) for name in measures},
     )

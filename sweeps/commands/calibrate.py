@@ -48,6 +48,7 @@ def calibrate(
     roi: RoiOption = FRONT_ROI,
     class_: options.ClassesOption = None,
     split: options.SplitOption = "test",
+    accept: options.AcceptOption = None,
 ) -> None:
     """Fit the curves of expected_recall to the detections of a sweep, or to those of --log.
 
@@ -64,15 +65,15 @@ def calibrate(
         if out is not None:
             check_replaceable(out)
         if config is not None:
-            seen = _of_sweep(config, set_ or [])
+            seen = _of_sweep(config, set_ or [], class_ or [])
         else:
             from sweeps.evaluation.asked import asked_for
 
             asked = asked_for(
                 Path(str(log)), [], rig or [], geometry or [], layout, world, calib, class_map, roi,
-                class_ or [], split, "visible",
+                class_ or [], split, "visible", accept or [],
             )  # fmt: skip
-            say("\n".join(asked.notes))
+            say("\n".join([*asked.notes, *(f"warning: {own}" for own in asked.cautions)]))
             seen = _of_detections(asked)
         checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
     section = checks_section(checks)
@@ -87,8 +88,9 @@ def calibrate(
     say(f"{out}: {len(checks)} curves; {page}")
 
 
-def _of_sweep(config: Path, overrides: list[str]) -> pd.DataFrame:
-    """Observations of the trials that have detections. Says how many these are."""
+def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.DataFrame:
+    """Observations of the trials that have detections, of all classes if none is named. Says how
+    many these are."""
     from sweeps.calibration.observations import observations, rigs_of
     from sweeps.plan.plan import read_plan
     from sweeps.store.open import store_of
@@ -102,11 +104,11 @@ def _of_sweep(config: Path, overrides: list[str]) -> pd.DataFrame:
             f"{command('run')} {config} makes them"
         )
     seen = observations(rigs, store)
-    if seen.empty:
-        classes = ", ".join(plan.trials[0].grid_point.point.classes)
-        wrong(f"{config}: no object of {classes} is in its test frames")
+    lacking = set(classes or plan.trials[0].grid_point.point.classes) - set(seen["class"])
+    if seen.empty or (classes and lacking):
+        wrong(f"{config}: no object of {', '.join(sorted(lacking))} is in its test frames")
     say(f"{sum(map(len, rigs.values()))} of {len(plan.trials)} trials are evaluated")
-    return seen
+    return seen[seen["class"].isin(classes)] if classes else seen
 
 
 def _of_detections(asked: Asked) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,6 +43,7 @@ def evaluate(
     class_: options.ClassesOption = None,
     split: options.SplitOption = "test",
     counted: options.CountedOption = "visible",
+    accept: options.AcceptOption = None,
     generalist: Annotated[
         bool,
         typer.Option(
@@ -70,7 +72,7 @@ def evaluate(
     with checked_input():
         found = asked_for(
             log, detections or [], rig or [], geometry or [], layout, world, calib, class_map, roi,
-            class_ or [], split, counted,
+            class_ or [], split, counted, accept or [],
         )  # fmt: skip
         several = len(found.rigs) > 1
         if several:
@@ -81,6 +83,8 @@ def evaluate(
         if several:
             write_evaluation(out, worth, found, ONE_FOR_ALL[0] if generalist else "specialist")
             page = build_report(out)
+    for caution in found.cautions:
+        say(f"warning: {caution}", sys.stderr)
     if as_json:
         names = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
         rows = means[names].astype(object)
@@ -88,7 +92,10 @@ def evaluate(
         return
     say("\n".join(found.notes))
     output().print(_shown(means, several))
-    if (few := means["ground_truths"].min()) <= 40:
+    counts = means.groupby("class", sort=False)["ground_truths"].max()
+    if none := counts.index[counts == 0].tolist():
+        say(f"no object of {', '.join(none)} counts in these frames: no AP, no recall")
+    if (few := counts[counts > 0].min()) <= 40:
         say(f"KITTI samples AP at 40 recalls: of {few} objects even all found reach less than 100")
     say(
         "in brackets 95 % over the routes or individuals of these frames, whichever scatter more; "

@@ -14,6 +14,7 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration import settings
 from lidarplace.configuration.settings import Count, CountFromOne, FileBeside, Seconds, Settings
 from lidarplace.scenes.layouts import LayoutName
+from training.sanity_checks.doubt import DetectionCheck
 
 PLACEHOLDERS = ("{clouds}", "{detections}", "{rig}", "{seed}", "{python}")
 JUDGES = ("specialist", "generalist", "finetuned", "pretrained")
@@ -53,6 +54,9 @@ class CommandJudge(Settings):
     )
     time_limit: Seconds = Field(
         86_400.0, exclude=True, gt=0, description="seconds before it is killed"
+    )
+    accept: tuple[DetectionCheck, ...] = Field(
+        (), exclude=True, description="checks of its detections to skip"
     )
 
     @field_validator("command")

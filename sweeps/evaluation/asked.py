@@ -23,6 +23,8 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import one_rig
 from lidarplace.scenes.datasets.class_maps import named_class_map
 from sweeps.evaluation.test_frames import Counted, TestFrames
+from training.sanity_checks.check import check_detections
+from training.sanity_checks.doubt import DetectionCheck
 
 ALONE = "detections"
 """Name of a rig that got none."""
@@ -61,6 +63,7 @@ def asked_for(
     classes: Sequence[str],
     split: str,
     counted: str,
+    accept: Sequence[str],
 ) -> Asked:
     """Read what the options of `sweeps.options` name. Raises OSError, ValueError."""
     if bool(detections) == bool(rigs):
@@ -75,6 +78,8 @@ def asked_for(
     form = None if layout is None else known("layout", layout, {own: own for own in LAYOUTS})
     rule = known("counted", counted, {str(name): name for name in get_args(Counted)})
     part = known("split", split, {own: own for own in SPLITS})
+    checks = {own: own for own in get_args(DetectionCheck)}
+    accepted = [known("accept", name, checks) for name in accept]
     whole = read_box_log(log)
     test = TestFrames.of(whole, part, crop, classes, rule)
     found: dict[str, list[pd.DataFrame]] = {}
@@ -93,9 +98,11 @@ def asked_for(
                 ignored=ignored,
             )
             own = read[read["frame"].isin(test.log.frames["frame"])]
+            place = ", ".join(map(str, of_training))
             if own.empty:
-                place = ", ".join(map(str, of_training))
                 raise InputError("no detection of a class in a frame of the split", place=place)
+            compared = own, test.objects, test.log.frames, place
+            cautions += check_detections(*compared, accepted, "--accept {}")
             found.setdefault(name, []).append(kept := test.relevant(own))
             there, every = own["frame"].nunique(), len(test.log.frames)
             text = f"{name}: {len(kept):,} of {len(own):,} detections count"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -21,6 +22,7 @@ from lidarplace.clouds.profiles import with_tilt_in_degrees
 from lidarplace.clouds.recorded import check_lidars, check_rig, clouds_digest
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
+from lidarplace.files.secret_urls import secret_argument
 from lidarplace.logs.box_log import read_frames
 from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
@@ -300,6 +302,11 @@ class _Builder:
         ious = tuple(point.own_ious().items())
         judge = point.judge
         if isinstance(judge, CommandJudge):
+            if not judge.folder.is_dir():
+                raise InputError("no such folder", key="judge.folder", found=judge.folder)
+            if (name := secret_argument(shlex.split(judge.command))) is not None:
+                text = f"judge.command: {name} looks like a secret, which config.yaml and MLflow "
+                self.cautions[f"{text}show; pass it by the environment."] = None
             name = re.sub(r"[^\w.=-]+", "-", trial.label)[:200]
             params = parameters.CommandParams(
                 judge,
@@ -309,7 +316,8 @@ class _Builder:
                 point.seed if judge.uses("seed") else None,
                 log=self._common.output / self._common.name / "commands" / f"{name}.log",
             )
-            inputs = (*scenes, *collected("train", rig), *test, *truths["train"])
+            objects = dict.fromkeys(truths["train"] + truths["test"])
+            inputs = (*scenes, *collected("train", rig), *test, *objects)
             found = self._once(Task("command", trial.label, params, inputs, gpu=judge.gpus > 0))
             how = parameters.MeasureParams(point.classes, ious, point.metrics)
             inputs = (found, *truths["test"])

@@ -150,7 +150,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
         body = shown[0].grid_point.vehicle
     counts = Frames(train=frames["train"], test=frames["test"])
-    _about(sweep, counts, run, pictured, body, plan).write(folder)
+    cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
+    _about(sweep, counts, run, pictured, body, plan, cautions).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = Analysis.of(RunFolder.read(folder)).pair
     if compared is not None:
@@ -170,6 +171,12 @@ def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.
             row["seconds"] = trial_seconds(trial, store)
         rows.append(identity(trial, axes) | row)
     return pd.DataFrame(rows)
+
+
+def _detection_cautions(trials: Sequence[DetectorTrial], store: Store) -> list[str]:
+    """What is implausible about the detections of commands, each once."""
+    commands = {own.learns.key: own.learns for own in trials if own.learns.stage == "command"}
+    return [text for own in commands.values() for text in store.read(own, attrgetter("cautions"))]
 
 
 def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -250,6 +257,7 @@ def _about(
     pictured: Mapping[str, Cell],
     body: Vehicle | None,
     plan: Plan,
+    cautions: Sequence[str],
 ) -> SweepResult:
     first = sweep.points[0].point
     rigs = {own.point.placement: own.rig for own in sweep.points}
@@ -265,7 +273,7 @@ def _about(
         colours={n: own.colour for n, own in first.class_settings.items() if own.colour},
         roi=first.voxel_roi(),
         frames=frames,
-        cautions=[*plan.cautions, *rig_cautions(plan)],
+        cautions=cautions,
         promote=[Rung.model_validate(rung) for rung in rungs],
         judge=first.judged_by,
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),

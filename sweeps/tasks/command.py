@@ -17,6 +17,8 @@ from lidarplace.files.atomic import temporary
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.layouts import write_layout
 from sweeps.tasks.parameters import CommandParams
+from sweeps.tasks.results import Judged
+from training.sanity_checks.check import check_detections
 
 _LAST, _TAIL = 5, 64_000
 """Lines of a log that say why a command failed, among so many bytes."""
@@ -52,39 +54,46 @@ class CommandFailed(RuntimeError):
 
 
 def detected_by(
-    params: CommandParams, frames: pd.DataFrame, labels: pd.DataFrame, clouds: Clouds
-) -> pd.DataFrame:
-    """What a command detects in the test frames among `frames` of a box log, by the labels of the
-    others and the clouds of all: columns of `read_detections`. Raises CommandFailed: it fails,
-    takes too long, or writes nothing or something wrong."""
+    params: CommandParams, frames: pd.DataFrame, objects: pd.DataFrame, clouds: Clouds
+) -> Judged:
+    """What a command detects in the test frames among `frames` of a box log, by the clouds of all
+    and the objects in the others; those in the test frames only check it. Raises CommandFailed: it
+    fails, takes too long, or writes nothing or something wrong."""
+    frames, cautions = frames[frames["frame"].isin(clouds.frames)], list[str]()
+    testing = frames[frames["split"] == "test"]
+    tested = objects["frame"].isin(testing["frame"])
     layout = params.judge.format
     params.log.parent.mkdir(parents=True, exist_ok=True)
     folder = temporary(params.log).absolute()  # the next driver removes what a killed one leaves
     (found := folder / "detections").mkdir(parents=True)
     try:
-        told = write_layout(layout, folder / "clouds", frames, labels, clouds)
+        told = write_layout(layout, folder / "clouds", frames, objects[~tested], clouds)
         values = {"clouds": folder / "clouds", "detections": found, "python": sys.executable}
         problem = _run(params, values | {"rig": params.rig, "seed": params.seed})
         if not problem:
-            log = BoxLog(labels[:0], told[told["split"] == "test"].reset_index(drop=True))
+            log = BoxLog(objects[:0], told[told["split"] == "test"].reset_index(drop=True))
             try:
                 detections = read_detections([found], log, params.classes, layout=layout)
-            except ValueError as error:
-                problem = str(error).replace(f"{found}/", "")
-            else:
+                compared = detections, objects[tested], testing, params.log.stem
+                how = params.judge.accept, "judge.accept: [{}]"
+                cautions = check_detections(*compared, *how)
                 problem = "no detections" if detections.empty else ""
+            except ValueError as error:
+                problem = str(error)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     if problem:
         with params.log.open("rb") as log_file:
             log_file.seek(-min(_TAIL, log_file.seek(0, os.SEEK_END)), os.SEEK_END)
             text = log_file.read().decode("utf-8", "replace")
+        for name in ("detections", "clouds"):  # which are gone
+            problem, text = (t.replace(str(values[name]), f"{{{name}}}") for t in (problem, text))
         lines = [_UNSHOWN.sub("", line).strip() for line in text.splitlines()]
         last = " | ".join(list(filter(None, lines))[-_LAST:])[-1000:]
         raise CommandFailed(
             f"judge.command: {problem}; last lines: {last or 'none'}; log {params.log}"
         )
-    return detections
+    return Judged(detections, testing[["frame"]], cautions)
 
 
 def _run(params: CommandParams, values: dict[str, object]) -> str:

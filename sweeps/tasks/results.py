@@ -117,7 +117,9 @@ class Evaluated:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """`boxes` of `training.detect.Detections`, and the column frame of all that were looked at."""
+    """`boxes` of `training.detect.Detections`, the column frame of all that were looked at, and
+    what is implausible about a command's, a line each."""
 
     detections: pd.DataFrame
     frames: pd.DataFrame
+    cautions: Sequence[str] = ()

@@ -297,17 +297,13 @@ def evaluate(
 
 
 def command(params: CommandParams, *inputs: BoxLog | Collected | GroundTruth) -> Judged:
-    """Detections of a command in the test frames, of which it has no labels, from logs, clouds of
-    all frames, and the objects in those to train."""
+    """Detections of a command in the test frames, of which it has no labels, from logs, clouds and
+    objects of all frames."""
     from sweeps.tasks.command import detected_by
 
     clouds, objects = _clouds_and_objects(inputs)
     frames = pd.concat([log.frames for log in _of(BoxLog, inputs)])
-    frames = frames[frames["frame"].isin(clouds.frames)]
-    training = frames.loc[frames["split"] == "train", "frame"]
-    labels = objects[objects["frame"].isin(training) & objects["class"].isin(params.classes)]
-    tested = frames.loc[frames["split"] == "test", ["frame"]]
-    return Judged(detected_by(params, frames, labels, clouds), tested)
+    return detected_by(params, frames, objects[objects["class"].isin(params.classes)], clouds)
 
 
 def measure(params: MeasureParams, found: Judged, *truths: GroundTruth) -> Evaluated:

@@ -82,6 +82,7 @@ def write(layout, path, log, boxes):
     names = boxes["class"].map(NAMES[layout])
     if layout == "kitti":
         path.mkdir()
+        (path / "._of_macos.txt").write_bytes(b"\0")
         labels = to_labels(boxes.assign(occluded=0))
         lines = np.array(label_lines(labels), object) + [f" {s!r}" for s in boxes["score"].tolist()]
         for frame, own in pd.Series(lines).groupby(source.to_numpy()):

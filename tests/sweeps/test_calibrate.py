@@ -153,6 +153,13 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
     assert [line[2] for line in lines if len(line) == 8] == ["rig", "object"] * 2
     assert "Left out" in out.with_suffix(".html").read_text()
     assert "One rig: none can be left out" in run("--log", tmp_path / "log", *options[:4])
+    few = read_box_log(tmp_path / "log")
+    few = replace(few, boxes=few.boxes[few.boxes["frame"] < 6], frames=few.frames[:6])
+    write_box_log(tmp_path / "few", few)
+    found = pd.read_parquet(tmp_path / "low.parquet")
+    found[found["frame"] < 6].to_parquet(tmp_path / "low.parquet")
+    shown = run("--log", tmp_path / "few", *options[:4], code=2)
+    assert "too few individuals of class Car for a curve; found 20; at least 30" in shown
     bare = run("--log", tmp_path / "log", *options[:2], code=2)
     assert "--geometry: missing for rig low" in bare
     run(code=2)

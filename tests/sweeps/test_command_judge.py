@@ -13,6 +13,7 @@ import pytest
 from small_log import SMALL, write_sweep
 
 from lidarplace.clouds.clouds import PointClouds
+from lidarplace.detections.read import COLUMNS
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.scenes.kitti.labels import label_lines, to_labels
 from sweeps.command_line import app
@@ -169,16 +170,17 @@ table.to_parquet(sys.argv[2] + "/found.parquet")
 @pytest.mark.parametrize(
     ("code", "line"),
     [
-        ("", r"detections: no detections; expected files"),
+        ("", r"\{detections\}: no detections; expected files"),
         ("print('a\\nb'); exit(3)", r"exit code 3; last lines: a \| b; log .*a.log"),
         ("print('\\x1b[31mred\\x07\\rb' * 30_000); exit(1)", r"lines: bred \| .*\| b; log"),
         ("import os; os.kill(os.getpid(), 9)", "exit code -9; last lines: none"),
         ("import sys; open(sys.argv[2] + '/a.parquet', 'w').write('no')", "not a Parquet file"),
-        (WRITE.replace("CHANGE", "('x', float('nan'))"), "found.parquet: row 1"),
+        (WRITE.replace("CHANGE", "('x', float('nan'))"), "{detections}/found.parquet: row 1"),
         (WRITE.replace("CHANGE", "('score', float('inf'))"), "found.parquet: row 1"),
         (WRITE.replace("CHANGE", "('frame', 0)"), "found.parquet: row 1: unknown frame"),
         (WRITE.replace("CHANGE", "('class', 'Cra')"), "found.parquet: row 1: .*'Cra'"),
         (WRITE.replace("table.to", "table[:0].to").replace("CHANGE", "('x', 1.)"), "no detections"),
+        ("import sys; sys.exit('no ' + sys.argv[1] + '/a')", r"last lines: no \{clouds\}/a; log"),
     ],
 )
 def test_what_is_wrong_is_one_line(code, line, given, tmp_path):
@@ -186,6 +188,23 @@ def test_what_is_wrong_is_one_line(code, line, given, tmp_path):
         detected_by(params(tmp_path, code), *given)
     assert "\n" not in str(error.value)
     assert [path.name for path in (tmp_path / "commands").iterdir()] == ["a.log"]
+
+
+def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(given, tmp_path):
+    frames, none, clouds = given
+    rows = [("a", 1, 0.1, n, "Car", 5 + 5 * n, 3, 0.8, 4, 2, 1.6, 0) for n in range(12)]
+    objects = pd.DataFrame(rows, columns=list(none))
+    objects.assign(y=-3, score=50)[list(COLUMNS)].to_parquet(tmp_path / "mine.parquet")
+    code = "import shutil, sys; shutil.copy('mine.parquet', sys.argv[2])"
+    told = r": a: column y: detections fit the labels with y mirrored: median IoU 1.00 instead of "
+    told += r"0.00, of 12 objects in 1 frames; .*, or accept the values: judge.accept: \[place\]; "
+    with pytest.raises(CommandFailed, match=told):
+        detected_by(params(tmp_path, code), frames, objects, clouds)
+    found = detected_by(params(tmp_path, code, accept=["place"]), frames, objects, clouds)
+    assert len(found.detections) == 12
+    assert [text.partition(";")[0] for text in found.cautions] == [
+        "a: column score: scores are from 50 to 50, as percent are"
+    ]
 
 
 def test_no_such_program(given, tmp_path):
@@ -253,6 +272,21 @@ def test_the_copy_in_the_run_folder_runs_in_the_same_folder(here):
     sweep, _ = read_plan(path)
     assert sweep.points[0].point.judge.folder == here / "deep"
     assert sweep.source["judge"]["folder"] == str(here / "deep")
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("env HF_TOKEN=abc {python} toy.py", "HF_TOKEN"),
+        ("toy --api-key abc", "--api-key"),
+        ("toy ghp_0123456789abcdef", "ghp_…"),
+        ("toy --tokenizer abc --max-tokens 9 --token {seed}", None),
+    ],
+)
+def test_a_secret_in_the_command_is_a_caution(here, command, name):
+    path = write_judged(here, {"command": f"{command} {{clouds}} {{detections}}"})
+    cautions = read_plan(path)[1].cautions
+    assert [f"judge.command: {name} looks" in text for text in cautions] == [True] * bool(name)
 
 
 def test_doctor_looks_for_the_program(here):

@@ -122,6 +122,28 @@ def test_rigs_become_a_run_folder(world, tmp_path):
     assert text == f"{out}: is the run folder of a sweep; name another one with --out\n"
 
 
+def test_an_implausible_convention_is_refused_unless_accepted(world, tmp_path):
+    log = log_with_individuals()
+    mirrored = jittered(log.boxes, 0, sd=0.05).assign(y=lambda d: -d["y"], score=50.0)
+    path = write("parquet", tmp_path / "found", log, mirrored)
+    rig = (tmp_path / "rig.yaml").write_text("mounts: [{x: 0.5, y: 0, z: 2}]\n") and "rig.yaml"
+    options = ["--log", world / "log", f"--rig=a={path}", f"--geometry=a={tmp_path / rig}"]
+    shown = call(app, "calibrate", *options, code=2).output
+    assert shown == run(world, path, code=2)
+    assert shown.startswith(f"{path}: column y: detections fit the labels with y mirrored: median")
+    assert shown.endswith("; convert them, or accept the values: --accept place\n")
+    shown = run(world, path, "--accept", "place")
+    assert f"warning: {path}: column score: scores are from 50 to 50, as percent are" in shown
+    assert "warning" not in run(world, path, "--accept", "place", "--accept", "score")
+
+
+def test_a_class_without_objects_has_no_ap(world):
+    region = ["--roi", 5, 7, -20, 20, 0, 4]
+    shown = run(world, world / "a.parquet", *region, "--class", "Car", "--class", "Pedestrian")
+    assert "no object of Pedestrian counts in these frames: no AP, no recall" in shown
+    assert "of 0 objects" not in shown
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

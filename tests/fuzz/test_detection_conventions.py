@@ -1,0 +1,132 @@
+"""Detections in a wrong convention: each is named, and no right detector is doubted."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+import sweeps.benchmark
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.logs.boxes import CLASSES, GEOMETRY, SIZE, full_poses
+from lidarplace.scenes.datasets.se3 import Poses
+from training.sanity_checks.check import doubts_of_detections
+from training.sanity_checks.sample import Sample
+
+LOG = read_box_log(Path(sweeps.benchmark.__file__).parent / "log")
+OTHERS = {name: CLASSES[number - 1] for number, name in enumerate(CLASSES)}
+
+
+def traffic(random, count):
+    """Frames in a row, and the boxes in front of the vehicle."""
+    start = random.integers(len(LOG.frames) - count)
+    frames = LOG.frames.iloc[start : start + count].reset_index(drop=True)
+    boxes = LOG.boxes[LOG.boxes["frame"].isin(frames["frame"])]
+    return frames, boxes[boxes["x"].between(0, 40) & boxes["y"].between(-20, 20)]
+
+
+def detected(random, frames, boxes, recall, noise, alarms):
+    """Detections of a share of the boxes, off by `noise`, and false alarms for each box."""
+    hits = boxes[random.random(len(boxes)) < recall]
+    wrong = boxes.sample(int(alarms * len(boxes)), replace=True, random_state=random)
+    places = random.uniform([0, -20], [40, 20], (len(wrong), 2))
+    wrong = wrong.assign(frame=random.choice(frames["frame"], len(wrong)), x=places[:, 0])
+    wrong = wrong.assign(y=places[:, 1], score=random.beta(2, 4, len(wrong)))
+    found = pd.concat([hits.assign(score=random.beta(5, 2, len(hits))), wrong], ignore_index=True)
+    offsets = random.normal(0, noise, (len(found), 3)) * [1, 1, 0.5]
+    found[[*"xyz"]] += offsets
+    found[list(SIZE)] *= np.exp(random.normal(0, noise / 2, (len(found), 3)))
+    found["yaw"] += random.normal(0, noise, len(found)) + np.pi * (random.random(len(found)) < 0.1)
+    return found[["frame", "class", *GEOMETRY, "score"]]
+
+
+def in_world(found, frames):
+    poses = full_poses(frames)
+    turned, origin = zip(*(poses[frame] for frame in found["frame"]), strict=True)
+    posed = Poses.of_boxes(found).posed_by(Poses(np.array(origin), Rotation.from_matrix(turned)))
+    return found.assign(**dict(zip("xyz", posed.position.T, strict=True)), yaw=posed.yaw)
+
+
+def renumbered(found, numbers):
+    """Frame n of the traffic becomes `numbers[n]`."""
+    return found.assign(frame=numbers[found["frame"] - found["frame"].min()])
+
+
+def scaled(found, columns, factor):
+    return found.assign(**{name: factor * found[name] for name in columns})
+
+
+WRONG = {
+    "x and y swapped:": lambda d, _: d.assign(x=d["y"], y=d["x"]),
+    "x and y swapped and yaw as 90 degrees less yaw": (
+        lambda d, _: d.assign(x=d["y"], y=d["x"], yaw=np.pi / 2 - d["yaw"])
+    ),
+    "with y mirrored:": lambda d, _: d.assign(y=-d["y"]),
+    "with y mirrored and yaw mirrored": lambda d, _: d.assign(y=-d["y"], yaw=-d["yaw"]),
+    "x and y turned by -90 degrees": (
+        lambda d, _: d.assign(x=-d["y"], y=d["x"], yaw=d["yaw"] + np.pi / 2)
+    ),
+    "with yaw mirrored": lambda d, _: d.assign(yaw=-d["yaw"]),
+    "yaw turned by 90 degrees, or": lambda d, _: d.assign(yaw=d["yaw"] + np.pi / 2),
+    "or length and width swapped": lambda d, _: d.assign(length=d["width"], width=d["length"]),
+    "z at the bottom": lambda d, _: d.assign(z=d["z"] - d["height"] / 2),
+    "from its value, as from a LiDAR": lambda d, _: d.assign(z=d["z"] - 1.73),
+    "places and sizes in millimetres": lambda d, _: scaled(d, GEOMETRY[:6], 1e3),
+    "places in millimetres": lambda d, _: scaled(d, "xyz", 1e3),
+    "sizes in centimetres": lambda d, _: scaled(d, SIZE, 1e2),
+    "sizes as half of an object": lambda d, _: scaled(d, SIZE, 0.5),
+    "as boxes in the world": in_world,
+    "of the frame before": (
+        lambda d, f: renumbered(d, f["frame"].to_numpy() + 1)[d["frame"] < f["frame"].max()]
+    ),
+    "with all frames reversed": lambda d, f: renumbered(d, f["frame"].to_numpy()[::-1]),
+    "rows equal another one": lambda d, _: pd.concat([d, d]),
+    "those of": lambda d, _: d.assign(**{"class": d["class"].map(OTHERS)}),
+    "as percent are": lambda d, _: d.assign(score=100 * d["score"]),
+    "as logits are": lambda d, _: d.assign(score=np.log(d["score"] / (1 - d["score"]))),
+    "a hit has a higher score": lambda d, _: d.assign(score=-d["score"]),
+}
+"""What the doubt says -> the mistake."""
+
+
+def doubts(*tables):
+    return [doubt.why for doubt in doubts_of_detections(Sample.of(*tables))]
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in range(1, 9))]
+)
+def test_every_wrong_convention_is_named(seed):
+    random = np.random.default_rng([50, seed])
+    frames, boxes = traffic(random, 100)
+    manner = random.uniform([0.4, 0.05, 0.2], [0.95, 0.25, 2.0])
+    found = detected(random, frames, boxes, *manner)
+    assert not doubts(found, boxes, frames)
+    for text, change in WRONG.items():
+        first, *more = doubts(change(found, frames), boxes, frames) or [""]
+        assert text in f"{first}:", (text, manner)
+        assert not more, (text, manner)
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in range(1, 9))]
+)
+def test_no_detector_in_our_convention_is_doubted(seed):
+    """Poor ones, with few frames or classes, constant angles or sizes, biases and random scores."""
+    random = np.random.default_rng([51, seed])
+    for count in (1, 1, 2, 3, 5, 10, 30, 100):
+        frames, boxes = traffic(random, count)
+        found = detected(random, frames, boxes, *random.uniform([0.2, 0, 0], [1, 0.5, 8]))
+        size = boxes.groupby("class")[list(SIZE)].median().reindex(found["class"])
+        for other in (
+            found,
+            found[found["class"] == random.choice(CLASSES)],
+            found.assign(yaw=0.0),
+            found.assign(**dict(zip(SIZE, size.to_numpy().T, strict=True))),
+            found.assign(score=random.random(len(found))),
+            found.assign(x=found["x"] + 0.3, y=found["y"] - 0.2, z=found["z"] + 0.3),
+            scaled(found, SIZE, 0.8),
+            found[:0],
+        ):
+            assert not doubts(other, boxes, frames), (count, len(other))
