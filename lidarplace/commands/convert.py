@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import say
@@ -59,7 +59,15 @@ class _Readers(TyperGroup):
             wrong(error)
 
         def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
-            convert_log(lambda ignored: read(source, ignored), out)
+            def log(ignored: Counter[str]) -> BoxLog:
+                with READERS.calls(name, ValueError, OSError), at(name):
+                    found = read(source, ignored)
+                if not isinstance(found, BoxLog):
+                    kind = type(found).__name__
+                    raise InputError("wrong type", place=name, expected="a BoxLog", found=kind)
+                return found
+
+            convert_log(log, out)
 
         convert.__doc__ = read.__doc__
         own = new_app()
