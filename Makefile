@@ -1,6 +1,6 @@
 # `make demo` and `make test` set up what they need; `make setup` makes the environment alone.
 PYTHON ?= python3
-# cpu, auto (the build for this machine's driver) or a name such as cu128: see README, "GPU".
+# cpu, auto (the build for this machine's driver) or a name such as cu128: see README, "Install".
 TORCH_BACKEND ?= cpu
 
 VENV := .venv

@@ -78,8 +78,7 @@ class _Readers(TyperGroup):
 app = new_app(
     cls=_Readers,
     no_args_is_help=True,
-    help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
-    "`accuracy` take.",
+    help="Write the box log of a data set or a table: the folder that a sweep takes as its scene.",
 )
 
 ClassMapOption = Annotated[
@@ -305,7 +304,11 @@ def table(
     world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
-    """Your own tables, with the columns of docs/data.md, or with any others and a mapping."""
+    """Your own tables, with the columns of box logs, or with any others and a mapping.
+
+    Columns: frame, class, x, y, z, length, width, height, yaw; metres and radians, ego frame. For
+    other columns --propose writes a mapping to correct.
+    """
     if propose is not None:
         others = (out, frames, mapping, preview, rig, clouds)
         if class_map != PAPER or any(given is not None for given in others):
