@@ -1,6 +1,6 @@
 # `make demo` and `make test` set up what they need; `make setup` makes the environment alone.
 PYTHON ?= python3
-# cpu, auto (the build for this machine's driver) or a name such as cu128: see README, "GPU".
+# cpu, auto (the build for this machine's driver) or a name such as cu128: see README, "Install".
 TORCH_BACKEND ?= cpu
 
 VENV := .venv
@@ -18,7 +18,7 @@ export RAY_USAGE_STATS_ENABLED := 0
 # Dozens of processes import the same files: the first compiles them, whatever the shell asks for.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo dashboard test test-long lint wheel references docs clean
+.PHONY: setup demo dashboard test test-long test-newest lint wheel references docs clean
 
 setup: $(STAMP)
 
@@ -47,6 +47,17 @@ test: setup
 # The expensive tests that repeat what others show with more cases: for a nightly run.
 test-long: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m long
+
+# The tests with the newest versions of all dependencies instead of those of constraints.txt, for any Python:
+# `make test-newest PYTHON=python3.13`. Its environment, of 3.5 GB, is made anew each time.
+NEWEST := build/newest
+test-newest:
+	rm -rf $(NEWEST)
+	$(PYTHON) -m venv $(NEWEST)
+	$(NEWEST)/bin/pip install --quiet --disable-pip-version-check uv
+	$(NEWEST)/bin/uv pip install --quiet --python $(NEWEST)/bin/python --compile-bytecode \
+		$(TORCH_SOURCE) --editable ".[all,dev]"
+	$(NEWEST)/bin/python -m pytest -n 3 --dist worksteal
 
 lint: setup
 	$(BIN)/ruff format --check .

@@ -34,7 +34,7 @@ class Verb:
                     raise ModuleNotFoundError(f"no module {self.module}")
                 text = ast.get_docstring(ast.parse(Path(spec.origin).read_bytes()))
                 line = (text or "").partition("\n")[0]
-            except Exception as error:  # a plug-in can raise anything
+            except (Exception, SystemExit) as error:  # a package of a plug-in can raise anything
                 line = f"broken: {type(error).__name__}: {error}"
         return f"{line} [{self.extra}]" if self.extra else line
 
@@ -104,16 +104,25 @@ class _Verbs(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
         if name in VERBS:
-            verb = VERBS[name]
-            try:
-                command = typer.main.get_command(import_module(verb.module).app)
-            except Exception as error:  # a plug-in can raise anything
-                if verb.line:
-                    raise
-                why = f"cannot be imported: {type(error).__name__}: {error}"
-                print(f"{name} ({verb.module}): {why}; mend or uninstall it", file=sys.stderr)
-                raise typer.Exit(2) from None
+            if (verb := VERBS[name]).line:
+                app = import_module(verb.module).app
+            else:
+                app = _app_of_plugin(name, verb.module)
+            command = typer.main.get_command(app)
         return name, command, rest
+
+
+def _app_of_plugin(name: str, module: str) -> Any:
+    from lidarplace.base.foreign_code import import_plugin
+
+    try:
+        app = import_plugin(f"{module}:app", f"{name} ({module})")
+        if not isinstance(app, typer.Typer):
+            raise ValueError(f"{name} ({module}): app is no Typer app, but {type(app).__name__}")
+    except ValueError as error:
+        print(f"{error}; mend or uninstall it", file=sys.stderr)
+        raise typer.Exit(2) from None
+    return app
 
 
 app = typer.Typer(

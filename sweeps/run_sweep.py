@@ -37,6 +37,7 @@ from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
+from tracking.report.decision.build import FILE as DECISION
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -60,6 +61,8 @@ def run_sweep(
         folder = sweep.common.output / sweep.common.name / "failed"
         said = f"{len(failed)} of {len(plan.trials)} trials failed; see {folder}. "
         console.print(f"{said}--rerun-failed tries all of them again.")
+    if (decision := sweep.common.output / sweep.common.name / DECISION).exists():
+        console.print(f"Decision  {decision}", soft_wrap=True)
     return logged and not failed
 
 

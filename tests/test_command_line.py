@@ -53,6 +53,7 @@ def assert_one_line(done, *told):
 def test_help_has_examples_exit_codes_and_the_same_names_everywhere(command):
     done = lidarplace(*command.split(), "--help")
     assert done.exit_code == 0, done.output
+    assert not re.search(r"list\[|docs/", done.stdout), "an installed package has no docs/"
     first, *lines = done.stdout.splitlines()
     assert first.startswith(f"Usage: lidarplace {command} ")
     start = next(i for i, line in enumerate(lines) if re.fullmatch("Examples?:", line))

@@ -1,6 +1,7 @@
 """What docs/extending.md adds from outside works: each of the seven kinds, installed and not."""
 
 import json
+import re
 
 import pandas as pd
 import pytest
@@ -68,6 +69,36 @@ def test_a_search_by_a_surrogate(installed, tmp_path):
     best = trials[trials["feasible"]]["value.crossed_voxels"].max()
     found = json.loads((tmp_path / "runs/small/search.json").read_text())
     assert best == found["rigs"]["found_1"]["values"]["crossed_voxels"] > 0
+
+
+FAILS = """
+import math, sys
+from itertools import count
+from lidarplace.pog.surrogates.table import Surrogate
+
+calls = count()
+def value(seen):
+    return (lambda: math.inf, lambda: sys.exit(0), lambda: 3.0)[next(calls)]()
+
+FAILS = Surrogate(label="l", unit="u", meaning="m", of_seen=value, sense=1)
+"""
+
+
+def test_a_surrogate_that_fails_for_two_rigs_of_three(tmp_path):
+    """Two trials fail with its name and the rig; the third one has its results and its page."""
+    (tmp_path / "plug_fails.py").write_text(FAILS)
+    write_database(tmp_path / "runs/mlflow.db")
+    keys = {"surrogate": {"resolution": 0.8, "names": ["s_mig", "plug_fails:FAILS"]}}
+    keys["surrogate"] |= {"accuracy": False, "sampling_error": False}
+    keys |= {"grid": {"placement": ["line", "center", "pyramid"]}}
+    write_sweep(tmp_path, "new.yaml", **SMALLER, **keys)
+    said = lidarplace(tmp_path, "run", "new.yaml", code=1)
+    fault = "wrong value; expected one finite real number, found inf"
+    assert f"failed: line: plug_fails:FAILS: placement line: {fault}\n" in said
+    assert re.search(r"failed: center: plug_fails:FAILS: .*plug_fails.py:8: calls sys.exit", said)
+    table = pd.read_parquet(tmp_path / "runs/new/surrogates.parquet")
+    assert set(table["placement"]) == {"pyramid"}
+    assert (tmp_path / "runs/new/report.html").exists()
 
 
 USE = """

@@ -35,8 +35,7 @@ RANGE = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
 @pytest.fixture
 def plugins(monkeypatch):
     """As in a new process: no plug-in was asked for."""
-    for module in (registry, ray_cluster):
-        monkeypatch.setattr(module, "PLUGINS", plugins := getattr(registry, "PLUGINS", {}))
+    plugins = registry.PLUGINS
     monkeypatch.setattr(sys, "path", list(sys.path))
     known = set(sys.modules)
     plugins.clear()

@@ -213,7 +213,8 @@ def test_init_writes_the_examples(tmp_path):
 
     done = init()
     assert done.exit_code == 0, done.output
-    written = {path.name: path.read_bytes() for path in (tmp_path / "new").iterdir()}
+    paths = [path for path in (tmp_path / "new").rglob("*") if path.is_file()]
+    written = {str(path.relative_to(tmp_path / "new")): path.read_bytes() for path in paths}
     for name, content in written.items():
         assert content == (ROOT / "examples" / name).read_bytes()
         assert (ROOT / "sweeps/examples" / name).samefile(ROOT / "examples" / name), "one source"
@@ -227,10 +228,13 @@ def test_init_writes_the_examples(tmp_path):
     assert own.read_bytes() == written["grid.yaml"]
 
 
-def test_init_writes_what_help_names():
+def test_init_writes_what_help_and_readme_name():
     modules = [
         path for package in ("sweeps", "lidarplace") for path in (ROOT / package).rglob("*.py")
     ]
+    from sweeps.commands.init import examples
+
     text = "".join(path.read_text("utf-8") for path in modules)
-    named = set(re.findall(r"examples/(\w+\.yaml)", text))
-    assert named == {path.name for path in (ROOT / "sweeps/examples").iterdir()}
+    for commands in re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL):
+        text += commands
+    assert set(re.findall(r"examples/([\w/]+\.(?:yaml|csv))", text)) == set(examples())

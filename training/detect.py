@@ -14,7 +14,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from lidarplace.clouds.clouds import Frames
 from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
-from training.detectors.contract import as_arrays
+from training.detectors.contract import as_arrays, check_boxes_of, guarded, is_built_in
 from training.detectors.detector import PointRange
 from training.device import device, half_type
 from training.settings import TrainingSettings
@@ -48,7 +48,7 @@ def detect(
     """
     model = build(detector, classes, point_range=point_range, typical=typical)
     model.load_state_dict(state_dict)
-    if type(model).__module__.startswith("training."):  # others may call layers one by one
+    if is_built_in(model):  # others may call layers one by one
         fold_batch_norm(model)
     model.to(device()).eval()
     half = half_type(model.device, settings.mixed_precision, predicting=True)
@@ -62,7 +62,8 @@ def detect(
     for first in range(0, len(clouds), size):
         batch = range(first, min(first + size, len(clouds)))
         points = [torch.from_numpy(clouds[i] - lift) for i in batch]
-        with torch.no_grad(), torch.autocast(model.device.type, half, enabled=half is not None):
+        autocast = torch.autocast(model.device.type, half, enabled=half is not None)
+        with torch.no_grad(), autocast, guarded(model):
             predictions = model.predict(points, selection)
         found += as_arrays(model, predictions, [clouds.frames[i] for i in batch])
 
@@ -75,6 +76,7 @@ def detect(
         return pd.concat([frames, pd.DataFrame(boxes, columns=list(GEOMETRY))], axis=1)
 
     boxes = table("boxes")
+    check_boxes_of(model, boxes)
     labels = np.concatenate([np.zeros(0, np.int64), *(item["labels"] for item in found)])
     boxes.insert(1, "class", np.array(list(classes), dtype=object)[labels - 1])
     boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in found)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -171,7 +172,8 @@ def evaluation(
             add(name, "class_recall_3D", iou, _percent(matches["3D", iou].found), len(own))
             for metric in metrics:
                 if (measure := METRICS[metric].of_matches) is not None:
-                    value = measure(matches["3D", iou]) if len(own) else np.nan
+                    compute = partial(measure, matches["3D", iou])
+                    value = METRICS.number(metric, compute, f"class {name}") if len(own) else np.nan
                     add(name, metric, iou, value, len(own))
         for iou in RECALL_IOU:
             add(name, "recall", iou, _percent(best[here] > iou), len(own))

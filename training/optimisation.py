@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from training.detectors.contract import checked_losses
+from training.detectors.contract import checked_losses, guarded
 from training.detectors.detector import Detector
 from training.device import half_type
 from training.settings import TrainingSettings
@@ -71,7 +71,9 @@ class Optimisation:
             if "betas" in group:
                 group["betas"] = (momentum, group["betas"][1])
         with torch.autocast(self._model.device.type, self._dtype, enabled=self._dtype is not None):
-            losses = checked_losses(self._model, self._model.loss(*batch))
+            with guarded(self._model):
+                returned = self._model.loss(*batch)
+            losses = checked_losses(self._model, returned)
         if not math.isfinite(losses["loss"].item()):
             raise ArithmeticError(f"the loss is {losses['loss'].item()}")
         self._optimizer.zero_grad()

@@ -4,8 +4,10 @@ A metric of ours is computed in `training.kitti_ap`; others: docs/extending.md.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
 from lidarplace.base.registry import Registry
 
@@ -13,9 +15,13 @@ Direction = Literal["maximize", "minimize"]
 """Which values are best."""
 
 
-@dataclass(frozen=True, kw_only=True)
+STRICT = ConfigDict(strict=True, extra="forbid")
+"""Of what plug-ins register: each field has its type, and there are no others."""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Metric:
-    """A measure of detections.
+    """A measure of detections. Raises ValueError for a wrong field.
 
     Attributes:
         label, short: its name in figures and tables, and where there is little room.
@@ -27,7 +33,7 @@ class Metric:
         of_matches: computes it from `training.matches.Matches`; None for ours.
     """
 
-    label: str
+    label: Annotated[str, Field(min_length=1)]
     short: str
     unit: str = "%"
     direction: Direction = "maximize"

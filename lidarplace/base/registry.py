@@ -7,13 +7,12 @@ imported when one of their names is asked for, or when all that is installed is 
 from __future__ import annotations
 
 import logging
-import pkgutil
 import sys
-import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -22,11 +21,9 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.foreign_code import PLUGINS, finite_number, foreign_code, import_plugin
 
 T = TypeVar("T")
-
-PLUGINS: dict[str, Distribution | None] = {}
-"""Top-level packages whose names were asked for, and what installed them; None: a folder."""
 
 FOLDERS: list[Path] = []
 """Of configurations: `package.module:name` is looked up there, then in the current folder."""
@@ -39,17 +36,6 @@ class PluginError(InputError, KeyError):
 
     def __str__(self) -> str:
         return str(self.args[0])
-
-
-def plugin_place(error: BaseException) -> str:
-    """`FILE:LINE: ` of the innermost call in a plug-in that raised it; empty if there is none."""
-    place = ""
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        package = str(frame.f_globals.get("__name__")).partition(".")[0]
-        if package in PLUGINS:
-            _, folder, file = frame.f_code.co_filename.rpartition(f"/{package}/")
-            place = f"{folder[1:]}{file}:{line}: "
-    return place
 
 
 class Registry(Mapping[str, T]):
@@ -109,6 +95,20 @@ class Registry(Mapping[str, T]):
                 _log.warning("plug-in left out: %s", error)
         return found
 
+    def calls(self, name: str, *passed: type[Exception]) -> AbstractContextManager[None]:
+        """Guard a block that calls what `name` is, see `foreign_code`; no guard for ours."""
+        return nullcontext() if name in self.own else foreign_code(name, passed)
+
+    def number(self, name: str, compute: Callable[[], float], of: str) -> float:
+        """What `compute` of `name` returns `of` a rig or class: of a plug-in, one finite number.
+        Raises InputError that names both."""
+        if name in self.own:
+            return compute()
+        place = f"{name}: {of}"
+        with foreign_code(place):
+            value = compute()
+        return finite_number(value, place)
+
     def where(self, place: Callable[[T], float | None]) -> Names:
         """Names whose `place` is neither None nor False, in the order of their places."""
         return Names(self, place)
@@ -118,15 +118,14 @@ class Registry(Mapping[str, T]):
             raise PluginError(f"no installed package has it among its {self.group}", place=name)
         where = name if name == path else f"{name} ({path})"
         try:
-            found = pkgutil.resolve_name(path)
-        except (Exception, SystemExit) as error:  # a plug-in can raise anything
-            why = plugin_place(error) + " ".join(f"{type(error).__name__}: {error}".split())
+            found = import_plugin(path, where)
+        except InputError as error:
             root, fix = path.partition(":")[0].partition(".")[0], ""
-            if getattr(error, "name", None) == root:
+            if getattr(error.__cause__, "name", None) == root:
                 fix = "put its folder next to the configuration, here, or on PYTHONPATH"
             if root not in sys.modules:
                 PLUGINS.pop(root, None)  # nothing to send to a worker
-            raise PluginError(f"cannot be imported: {why}", place=where, fix=fix) from error
+            raise PluginError(error.problem, place=where, fix=fix) from error
         if not self._fits(found):
             expected, kind = f"one of {self.group}", type(found).__name__
             raise PluginError("wrong type", place=where, expected=expected, found=kind)

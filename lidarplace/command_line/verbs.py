@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
@@ -33,6 +35,8 @@ class Verb(TyperCommand):
         for parameter in self.params:
             if parameter.param_type_name == "argument" and parameter.metavar is None:
                 parameter.metavar = str(parameter.name).upper()
+            if (shown := getattr(parameter, "display_type", None)) is not None:
+                vars(parameter)["display_type"] = partial(_type_of_items, shown)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the command line."""
@@ -60,6 +64,11 @@ class Verb(TyperCommand):
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the example as the command was called, on lines of their own."""
         formatter.write((self.epilog or "").replace("{command}", ctx.command_path))
+
+
+def _type_of_items(shown: Callable[[Any], str], ctx: Any) -> str:
+    """The type of an option in its help: `<path>` for typer's `<list[Path]>`."""
+    return re.sub(r"list\[(\w+)\]", lambda item: item[1].lower(), shown(ctx))
 
 
 def new_app(**settings: Any) -> typer.Typer:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import say
@@ -54,7 +55,15 @@ class _Readers(TyperGroup):
             wrong(error)
 
         def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
-            convert_log(lambda ignored: read(source, ignored), source, out)
+            def log(ignored: Counter[str]) -> BoxLog:
+                with READERS.calls(name, ValueError, OSError), at(name):
+                    found = read(source, ignored)
+                if not isinstance(found, BoxLog):
+                    kind = type(found).__name__
+                    raise InputError("wrong type", place=name, expected="a BoxLog", found=kind)
+                return found
+
+            convert_log(log, source, out)
 
         convert.__doc__ = read.__doc__
         own = new_app()
@@ -65,8 +74,7 @@ class _Readers(TyperGroup):
 app = new_app(
     cls=_Readers,
     no_args_is_help=True,
-    help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
-    "`accuracy` take.",
+    help="Write the box log of a data set or a table: the folder that a sweep takes as its scene.",
 )
 
 ClassMapOption = Annotated[
@@ -292,7 +300,11 @@ def table(
     world: WorldOption = False,
     ground: GroundOption = KEEP,
 ) -> None:
-    """Your own tables, with the columns of docs/data.md, or with any others and a mapping."""
+    """Your own tables, with the columns of box logs, or with any others and a mapping.
+
+    Columns: frame, class, x, y, z, length, width, height, yaw; metres and radians, ego frame. For
+    other columns --propose writes a mapping to correct.
+    """
     if propose is not None:
         others = (out, frames, mapping, preview, rig, clouds)
         if class_map != PAPER or any(given is not None for given in others):

@@ -77,9 +77,9 @@ def export(
         ),
     ] = False,
 ) -> None:
-    """Write KITTI's object layout, as OpenPCDet reads it (docs/kitti.md), or FILE.mcap.
+    """Write KITTI's object layout, as OpenPCDet reads it, or FILE.mcap.
 
-    An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts (docs/rigs.md).
+    An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts.
     """
     counts: Counter[str] = Counter()
     played = out.suffix == ".mcap"

@@ -26,7 +26,7 @@ class SceneKind(NamedTuple):
 KINDS = Registry(
     "lidarplace.scenes",
     {"sumo": SceneKind(SumoScene, town_parts), "log": SceneKind(LogScene, log_parts)},
-    fits=lambda found: isinstance(found, SceneKind),
+    fits=lambda found: isinstance(found, SceneKind) and issubclass(found.settings, BaseModel),
 )
 """By `source`."""
 
@@ -45,7 +45,9 @@ def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
             "source: expected {known}{hint}",
             {"known": ", ".join(KINDS.installed()), "hint": did_you_mean(source, KINDS)},
         )
-    return KINDS[source].settings.model_validate(scene, context=info.context)
+    kind = KINDS[source]
+    with KINDS.calls(source, ValueError, OSError):
+        return kind.settings.model_validate(scene, context=info.context)
 
 
 class _Schema:
@@ -65,4 +67,6 @@ Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked),
 
 def scene_parts(scene: Scene) -> list[ScenePart]:
     """The parts of a scene. Raises ValueError if something that it names is not there."""
-    return KINDS[scene.source].parts(scene)
+    kind = KINDS[scene.source]
+    with KINDS.calls(scene.source, ValueError, OSError):
+        return kind.parts(scene)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-import traceback
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.errors import InputError, at
+from lidarplace.base.foreign_code import finite_number
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.box_log import BoxLog
@@ -102,20 +102,14 @@ def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, fl
     assert trial.recall is not None
     (rig,) = trial.recall.params.rigs
     place = f"{name}: rig {rig.name}"
-    try:
+    with FUNCTIONS.calls(place):
         found = function(rig, log_of("train"))
         by_class = dict(found) if isinstance(found, Mapping) else dict.fromkeys(_CLASSES, found)
-        numbers = {key: float(value) for key, value in by_class.items()}
-    except Exception as error:  # of the user's own code
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        why += f" ({Path(last.filename).name}, line {last.lineno})"
-        raise InputError(why, place=place) from None
-    for key, value in numbers.items():
-        if key not in _CLASSES or not np.isfinite(value):
-            expected = f"a finite number, or one for each of {', '.join(_CLASSES)}"
-            raise InputError(place=place, key="result", expected=expected, found=f"{key}: {value}")
-    return _by_metric(numbers)
+    for key in by_class:
+        if key not in _CLASSES:
+            expected = f"a number, or one for each of {', '.join(_CLASSES)}"
+            raise InputError(place=place, key="result", expected=expected, found=f"{key!r}")
+    return _by_metric({k: finite_number(value, f"{place}: {k}") for k, value in by_class.items()})
 
 
 _CLASSES = tuple(dict.fromkeys(name for name, _, _ in METRICS.values()))

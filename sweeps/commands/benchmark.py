@@ -32,7 +32,7 @@ def benchmark(
     """Compare a predictor with the results of detectors trained for each of 41 rigs.
 
     Prints Spearman's rho with intervals, regret, and how many pairs of rigs it orders correctly, by
-    metric and by the rigs' origin, and the tables of docs/benchmark.md with its row. Surrogates
+    metric and by the rigs' origin, and the tables of built-in predictors with its row. Surrogates
     take a minute, a checkpoint as long as its detections in 41 times 1,120 frames."""
     from rich.progress import track
 
@@ -62,7 +62,7 @@ def benchmark(
     for metric in HEADLINES:
         say(f"### {metric}\n\n{markdown_table(found, seconds, metric)}\n")
     if predictor is not None:
-        say("Rows for these tables in docs/benchmark.md:")
+        say("Rows for these tables:")
         for metric in HEADLINES:
             say(markdown_row(found, predictor, seconds, metric))
 

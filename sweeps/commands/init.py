@@ -19,20 +19,27 @@ app = new_app()
 def init(
     folder: Annotated[Path, typer.Argument(help="folder to write to")] = Path("examples"),
 ) -> None:
-    """Write example files: a sweep, a search, requirements, a studio, the paper's experiment.
+    """Write example files: sweeps, searches, requirements, labels, the paper's experiment.
 
-    The help of other commands refers to these examples. Existing files are kept unless you confirm.
+    The README and the help of other commands refer to these examples. Existing files are kept
+    unless you confirm.
     """
     with checked_input():
-        folder.mkdir(parents=True, exist_ok=True)
-        for source in sorted(files("sweeps").joinpath("examples").iterdir(), key=str):
-            text = source.read_text(encoding="utf-8")
-            path = folder / source.name
+        for name, text in examples().items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists() and not _replaced(path, text):
                 continue
             write_text(path, text)
             say(path)
     say(f"Next: {command('run', str(folder / 'grid.yaml'), '--dry-run')}")
+
+
+def examples() -> dict[str, str]:
+    """Return the text of the examples by their path in the folder."""
+    folder = Path(str(files("sweeps").joinpath("examples")))
+    paths = sorted(path for path in folder.rglob("*.*") if path.suffix in (".yaml", ".csv"))
+    return {str(path.relative_to(folder)): path.read_text(encoding="utf-8") for path in paths}
 
 
 def _replaced(path: Path, text: str) -> bool:

@@ -156,7 +156,7 @@ class SurrogateSettings(Settings):
     """Which surrogates are computed, and how."""
 
     names: tuple[SurrogateName, ...] = Field(
-        ASKED_FOR.own, min_length=1, description="docs/method.md has their formulas"
+        ASKED_FOR.own, min_length=1, description="surrogates to compute"
     )
     resolution: Distance = Field(0.1, gt=0, description="edge of a voxel, metres")
     method: Method = Field(

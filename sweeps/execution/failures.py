@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.registry import plugin_place
+from lidarplace.base.foreign_code import plugin_place
 from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets

@@ -11,9 +11,9 @@ import optuna
 import pandas as pd
 from rich.console import Console
 
+from lidarplace.base.errors import InputError
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
-from sweeps.configuration.file import ConfigError
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress, about
@@ -132,7 +132,7 @@ class SearchWork:
                 return self._search(backend, log)
             except NoTraffic as error:
                 raise BackendLost(f"no traffic: {error}") from None
-            except ConfigError as error:
+            except InputError as error:  # of the configuration, or of a plug-in
                 wrong(error)
 
     def report(self, folder: Path, found: Found, log: SweepLog) -> Path:

@@ -31,12 +31,14 @@ from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.base.errors import InputError
+from lidarplace.base.foreign_code import foreign_code
 from lidarplace.base.metrics import Overlaps
 from lidarplace.clouds.clouds import Clouds, Frames, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
 from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
 from lidarplace.pog.surrogates.table import SURROGATES, to_ask_for
+from sweeps import PACKAGES
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -91,7 +93,11 @@ class How(TypedDict):
 
 def scene(params: SceneParams) -> BoxLog:
     """Simulate a part of a scene, or read it."""
-    return params.recording.record()
+    kind = type(params.recording)
+    if kind.__module__.partition(".")[0] in PACKAGES:
+        return params.recording.record()
+    with foreign_code(f"{kind.__module__}.{kind.__qualname__}", (Exception,)):
+        return params.recording.record()
 
 
 def ground_truth(params: GroundTruthParams, log: BoxLog) -> GroundTruth:

@@ -1,17 +1,20 @@
 """Counts of outcomes: `python -m tests.fuzz GROUP|NAME [COUNT [SEED [NUMBER]]]`.
 
-GROUP is data, detections, maps, reports, settings, classes or lines; NAME one of its targets, a
-verb of `lines`, or a key of `classes`. NUMBER runs this case alone and prints all of it.
+GROUP is data, detections, maps, reports, settings, lines, classes or plugins; NAME one of its
+targets, a verb of `lines`, a key of `classes` or a kind of plug-in. NUMBER runs this case alone and
+prints all of it.
 """
 
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from tests.fuzz.cases import Result, run_case, run_cases, table
 from tests.fuzz.classes import PLACES, run_class
 from tests.fuzz.lines import LINES, run_line
+from tests.fuzz.plugins import RIGHT, run_plugin
 from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS, SETTINGS
 from tests.fuzz.world import write_world
 
@@ -22,6 +25,12 @@ GROUPS = {
     "reports": REPORTS,
     "settings": SETTINGS,
 }
+FURTHER: dict[str, tuple[Callable[..., Result], Iterable[str]]] = {
+    "lines": (run_line, LINES),
+    "classes": (run_class, PLACES),
+    "plugins": (run_plugin, RIGHT),
+}
+"""Groups whose cases have runners of their own, and the names of what these take."""
 
 
 def results_of(
@@ -32,16 +41,15 @@ def results_of(
     write_world(world)
     every = [target for group in GROUPS.values() for target in group]
     targets = GROUPS.get(named) or [target for target in every if target.name == named]
-    verbs = [verb for verb in LINES if named in ("lines", f"lines {verb}")]
-    keys = [key for key in PLACES if named in ("classes", f"classes {key}")]
-    if number is None:
-        yield from run_cases(run_case, targets, seed, count, world, place)
-        yield from run_cases(run_line, verbs, seed, count, world, place / "lines")
-        yield from run_cases(run_class, keys, seed, count, world, place / "classes")
-    else:
-        yield from (run_case(target, seed, number, world, place) for target in targets)
-        yield from (run_line(verb, seed, number, world, place) for verb in verbs)
-        yield from (run_class(key, seed, number, world, place) for key in keys)
+    chosen: list[tuple[Callable[..., Result], list[Any], Path]] = [(run_case, targets, place)]
+    for group, (runner, names) in FURTHER.items():
+        own = [name for name in names if named in (group, f"{group} {name}")]
+        chosen.append((runner, own, place / group))
+    for runner, own, where in chosen:
+        if number is None:
+            yield from run_cases(runner, own, seed, count, world, where)
+        else:
+            yield from (runner(name, seed, number, world, where) for name in own)
 
 
 def main(named: str, count: str = "20", seed: str = "0", number: str | None = None) -> None:

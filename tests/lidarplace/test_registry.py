@@ -3,6 +3,7 @@
 import sys
 from dataclasses import dataclass
 from typing import Annotated
+from unittest.mock import patch
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -18,12 +19,11 @@ from sweeps.tasks.task import Task, code_of
 def site(tmp_path, monkeypatch):
     """A folder on the path, in which `install` puts distributions of one module."""
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(registry, "PLUGINS", plugins := {})
-    monkeypatch.setattr(ray_cluster, "PLUGINS", plugins)
     caches = (registry._entry_points, code_version.code_version, code_version._code)
     for kept in caches:
         kept.cache_clear()
-    yield tmp_path
+    with patch.dict(registry.PLUGINS, clear=True):
+        yield tmp_path
     for kept in caches:
         kept.cache_clear()
     for name in [name for name in sys.modules if name.startswith("plug_")]:

@@ -73,6 +73,22 @@ def test_a_missing_and_an_old_package(monkeypatch):
     assert checks.packages(None, needed=False).state == "optional", "nobody asked for it"
 
 
+def test_without_a_gpu_it_names_the_build_for_the_cpu(monkeypatch):
+    """Plain pip takes the build with CUDA."""
+
+    def version(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(checks, "version", version)
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    monkeypatch.setattr("torch.version.cuda", "13.0")
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    for found in (checks.packages("training", needed=True), checks.gpu()):
+        assert "uv pip install --torch-backend cpu 'lidarplace[all]'" in found.remedy
+    monkeypatch.setattr("torch.version.cuda", None)
+    assert not checks.gpu().remedy
+
+
 def test_the_extra_of_a_package_counts(monkeypatch):
     lines = {
         "lidarplace": ["ray[client]>=2.40; extra == 'cluster'"],

@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.registry import Registry
 from tracking.findings.failures import Failures
 from tracking.findings.groups import copies, pictured, without
@@ -126,11 +127,13 @@ SECTIONS: Registry[_Make] = Registry(
 def _sections(found: Analysis) -> Iterator[tuple[str, Section]]:
     for name, make in SECTIONS.installed().items():
         try:
-            section = make(found)
-        except Exception as error:  # a plug-in can raise anything
+            with SECTIONS.calls(name):
+                if not isinstance(section := make(found), Section | None):
+                    raise InputError(f"returns no Section, but {type(section).__name__}")
+        except InputError as error:
             if name in SECTIONS.own:
                 raise
-            _log.warning("plug-in left out: section %s: %s: %s", name, type(error).__name__, error)
+            _log.warning("plug-in left out: section %s", error)
             continue
         if section is not None:
             section.folded = name != ("placements" if found.run.results.empty else "best")

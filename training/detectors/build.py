@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.base.class_names import check_class_name
 from lidarplace.base.errors import InputError
-from lidarplace.base.registry import Registry, plugin_place
+from lidarplace.base.foreign_code import foreign_code
+from lidarplace.base.registry import Registry
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from training.typical_objects import TypicalObject
@@ -57,13 +59,8 @@ def build(
 
     settle_vector_math()
     make = plug_in or importlib.import_module(f"training.detectors.{network}").build
-    try:
+    with foreign_code(network) if plug_in else nullcontext():
         model = make(classes, own or preset or "openpcdet", point_range, typical)
-    except Exception as error:
-        if not plug_in:
-            raise
-        fault = f"{plugin_place(error)}{type(error).__name__}: {error}"
-        raise InputError(fault, place=network) from error
     if not isinstance(model, Detector):
         expected, found = "a Detector, see training.detectors.detector", type(model).__name__
         raise InputError("wrong type", place=network, expected=expected, found=found)

@@ -1,18 +1,32 @@
 """What a network returns is what `Detector` documents; one line for what is not."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.errors import InputError, at
+from lidarplace.base.foreign_code import foreign_code
+from lidarplace.detections.limits import check_unit, first_invalid
+from lidarplace.logs.boxes import GEOMETRY, SIZE
 from training.detectors.detector import Detector
 
 _COLUMNS = {"boxes": (7,), "scores": (), "labels": (), "refined": (7,)}
-_IS_SIZE = np.isin(range(7), (3, 4, 5))
+
+
+def is_built_in(model: Detector) -> bool:
+    """Whether the class of the network is of this package."""
+    return type(model).__module__.startswith("training.")
+
+
+def guarded(model: Detector) -> AbstractContextManager[None]:
+    """Guard a block that calls the network, see `foreign_code`; its exceptions stay as they are."""
+    return nullcontext() if is_built_in(model) else foreign_code(_name(model), (Exception,))
 
 
 def checked_losses(model: Detector, losses: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
@@ -51,6 +65,13 @@ def as_arrays(
     return arrays
 
 
+def check_boxes_of(model: Detector, boxes: pd.DataFrame) -> None:
+    """Raise InputError if the boxes of a network from elsewhere are in another unit than metres."""
+    if not is_built_in(model):
+        with at(f"{_name(model)}.predict"):
+            check_unit(boxes[list(SIZE)].to_numpy(np.float64))
+
+
 def _frame_arrays(item: Mapping[str, Tensor], classes: int) -> dict[str, NDArray[Any]]:
     if not isinstance(item, Mapping) or not {"boxes", "scores", "labels"} <= item.keys():
         raise InputError(expected="a dict of boxes, scores and labels", found=_kind(item))
@@ -63,11 +84,13 @@ def _frame_arrays(item: Mapping[str, Tensor], classes: int) -> dict[str, NDArray
             expected, found = "(M, 7)" if columns else f"({rows},)", _kind(value)
             raise InputError("wrong shape", key=name, expected=expected, found=found)
         array = arrays[name] = value.detach().cpu().double().numpy()
+        if name == "boxes" and (invalid := first_invalid(array)) is not None:
+            row, column, allowed = invalid
+            key, number = f"boxes[{row}]: {column}", array[row, GEOMETRY.index(column)]
+            raise InputError(key=key, expected=allowed, found=f"{number:g}")
         bad, allowed = ~np.isfinite(array), "finite numbers"
         if name == "labels":
             bad, allowed = ~np.isin(array, range(1, classes + 1)), f"1 to {classes}"
-        elif name == "boxes":
-            bad, allowed = bad | (array < 0) & _IS_SIZE, "finite numbers, sizes from 0"
         if bad.any():
             row = int(np.argwhere(bad)[0][0])
             raise InputError(key=f"{name}[{row}]", expected=allowed, found=array[row].tolist())

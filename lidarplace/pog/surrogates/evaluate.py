@@ -155,13 +155,16 @@ def evaluate_classes(
         whole = functools.partial(int, np.bitwise_count(covered).sum())
     voxels = CoveredVoxels(whole)
     rays = placement, occupied, ray_method, detection_probability, azimuth_stride
-    common = time.perf_counter() - start
+    common, rig = time.perf_counter() - start, f"placement {placement.name}"
 
     results = {}
     for object_class, grid in grids.items():
         start = time.perf_counter()
         seen = _seen(grid, grid.levels.covered(covered), counts, rays, occlusion)
-        values = {name: compute(seen) for name, compute in computed.items()}
+        values = {
+            name: SURROGATES.number(name, functools.partial(compute, seen), rig)
+            for name, compute in computed.items()
+        }
         nonzero, seconds = int(seen.covered.sum()), common + time.perf_counter() - start
         found = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
         results[object_class] = found
@@ -181,7 +184,8 @@ def _seen(
 
     @functools.cache
     def crossings() -> Crossings:
-        assert counts is not None
+        if counts is None:
+            raise InputError("rays are not counted", key="needs_rays", expected="True", found=False)
         return Crossings.of_grid(grid, counts)
 
     def information() -> float:

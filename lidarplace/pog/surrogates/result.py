@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -67,8 +67,10 @@ class Surrogates(_Named, Plottable):
     seconds: float
 
     def __getitem__(self, name: str) -> float | None:
-        of_others = SURROGATES[name].of_others
-        return self.values.get(name) if of_others is None else of_others(self)
+        if (of_others := SURROGATES[name].of_others) is None:
+            return self.values.get(name)
+        rig = f"placement {self.placement.name}"
+        return SURROGATES.number(name, partial(of_others, self), rig)
 
     def asked(self, name: str) -> float:
         """The value of a surrogate that was asked for."""

@@ -88,6 +88,7 @@ def pog_sampling_error(
     drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
     every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
     computed = {name: of_seen for name, of_seen in every if of_seen is not None}
+    rig = f"placement {placement.name}"
     draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
     keys = frame_keys(boxes, frames)
     blocked = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")
@@ -134,7 +135,10 @@ def pog_sampling_error(
                 points=partial(expected_points, total, crossings, 1.0),
                 information=gain,
             )
-            found = {name: compute(seen) for name, compute in computed.items()}
+            found = {
+                name: SURROGATES.number(name, partial(compute, seen), rig)
+                for name, compute in computed.items()
+            }
             nonzero = int(seen.covered.sum())
             result = Surrogates(placement, roi, method, found, all_covered, nonzero, seconds=0.0)
             for name in surrogates:

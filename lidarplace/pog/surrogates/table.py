@@ -6,17 +6,20 @@ the objects of the log, see `lidarplace.recall`."""
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from lidarplace.base.metrics import Direction
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.metrics import STRICT, Direction
 from lidarplace.base.registry import Registry
 from lidarplace.pog.surrogates.seen import Seen
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Surrogate:
-    """A number for a placement and a class.
+    """A number for a placement and a class. Raises ValueError for a wrong field.
 
     Attributes:
         label: how it is called in figures and tables.
@@ -42,7 +45,7 @@ class Surrogate:
         decides: its place among those that order placements where nothing was trained, of which
             the first that was computed does; all of these can only rise by a LiDAR more."""
 
-    label: str
+    label: Annotated[str, Field(min_length=1)]
     short: str = ""
     unit: str
     meaning: str
@@ -59,6 +62,11 @@ class Surrogate:
     beside: str | None = None
     headline: int | None = None
     decides: int | None = None
+
+    def __post_init__(self) -> None:
+        ways = (self.of_seen, self.of_others, self.of_objects or None)
+        if sum(way is not None for way in ways) != 1:
+            raise InputError(key="of_seen, of_others", expected="one of them", found="both or none")
 
     @property
     def direction(self) -> Direction:
