@@ -46,6 +46,7 @@ OPTIMA = (
 """Objectives by which a rig was searched for."""
 NETWORKS = {
     "finetuned": "`pointpillars_tiny`, fine-tuned",
+    "scratch": "`pointpillars_tiny`, from scratch",
     "second_tiny": "`second_tiny`, from scratch",
     "pointpillars": "`pointpillars_paper`, from scratch",
 }
