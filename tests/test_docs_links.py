@@ -76,7 +76,16 @@ def test_anchors_are_githubs(tmp_path):
 
 
 def test_files_of_python_that_pages_name_exist():
-    folders = ("lidarplace", "training", "tracking", "sweeps", "benchmarks", "studies", "examples")
+    folders = (
+        "lidarplace",
+        "training",
+        "tracking",
+        "sweeps",
+        "benchmarks",
+        "studies",
+        "tests",
+        "examples",
+    )
     files = {path.name for folder in folders for path in (ROOT / folder).rglob("*.py")}
     files |= {path.name for path in (ROOT / "docs").glob("*.py")}
     for page in PAGES:

@@ -171,8 +171,8 @@ def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
     rho, tau = rank_agreement(both, later)
     best, first = str(own.idxmax()), str(both.idxmin())
     lost = own[best] - own[first]
-    p = permutation_p(both.to_numpy(float)[None], later.to_numpy(float), "spearman")[0]
-    p = np.nan if np.isnan(rho) else p
+    a, b = both.to_numpy().astype(np.float64), later.to_numpy().astype(np.float64)
+    p = np.nan if np.isnan(rho) else permutation_p(a[None], b, "spearman")[0]
     found = len(both), rho, p, tau, len(known), known[best], first, lost
     return dict(zip(_AGREEMENT, found, strict=True))
 
