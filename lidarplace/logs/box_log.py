@@ -188,7 +188,7 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
     time, own = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
     off = np.abs(own - time[row]) if np.ptp(own) > 0 else np.zeros(len(own))
     step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
-    if (far := off > (step / 2 if step > 0 else 0)).mean() > 0.5:
+    if step > 0 and (far := off > step / 2).mean() > 0.5:
         problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
         parts = {"expected": f"{time[row][far][0]:.16g}", "fix": "are frame numbers off by one?"}
         place, found = f"{source}: row {int(far.argmax())}", f"{own[far][0]:.16g}"

@@ -44,7 +44,6 @@ def test_the_unit_is_told_by_motion(poses, straight):
     log = traffic(5, objects=9, straight=straight)
     log = log if poses else without_poses(log)
     assert list(doubts_of_motion(log)) == []
-    assert list(doubts_of_motion(log)) == []
     yaw = log.boxes["yaw"]
     small = np.degrees(np.remainder(yaw + math.pi / 2, math.pi) - math.pi / 2)
     if straight:
@@ -74,7 +73,6 @@ def test_radians_of_the_world_taken_for_degrees():
 def test_yaw_that_has_nothing_to_do_with_motion_accuses_no_unit(seed):
     log = traffic(3, objects=9)
     random = np.random.default_rng(seed).uniform(-math.pi, math.pi, len(log.boxes))
-    assert list(doubts_of_motion(with_yaw(log, random))) == []
     assert list(doubts_of_motion(with_yaw(log, random))) == []
 
 
