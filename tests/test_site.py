@@ -110,7 +110,7 @@ def test_images():
         packages.append({word for word in install if re.fullmatch(r"lib\w+-?\d", word)})
     assert packages == [set(SUMO_LIBRARIES)] * 2
     workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
-    assert workflow.count(" ".join(SUMO_LIBRARIES)) == 2
+    assert workflow.count(" ".join(SUMO_LIBRARIES)) == 3
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     copied = re.findall(r"^COPY (.+) \S+$", paths[0].read_text(encoding="utf-8"), re.M)
     assert {f"!{name}" for line in copied for name in line.split()} <= set(ignored)

@@ -36,7 +36,7 @@ class Verb(TyperCommand):
             if parameter.param_type_name == "argument" and parameter.metavar is None:
                 parameter.metavar = str(parameter.name).upper()
             if (shown := getattr(parameter, "display_type", None)) is not None:
-                parameter.display_type = partial(_type_of_items, shown)
+                vars(parameter)["display_type"] = partial(_type_of_items, shown)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the command line."""
