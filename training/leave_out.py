@@ -22,8 +22,9 @@ from training.average_precision import FramePairs
 from training.matches import Matches, by_unit
 
 MOST_UNITS = 100  # more are thrown together at random: the delete-a-group jackknife (Kott 2001)
+STRETCHES = 20  # of frames, most for false alarms
 SPLITS = 5  # most ways of halving the routes
-COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "value")
+COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "members", "value")
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,15 @@ class Units:
     kind: str  # "route", "individual" or "half", or "nothing", which leaves nothing out
     names: tuple[str, ...]  # of the units, the same for all detectors
     truth: NDArray[np.int64]  # unit of every ground truth, shape (G,)
-    # Unit of every detection, shape (D,): the individual that it overlaps most, or the route; false
-    # alarms that overlap none are a unit a route
-    detection: NDArray[np.int64]
+    detection: NDArray[np.int64]  # unit of every detection, shape (D,)
+    members: NDArray[np.float64] | float = 1.0  # see `_numbered`
 
     def table(
         self, object_class: str, metric: str, iou: float, values: NDArray[np.float64]
     ) -> pd.DataFrame:
         """`COLUMNS` of the values without each unit."""
         counts = by_unit(self.truth, len(self.names)).astype(np.int64)
-        cells = (object_class, metric, iou, self.kind, self.names, counts, values)
+        cells = (object_class, metric, iou, self.kind, self.names, counts, self.members, values)
         return pd.DataFrame(dict(zip(COLUMNS, cells, strict=True)))
 
 
@@ -58,21 +58,32 @@ def units_of(
     are of several splits that are drawn at random: "0a" and "0b", "1a", …; none of one route.
     Without one half a metric is that of the other.
 
+    A detection belongs to the individual that it overlaps most. False alarms overlap none: those in
+    a stretch of consecutive frames are a unit, and a stretch has as many frames as an individual,
+    the mean over boxes: what is taken for an object may stay as long.
+
     `truths` have scene, object_id and frame, `routes` scene, frame and route of all frames;
     `nearest` (D,) is the row of `truths` that a detection overlaps most, -1 for none.
     """
-    number, names = _numbered(routes, ["scene", "route"])
-    of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))
+    route, names, of_routes = _numbered(routes, ["scene", "route"])
+    frame = routes["frame"].to_numpy(np.int64)
+    of_frame = pd.Series(route, frame)
     truth, detection = (
         of_frame.reindex(own).to_numpy(np.int64) for own in (truths["frame"], detection_frame)
     )
-    individual, individuals = _numbered(truths, ["scene", "object_id"])
-    owner = individual[nearest] if len(individual) else nearest
-    owner = np.where(nearest >= 0, owner, detection + len(individuals))
-    alarms = tuple(f"false alarms of {name}" for name in names)
+    individual, individuals, of_individuals = _numbered(truths, ["scene", "object_id"])
+    boxes = by_unit(individual, len(individuals))
+    lasting = (boxes**2 / of_individuals).sum() / boxes.sum()
+    stretches = int(np.clip(len(frame) / lasting, 2, STRETCHES))
+    stretch = np.arange(len(frame)) * stretches // len(frame)
+    of_frame = pd.Series(stretch, frame[np.lexsort((frame, route))])
+    alarm = len(individuals) + of_frame.reindex(detection_frame).to_numpy(np.int64)
+    owner = np.where(nearest >= 0, individual[nearest], alarm)
+    alarms = tuple(f"false alarms {number}" for number in range(stretches))
+    members = np.concatenate([of_individuals, np.ones(len(alarms))])
     units = [
-        _grouped(Units("route", names, truth, detection)),
-        _grouped(Units("individual", (*individuals, *alarms), individual, owner)),
+        Units("route", names, truth, detection, of_routes),
+        Units("individual", (*individuals, *alarms), individual, owner, members),
         Units("nothing", ("",), np.full(len(truths), -1), np.full(len(detection_frame), -1)),
     ]
     random, every = np.random.default_rng(0), frozenset(range(len(names)))
@@ -82,8 +93,8 @@ def units_of(
         if half not in splits and every - half not in splits and len(splits) < SPLITS:
             splits.append(half)
     for i, half in enumerate(splits):
-        sides = (np.isin(route, [*half]).astype(np.int64) for route in (truth, detection))
-        units.append(Units("half", (f"{i}a", f"{i}b"), *sides))
+        one, other = (np.isin(own, [*half]).astype(np.int64) for own in (truth, detection))
+        units.append(Units("half", (f"{i}a", f"{i}b"), one, other))
     return units
 
 
@@ -140,18 +151,20 @@ def means_without_each(
     return tables
 
 
-def _numbered(table: pd.DataFrame, keys: list[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Number of each row's keys, in their order, and the names of the numbers."""
+def _numbered(
+    table: pd.DataFrame, keys: list[str]
+) -> tuple[NDArray[np.int64], tuple[str, ...], NDArray[np.float64]]:
+    """Number the units with these keys, in their order; more than `MOST_UNITS` are grouped.
+
+    Number of each row, names of the numbers, and how many units of equal size each number has:
+    (Σn)² / Σn² over units of n rows.
+    """
     number = np.asarray(table.groupby(keys, sort=True).ngroup(), np.int64)
     first = table[keys].assign(number=number).drop_duplicates("number").sort_values("number")
-    return number, tuple(" ".join(map(str, row)) for row in first[keys].to_numpy().tolist())
-
-
-def _grouped(units: Units) -> Units:
-    """The same, at most `MOST_UNITS`."""
-    size = len(units.names)
-    if size <= MOST_UNITS:
-        return units
-    group = np.random.default_rng(0).permutation(size) % MOST_UNITS
-    names = tuple(f"group {number}" for number in range(MOST_UNITS))
-    return Units(units.kind, names, group[units.truth], group[units.detection])
+    names = tuple(" ".join(map(str, row)) for row in first[keys].to_numpy().tolist())
+    if len(names) <= MOST_UNITS:
+        return number, names, np.ones(len(names))
+    group = np.random.default_rng(0).permutation(len(names)) % MOST_UNITS
+    sizes = np.bincount(number).astype(np.float64)
+    members = by_unit(group, MOST_UNITS, sizes) ** 2 / by_unit(group, MOST_UNITS, sizes**2)
+    return group[number], tuple(f"group {number}" for number in range(MOST_UNITS)), members

@@ -1,16 +1,18 @@
 """Does the jackknife know how much AP differs between test sets?
 
-    python benchmarks/studies/ap_jackknife.py               # 400 test sets of a case
+    python benchmarks/studies/ap_jackknife.py               # 150 test sets of a case
     python benchmarks/studies/ap_jackknife.py --times 50
 
-Test sets of `individuals_coverage.py`, of routes that do not differ: their boxes belong to few
-individuals of very unequal numbers of boxes. Four detectors judge each of them. The truth is
-KITTI's AP_R40 in 2,000 routes, and intervals lie around AP_R40. Their width is the jackknife's over
-individuals, from what is left of
+Test sets of `individuals_coverage.py`, of routes that do not differ: their boxes belong to
+individuals of very unequal numbers of boxes. False alarms have the scores of hits and are so many a
+frame, each for itself or "lasting" as long as individuals. Four detectors judge each test set. The
+truth is KITTI's AP_R40 in 300 routes, and intervals lie around AP_R40. Their width is the
+jackknife's, from what is left of the area under precision over recall
 
-- AP_R40 without each of at most 100 groups of individuals,
-- AP_R40 without each of at most 20 groups, so that a group moves recall by more than a step,
-- the area under precision over recall at every hit, without each of at most 100 groups: in use.
+- "route": without each individual; the false alarms of a route are one unit more, as before;
+- "individual": without each individual, and without the false alarms of each stretch of frames;
+- "in use": the larger one of that and of what is left without each route;
+- "AP_R40": as "individual", of AP_R40 itself.
 
 For AP of one detector, and for the difference of two: the true standard deviation over test sets;
 what the jackknife's is of it; percent of the 95 % intervals that hold the truth; half their width
@@ -19,30 +21,29 @@ in points, and in brackets what it is of the 1.96 true deviations that would do.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import typer
-from individuals_coverage import PLACEMENTS, Array, TestSet, draw, whole_ap
+from individuals_coverage import PLACEMENTS, Array, TestSet, Traffic, draw, whole_ap
 from scipy import stats
 
-from tracking.statistics.jackknife import sample_error
+from tracking.statistics.jackknife import SampleError, by_unit, error_of_units, sample_error
+from training.leave_out import Units
 from training.matches import Matches
 
-ROUTES = (2, 4, 9, 30)
-POPULATION = 2000
-METHODS = {
-    "AP_R40, 100 groups": (100, Matches.ap_without_each),
-    "AP_R40, 20 groups": (20, Matches.ap_without_each),
-    "area, 100 groups": (100, Matches.area_without_each),
-}
+ROUTES = (2, 4, 9)
+ALARMS = ((0.0, False), (0.5, False), (2.0, False), (2.0, True))
+POPULATION = 300
+WAYS = ("route", "individual", "in use", "AP_R40")
 ONE, OTHER = np.triu_indices(PLACEMENTS, 1)
 
 
-def detectors(routes: int, rng: np.random.Generator) -> TestSet:
+def detectors(routes: int, alarms: tuple[float, bool], rng: np.random.Generator) -> TestSet:
     """A test set, and what a training of every placement that has no luck finds in it."""
-    return draw(routes, 0.0, np.zeros((PLACEMENTS, 1)), rng)
+    return draw(routes, 0.0, np.zeros((PLACEMENTS, 1)), rng, Traffic(34, alarms[0], 0.5, alarms[1]))
 
 
 def aps(test: TestSet) -> Array:
@@ -50,19 +51,29 @@ def aps(test: TestSet) -> Array:
     return np.array([whole_ap(row[0]) for row in test.matches])
 
 
-def left_out(test: TestSet, method: str) -> pd.DataFrame:
-    """Rows for `sample_error`."""
-    most, without_each = METHODS[method]
-    units = test.individuals + test.routes
-    group = np.random.default_rng(0).permutation(units) % min(units, most)
-    truth = group[test.individual]
-    counts = np.bincount(truth, minlength=min(units, most))
-    tables = []
-    for placement, (row, owner) in enumerate(zip(test.matches, test.owner, strict=True)):
-        values = without_each(row[0], truth, group[owner[0]], len(counts))
-        own = {"left_out": np.arange(len(counts)), "ground_truths": counts, "value": values}
-        tables.append(pd.DataFrame(own).assign(placement=placement, seed=0, unit="individual"))
-    return pd.concat(tables)
+def left_out(test: TestSet) -> dict[str, pd.DataFrame]:
+    """Rows for `sample_error`, by way."""
+    tables: dict[str, list[pd.DataFrame]] = {way: [] for way in WAYS}
+    for placement, (row, nearest) in enumerate(zip(test.matches, test.nearest, strict=True)):
+        routes, individuals, _ = test.units(placement, 0)
+        alone, size = nearest[0] < 0, 1 + individuals.truth.max()
+        owner = np.where(alone, size + routes.detection, individuals.detection)
+        names = (*individuals.names[:size], *routes.names)
+        before = Units("individual", names, individuals.truth, owner)
+        for way, units in zip((*WAYS, "in use"), (before, *[individuals] * 3, routes), strict=True):
+            without_each = Matches.ap_without_each if way == "AP_R40" else Matches.area_without_each
+            values = without_each(row[0], units.truth, units.detection, len(units.names))
+            table = units.table("Car", "AP_R40_3D", 0.7, values)
+            tables[way].append(table.assign(placement=placement, seed=0))
+    return {way: pd.concat(rows) for way, rows in tables.items()}
+
+
+def error_of(rows: pd.DataFrame, way: str, paired: bool) -> SampleError | None:
+    """`sample_error`; "route" has false alarms centred together with individuals."""
+    if way != "route":
+        return sample_error(rows, paired)
+    ((*own, _),) = by_unit(rows)
+    return error_of_units(*own, "any", paired)
 
 
 def _cells(off: Array, errors: pd.DataFrame) -> list[str]:
@@ -78,31 +89,29 @@ def _cells(off: Array, errors: pd.DataFrame) -> list[str]:
     ]
 
 
-def main(times: Annotated[int, typer.Option(min=2, help="test sets of a case")] = 400) -> None:
-    truth = aps(detectors(POPULATION, np.random.default_rng(1)))
-    head = ["boxes", "individuals", "way", "true sd", "jackknife", "held", "half"]
+def main(times: Annotated[int, typer.Option(min=2, help="test sets of a case")] = 150) -> None:
+    head = ["false alarms", "boxes", "individuals", "way", "true sd", "jackknife", "held", "half"]
     head += ["true sd, difference", "jackknife", "held", "half"]
     print("| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
-    for routes in ROUTES:
+    for alarms, routes in product(ALARMS, ROUTES):
+        truth = aps(detectors(POPULATION, alarms, np.random.default_rng(1)))
         rng = np.random.default_rng(routes)
         sizes, found, errors = [], [], []
         for _ in range(times):
-            test = detectors(routes, rng)
-            sizes.append((len(test.individual), test.individuals))
+            test = detectors(routes, alarms, rng)
+            sizes.append((len(test.truths), test.truths["object_id"].nunique()))
             found.append(aps(test))
-            for method in METHODS:
-                rows = left_out(test, method)
-                for paired in (False, True):
-                    error = sample_error(rows, paired)
-                    assert error is not None
-                    errors.append((method, paired, (1 + paired) * error.variance, error.degrees))
-        table = pd.DataFrame(errors, columns=["method", "paired", "variance", "degrees"])
+            for (way, rows), paired in product(left_out(test).items(), (False, True)):
+                error = error_of(rows, way, paired)
+                assert error is not None
+                errors.append((way, paired, (1 + paired) * error.variance, error.degrees))
+        table = pd.DataFrame(errors, columns=["way", "paired", "variance", "degrees"])
         off = np.array(found) - truth
         size = [f"{number:,.0f}" for number in np.mean(sizes, axis=0)]
-        for method in METHODS:
-            cells = [*size, method]
+        for way in WAYS:
+            cells = [f"{alarms[0]:g}{', lasting' * alarms[1]}", *size, way]
             for paired, errors_of in ((False, off), (True, off[:, ONE] - off[:, OTHER])):
-                own = table[(table["method"] == method) & (table["paired"] == paired)]
+                own = table[(table["way"] == way) & (table["paired"] == paired)]
                 cells += _cells(errors_of, own)
             print("| " + " | ".join(cells) + " |", flush=True)
 

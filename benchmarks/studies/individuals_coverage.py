@@ -2,6 +2,7 @@
 
     python benchmarks/studies/individuals_coverage.py               # all cases
     python benchmarks/studies/individuals_coverage.py --times 20
+    python benchmarks/studies/individuals_coverage.py --recall       # of recall, near 100 %
 
 Test sets are drawn from traffic whose AP is known from 1,000 routes: on every route about 8.5 road
 users, each in as many frames as a lognormal number says (a tenth of them in half of the frames or
@@ -16,26 +17,37 @@ for all pairs, as before.
 Percent of the intervals that hold the truth, and half their width in points: of a placement's mean,
 and of the difference of two; percent of the studies in which the intervals of all pairs do, in
 which the named best is said to be the best, and is.
+
+`--recall`: recall of known truth, of two placements and three seeds, on routes that do not differ.
+Individuals are in one frame each, or in very unequal numbers of frames, and are found in all of
+them or in none, or in some. "Before" is the mean
+and Student's half width of the jackknife's error; "in use" what pages show.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import typer
 from numpy.typing import NDArray
+from scipy import stats
 
 from tracking.findings.best_placement import best_placement
 from tracking.findings.summary import seed_means
 from tracking.statistics.all_pairs import AllPairs
-from tracking.statistics.jackknife import NOTHING, sample_error
+from tracking.statistics.jackknife import sample_error
 from tracking.statistics.reliability import Noise
+from training.leave_out import Units, means_without_each, units_of
 from training.matches import Matches
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+FRAMES = 200  # of a route
+MEAN_FRAMES = 20.3  # of an individual
 PLACEMENTS, SEEDS = 4, 3
 QUALITY = np.array([0.0, 0.1, 0.2, 0.3])
 """Of the placements, in standard deviations of what individuals differ in."""
@@ -48,35 +60,49 @@ POPULATION = 1000
 
 
 @dataclass(frozen=True)
+class Traffic:
+    """What is met on a route of `FRAMES` frames."""
+
+    individuals: float = 8.5  # on a route
+    alarms: float = 0.4  # false alarms in a frame
+    score: float = -0.7  # of a false alarm, mean of the logit
+    lasting: bool = False  # false alarms stay as long as individuals
+
+
+@dataclass(frozen=True)
 class TestSet:
     """Scores of one test set. Hits and detections are by placement and seed.
 
     Attributes:
-        individual, route: of every ground truth, shape (G,).
-        individuals, routes: how many.
+        truths, routes: as of `training.leave_out.units_of`.
         matches: what was found, by placement, seed.
-        owner, on: the individual (or beyond them, the route) and route of each detection.
+        frame, nearest: of each detection, its frame and the ground truth that it overlaps.
     """
 
-    individual: NDArray[np.intp]
-    route: NDArray[np.intp]
-    individuals: int
-    routes: int
+    truths: pd.DataFrame
+    routes: pd.DataFrame
     matches: list[list[Matches]]
-    owner: list[list[NDArray[np.intp]]]
-    on: list[list[NDArray[np.intp]]]
+    frame: list[list[Numbers]]
+    nearest: list[list[Numbers]]
+
+    def units(self, placement: int, seed: int) -> list[Units]:
+        """Routes, individuals and nothing."""
+        at = self.frame[placement][seed], self.nearest[placement][seed]
+        return units_of(self.truths, *at, self.routes)[:3]
 
 
-def draw(routes: int, effect: float, luck: Array, rng: np.random.Generator) -> TestSet:
+def draw(
+    routes: int, effect: float, luck: Array, rng: np.random.Generator, traffic: Traffic = Traffic()
+) -> TestSet:
     """A test set; `luck` of each training, shape (placements, seeds)."""
     seeds = luck.shape[1]
-    met = np.maximum(rng.poisson(8.5 * np.exp(2 * effect * rng.standard_normal(routes) * 0.4)), 1)
+    met = np.maximum(
+        rng.poisson(traffic.individuals * np.exp(2 * effect * rng.standard_normal(routes) * 0.4)), 1
+    )
     route_of = np.repeat(np.arange(routes), met)
     n = len(route_of)
-    frames = np.clip(np.ceil(np.exp(2.2 + 1.3 * rng.standard_normal(n))), 1, 200).astype(int)
-    individual = np.repeat(np.arange(n), frames)
-    route = route_of[individual]
-    size = len(individual)
+    individual, frame = _presence(route_of, rng)
+    route, size = route_of[individual], len(individual)
     seen = (
         0.8
         + QUALITY[:, None]
@@ -86,26 +112,41 @@ def draw(routes: int, effect: float, luck: Array, rng: np.random.Generator) -> T
         + OWN[:, None] * effect * rng.standard_normal((PLACEMENTS, routes))[:, route]
         + 0.8 * rng.standard_normal(size)
     )
-    alarms = (
-        0.5 * np.bincount(route, minlength=routes) * np.exp(effect * rng.standard_normal(routes))
-    )
-    matches, owner, on = [], [], []
+    rate = traffic.alarms * FRAMES * np.exp(effect * rng.standard_normal(routes))
+    rate /= MEAN_FRAMES if traffic.lasting else 1
+    matches, frames, nearest = [], [], []
     for p in range(PLACEMENTS):
-        rows: tuple[list[Matches], list[NDArray[np.intp]], list[NDArray[np.intp]]] = ([], [], [])
+        rows: tuple[list[Matches], list[Numbers], list[Numbers]] = ([], [], [])
         for s in range(seeds):
             value = seen[p] + luck[p, s] + 0.3 * rng.standard_normal(n)[individual]
             value += 0.5 * rng.standard_normal(size)
             score = _sigmoid(value + 0.5 * rng.standard_normal(size))
             hit = np.where(value > 0, score, np.nan)
             boxed = (value > 0) | (rng.random(size) < 0.5)  # half of the missed have a bad box
-            where = np.repeat(np.arange(routes), rng.poisson(alarms))
-            false = _sigmoid(0.3 * QUALITY[p] - 0.7 + rng.standard_normal(len(where)))
-            rows[0].append(Matches(hit, hit, np.concatenate([score[boxed], false])))
-            rows[1].append(np.concatenate([individual[boxed], n + where]))
-            rows[2].append(np.concatenate([route[boxed], where]))
-        for table, row in zip((matches, owner, on), rows, strict=True):
+            where = np.repeat(np.arange(routes), rng.poisson(rate))
+            alarm, when = _presence(where, rng, traffic.lasting)
+            false = traffic.score + 0.3 * QUALITY[p] + rng.standard_normal(len(where))[alarm]
+            rows[0].append(Matches(hit, hit, np.concatenate([score[boxed], _sigmoid(false)])))
+            rows[1].append(np.concatenate([frame[boxed], when]))
+            rows[2].append(np.concatenate([np.flatnonzero(boxed), np.full(len(when), -1)]))
+        for table, row in zip((matches, frames, nearest), rows, strict=True):
             table.append(row)
-    return TestSet(individual, route, n, routes, matches, owner, on)
+    truths = pd.DataFrame({"scene": "", "object_id": individual, "frame": frame})
+    every = np.arange(routes * FRAMES)
+    of_frames = pd.DataFrame({"scene": "", "frame": every, "route": every // FRAMES})
+    return TestSet(truths, of_frames, matches, frames, nearest)
+
+
+def _presence(
+    route: Numbers, rng: np.random.Generator, lasting: bool = True
+) -> tuple[Numbers, Numbers]:
+    """Number and frame of every box of what is on these routes, each in consecutive frames."""
+    n = len(route)
+    length = np.exp(2.2 + 1.3 * rng.standard_normal(n)) if lasting else np.ones(n)
+    frames = np.clip(np.ceil(length), 1, FRAMES).astype(np.int64)
+    first = route * FRAMES + rng.integers(FRAMES - frames + 1)
+    number = np.repeat(np.arange(n), frames)
+    return number, np.arange(len(number)) + (first - np.cumsum(frames) + frames)[number]
 
 
 def _sigmoid(x: Array) -> Array:
@@ -124,27 +165,19 @@ def whole_ap(matches: Matches) -> float:
 
 def tables(test: TestSet) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Results and left-out values, as a run folder has them."""
-    kinds = (
-        ("route", test.routes, test.route, test.on),
-        ("individual", test.individuals + test.routes, test.individual, test.owner),
-    )
     results, left_out = [], []
+    of = ("Car", "AP_R40_3D", 0.7)
     for p, row in enumerate(test.matches):
         for s, matches in enumerate(row):
             results.append((p, s, whole_ap(matches)))
-            for kind, units, truth, detection in kinds:
-                values = matches.area_without_each(truth, detection[p][s], units)
-                own = {"unit": kind, "left_out": np.arange(units), "value": values}
-                own["ground_truths"] = np.bincount(truth, minlength=units)
-                left_out.append(pd.DataFrame({"placement": p, "seed": s} | own))
-            none = (np.full(len(side), -1) for side in (matches.hit, matches.scores))
-            area = matches.area_without_each(*none, 1)
-            own = {"unit": NOTHING, "left_out": "", "value": area, "ground_truths": 0}
-            left_out.append(pd.DataFrame({"placement": p, "seed": s} | own))
-    fixed = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
+            for units in test.units(p, s):
+                of_each = (units.truth, units.detection, len(units.names))
+                table = units.table(*of, matches.area_without_each(*of_each))
+                left_out.append(table.assign(placement=p, seed=s, detector="d"))
     table = pd.DataFrame(results, columns=["placement", "seed", "value"])
-    table = table.assign(**fixed, difficulty="all", ground_truths=len(test.route))
-    return table, pd.concat(left_out, ignore_index=True).assign(**fixed)
+    table = table.assign(**dict(zip(("class", "metric", "iou"), of, strict=True)), detector="d")
+    table = table.assign(difficulty="all", ground_truths=len(test.truths))
+    return table, pd.concat(left_out, ignore_index=True)
 
 
 def judge(results: pd.DataFrame, left_out: pd.DataFrame | None, truth: Array) -> dict[str, float]:
@@ -198,7 +231,7 @@ def _case(effect: float, routes: int, times: int, truth: Array) -> tuple[str, ..
     for _ in range(times):
         test = draw(routes, effect, trainings(SEEDS, rng), rng)
         results, left_out = tables(test)
-        individuals.append(test.individuals)
+        individuals.append(test.truths["object_id"].nunique())
         found.append([judge(results, table, truth) for table in (None, left_out)])
         before.append(pooled(results, left_out, truth))
     old, new = (pd.DataFrame(rows).mean() for rows in zip(*found, strict=True))
@@ -210,9 +243,59 @@ def _case(effect: float, routes: int, times: int, truth: Array) -> tuple[str, ..
     return (*cells, f"{100 * new['right']:.0f}")
 
 
-def main(times: Annotated[int, typer.Option(min=2, help="studies of a case")] = 200) -> None:
+def recalls(
+    individuals: int, truth: float, lasting: bool, boxes: float, rng: np.random.Generator
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Results and left-out values of a recall; `boxes` of an individual scatter so much."""
+    number, frame = _presence(np.arange(individuals) // 10, rng, lasting)
+    routes = pd.DataFrame({"scene": "", "frame": np.arange(individuals // 10 * FRAMES)})
+    routes["route"] = routes["frame"] // FRAMES
+    truths = pd.DataFrame({"scene": "", "object_id": number, "frame": frame})
+    units = units_of(truths, *[np.zeros(0, np.int64)] * 2, routes)[:3]
+    reached = stats.norm.ppf(truth) * np.sqrt(1.09 + boxes**2)
+    seen = reached + rng.standard_normal(individuals)[number]
+    results, left_out = [], []
+    for p, s in product(range(2), range(SEEDS)):
+        found = seen + 0.3 * rng.standard_normal(individuals)[number]
+        found = (found + boxes * rng.standard_normal(len(frame)) > 0).astype(np.float64)
+        results.append({"placement": p, "seed": s, "value": 100 * found.mean()})
+        tables = means_without_each("all", [("recall", 0.5, found)], units)
+        left_out += [table.assign(placement=p, seed=s, detector="d") for table in tables]
+    fixed = {"class": "all", "metric": "recall", "iou": 0.5, "detector": "d", "difficulty": "all"}
+    table = pd.DataFrame(results).assign(ground_truths=len(frame), **fixed)
+    return table, pd.concat(left_out, ignore_index=True)
+
+
+def cover_recalls(times: int) -> None:
+    head = ["individuals", "true recall"]
+    for kind in ("one frame", "all frames or none", "some frames"):
+        head += [f"{kind}, before", "in use"]
+    print("| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
+    for individuals, truth in product((30, 100, 300), (0.5, 0.9, 0.97, 0.99)):
+        cells = [str(individuals), f"{100 * truth:g}"]
+        for kind in ((False, 0.0), (True, 0.0), (True, 0.8)):
+            rng, rows = np.random.default_rng(individuals), []
+            for _ in range(times):
+                results, left_out = recalls(individuals, truth, *kind, rng)
+                # Infinitely many members of every unit: nothing is added at the bounds.
+                for table in (left_out.assign(members=np.inf), left_out):
+                    means = seed_means(results, left_out=table)
+                    held = means["low"].le(100 * truth + 1e-9) & means["high"].ge(100 * truth)
+                    rows.append((held.mean(), (means["high"] - means["low"]).mean() / 2))
+            both = 100 * np.array(rows).reshape(times, 2, 2).mean(axis=0)
+            cells += [f"{held:.0f} (± {half / 100:.1f})" for held, half in both]
+        print("| " + " | ".join(cells) + " |", flush=True)
+
+
+def main(
+    times: Annotated[int, typer.Option(min=2, help="studies of a case")] = 200,
+    recall: Annotated[bool, typer.Option("--recall", help="of recall, not of AP")] = False,
+) -> None:
     error = 100 * np.sqrt(0.05 * 0.95 / times)
     print(f"{times} studies of a case: the standard error of 95 % is at most {error:.1f} points")
+    if recall:
+        cover_recalls(times)
+        return
     head = ["routes differ", "routes", "individuals"]
     head += [f"{what}, {how}" for what in ("mean", "difference") for how in ("seeds", "in use")]
     head += [f"all pairs, {how}" for how in ("seeds", "pooled", "in use")]

@@ -1,6 +1,7 @@
 """`lidarplace evaluate`: what counts, what is printed, and the run folder of several rigs."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,10 @@ def test_what_does_not_count_is_neither_hit_nor_alarm(world, tmp_path):
     assert values["AP_R40_3D"] == values["class_recall_3D"] == 100
     text = run(world, tmp_path / "found.parquet", "--roi", 0, 15, -20, 20, 0, 4)
     assert f"detections: {len(near):,} of {len(near) + 2 * len(far):,} detections count" in text
+    (car,) = (line for line in text.splitlines() if line.startswith("Car"))
+    intervals = re.findall(r"100\.0 \(([0-9.]+) to 100\.0\)", car)
+    assert len(intervals) == 4, "all that few individuals show is no certainty"
+    assert all(50 < float(low) < 99 for low in intervals)
 
 
 def test_one_rig_is_a_table_with_intervals(world):

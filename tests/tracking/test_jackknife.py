@@ -69,6 +69,20 @@ def test_large_units_count_as_fewer():
     assert 4 - 1 < error.degrees < 6
 
 
+def test_false_alarms_count_by_how_they_differ_from_stretch_to_stretch():
+    """Not by how many there are: each stretch of frames without its own raises AP."""
+    rows = mean_without(np.array([3.0, 8.0, 5.0, 1.0, 9.0]), None, "individual")
+    alone = sample_error(rows, paired=False)
+    alarms = pd.DataFrame({"left_out": ["f 0", "f 1", "f 2", "f 3"], "ground_truths": 0.0})
+    alarms = alarms.assign(placement="a", seed=1, unit="individual")
+    alike = sample_error(pd.concat([rows, alarms.assign(value=20.0)]), paired=False)
+    assert alike.variance == pytest.approx(alone.variance)
+    gains = np.array([1.0, 2.0, 4.0, 2.0])
+    differing = sample_error(pd.concat([rows, alarms.assign(value=20 + gains)]), paired=False)
+    assert differing.variance - alone.variance == pytest.approx(3 * gains.var())
+    assert differing.degrees == alone.degrees
+
+
 def study(random, placements=4, seeds=3, units=12, shared=3.0, own=2.0, noise=0.5):
     """Results and left-out values of a metric that is a mean over units, all true means 50."""
     common = shared * random.standard_normal(units)
@@ -118,7 +132,7 @@ def test_an_interval_by_hand():
     exact = stats.t.ppf(0.975, freedom) * np.sqrt(whole)
     assert means["half"].tolist() == pytest.approx([exact] * 2)
     single = sample_error(left_out, paired=False)
-    assert means["sample_sd"].tolist() == pytest.approx([np.sqrt(single.variance)] * 2)
+    assert means["sample_sd"].tolist() == pytest.approx(np.sqrt(np.diag(single.covariance)))
 
 
 def test_without_a_table_and_with_one_seed_intervals_are_as_they_were():

@@ -1,8 +1,7 @@
 """Objects that one rig finds and another misses: counts, and frames with most of them."""
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -19,7 +18,8 @@ from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import FOUND, OBJECTS
 from tracking.statistics.all_pairs import AllPairs
-from tracking.statistics.jackknife import error_of_units, largest
+from tracking.statistics.bounded_mean import with_one_at_each_bound
+from tracking.statistics.jackknife import effective, error_of_units, largest
 from tracking.statistics.reliability import Noise
 
 FRAMES = 20  # frames that are shown of a pair
@@ -108,7 +108,7 @@ class Failures:
         objects = int(here.sum())
         first, second = self.alone[:, here].sum(axis=1).tolist()
         both = float((self.found[0] & self.found[1])[here].mean(axis=1).sum())
-        low, high = _within_bounds(*self._interval(here))
+        low, high = self._interval(here)
         return {
             "objects": objects,
             "individuals": len(np.unique(self._units["individual"][here])),
@@ -143,11 +143,19 @@ class Failures:
             values = (100 * shares).mean(axis=2)
             errors.append(error_of_units(values, counts, pd.Index(self.rigs), unit, paired=True))
         sample = largest(errors)
-        if sample is None or sample.variance == 0:
+        if sample is None:
             return np.nan, np.nan
         recalls = 100 * found.mean(axis=1)
-        pairs = AllPairs.of(recalls.mean(axis=1), Noise.of(recalls), sample, self.generalist)
-        low, high = pairs.intervals(0)[1].tolist()
+        (first, second), noise = recalls.mean(axis=1), Noise.of(recalls)
+        individual = np.unique(self._units["individual"][here], return_inverse=True)[1]
+        individuals = effective(np.bincount(individual).astype(np.float64))
+        centre, variance = with_one_at_each_bound(
+            first - second, 2 * sample.variance, individuals, -100.0, 100.0
+        )
+        # units=0: one variance for all pairs, of which there is one.
+        sample = replace(sample, variance=variance / 2, units=0.0)
+        pairs = AllPairs.of(np.array([centre, 0.0]), noise, sample, self.generalist)
+        low, high = pairs.intervals(0)[1].clip(-100, 100).tolist()
         return low, high
 
     def telling(self, most: int = FRAMES) -> list[int]:
@@ -170,15 +178,6 @@ class Failures:
             chosen.append(int(np.where(here, worth, -1.0).argmax()))
             open_ &= ~here & ~np.isin(individual, individual[here & (worth > 0)])
         return chosen
-
-
-def _within_bounds(low: float, high: float) -> tuple[float, float]:
-    """A symmetric interval of a difference of shares, percent, as one within ±100. Wilson's: the
-    error that it has at the end of the interval, not at the estimate."""
-    middle, half = (low + high) / 200, (high - low) / 200
-    shrink = half**2 / (1 - middle**2)
-    side = math.hypot(half, shrink)
-    return 100 * (middle - side) / (1 + shrink), 100 * (middle + side) / (1 + shrink)
 
 
 def _bin_names(edges: tuple[float, ...]) -> tuple[str, ...]:

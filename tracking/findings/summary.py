@@ -13,7 +13,8 @@ from tracking.findings.paired import group_columns, matching
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.jackknife import by_unit, error_of_units, largest
+from tracking.statistics.bounded_mean import with_one_at_each_bound
+from tracking.statistics.jackknife import by_unit, effective_individuals, error_of_units, largest
 from tracking.statistics.reliability import Noise
 
 TERMINAL_ROWS = 20  # rows of the summary of a sweep without results: a terminal shows the best
@@ -29,7 +30,8 @@ def seed_means(
 
     Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
     same group. With `left_out` the choice of the test objects adds its own variance
-    (`tracking.statistics.jackknife`); it is all that the intervals of a single generalist hold.
+    (`tracking.statistics.jackknife`, with one individual more at 0 and at 100,
+    `tracking.statistics.bounded_mean`); it is all that the intervals of a single generalist hold.
     `judge` is of all results, where it is no axis.
 
     One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
@@ -52,14 +54,18 @@ def seed_means(
     )
     errors = _errors(means, left_out, groups, _by_objects)
     seeds = _errors(means, results[results["value"].notna()], groups, _by_seeds)
+    sample_sd = np.sqrt(errors["single_variance"])
+    centre, errors["single_variance"] = with_one_at_each_bound(
+        means["mean"], errors["single_variance"], errors["individuals"].fillna(np.inf), 0.0, 100.0
+    )
     known = means["seeds"].where(means["seeds"] > 0)
     one_for_all = means.get(JUDGE, pd.Series(judge, means.index)).isin(ONE_FOR_ALL)
     alone = seeds["single_degrees"].isna() & one_for_all
     half = {name: _half(seeds, errors, name, known, alone) for name in ("single", "paired")}
     return means.assign(
-        sample_sd=np.sqrt(errors["single_variance"]),
-        low=(means["mean"] - half["single"]).clip(lower=0.0),
-        high=(means["mean"] + half["single"]).clip(upper=100.0),
+        sample_sd=sample_sd,
+        low=(centre - half["single"]).clip(lower=0.0),
+        high=(centre + half["single"]).clip(upper=100.0),
         half=half["paired"],
     )
 
@@ -90,36 +96,46 @@ def _errors(
     means: pd.DataFrame,
     table: pd.DataFrame | None,
     groups: list[str],
-    of: Callable[[pd.DataFrame], Iterable[float]],
+    of: Callable[[pd.DataFrame], Iterable[tuple[object, ...]]],
 ) -> pd.DataFrame:
     """Variance and degrees of freedom of every row of `means`: `single_` of a row alone, `paired_`
-    against others. `of` has them of the rows of a group of `table`; NaN where unknown."""
+    against others; and the number of `individuals`. `of` has them of each placement in the rows of
+    a group of `table`; NaN where unknown."""
     names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
+    names.append("individuals")
     if table is None or table.empty:
         return pd.DataFrame(np.nan, index=means.index, columns=names)
     keys = [key for key in groups if key in table.columns]
     rows = [
-        (*values, *of(own))
+        (*values, *numbers)
         for values, own in table.groupby(keys, dropna=False, sort=False, observed=True)
+        for numbers in of(own)
     ]
-    found = pd.DataFrame(rows, columns=[*keys, *names])
+    found = pd.DataFrame(rows, columns=[*keys, "placement", *names])
+    keys.append("placement")
     return means[keys].merge(found, on=keys, how="left").set_index(means.index)[names]
 
 
-def _by_seeds(own: pd.DataFrame) -> Iterator[float]:
-    """Of one seed's value."""
+def _by_seeds(own: pd.DataFrame) -> Iterator[tuple[object, ...]]:
+    """Of one seed's value, alike for all placements."""
     at = [pd.factorize(own[key])[0] for key in ("placement", "seed")]
     y = np.full([numbers.max() + 1 for numbers in at], np.nan)
     y[*at] = own["value"]  # a pivot takes twice as long, for hundreds of groups
-    for noise in (Noise.of_each(y), Noise.of(y)):
-        yield from (noise.variance, noise.degrees or np.nan)
+    noises = (Noise.of_each(y), Noise.of(y))
+    numbers = [value for one in noises for value in (one.variance, one.degrees or np.nan)]
+    for placement in own["placement"].unique():
+        yield placement, *numbers, np.nan
 
 
-def _by_objects(own: pd.DataFrame) -> Iterator[float]:
-    units = [*by_unit(own)]
-    for paired in (False, True):
-        error = largest(error_of_units(*each, paired) for each in units)
-        yield from (np.nan, np.nan) if error is None else (error.variance, error.degrees)
+def _by_objects(own: pd.DataFrame) -> Iterator[tuple[object, ...]]:
+    units, individuals = [*by_unit(own)], effective_individuals(own)
+    errors = [largest(error_of_units(*each, paired) for each in units) for paired in (False, True)]
+    (_, degrees), paired = (
+        (np.nan, np.nan) if error is None else (error.variance, error.degrees) for error in errors
+    )
+    for placement in own["placement"].unique():
+        single = np.nan if errors[0] is None else errors[0].covariance.at[placement, placement]
+        yield placement, single, degrees, *paired, individuals
 
 
 def surrogates_of(

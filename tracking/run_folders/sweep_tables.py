@@ -126,6 +126,13 @@ LEFT_OUT = Table.of(
     Column("left_out", "str", "name of the unit; `0a` and `0b` are the halves of one split"),
     Column("ground_truths", "int64", "ground-truth boxes of the unit"),
     Column(
+        "members",
+        "float64",
+        "units of equal size that the unit groups, (Σn)² / Σn²: 1 but for more than 100 units",
+        needed=False,
+        unknown=1.0,
+    ),
+    Column(
         "value",
         "float64",
         "percent, of the others; AP without a `route` or an `individual` is the area under "

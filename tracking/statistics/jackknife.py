@@ -93,6 +93,23 @@ def by_unit(left_out: pd.DataFrame) -> Iterator[tuple[Values, Values, pd.Index[s
         yield values.to_numpy(np.float64), counts, values.columns, str(unit)
 
 
+def effective(counts: Values, members: Values | float = 1.0) -> float:
+    """How many units of equal size weigh as much, (Σn)² / Σn² of units of n boxes.
+
+    `members`: the same of the units that each one groups. inf without any box.
+    """
+    squares = float((counts**2 / members).sum())
+    return float(counts.sum()) ** 2 / squares if squares else math.inf
+
+
+def effective_individuals(left_out: pd.DataFrame) -> float:
+    """`effective` of the individuals in rows of one class, metric and IoU."""
+    rows = left_out[left_out["unit"] == "individual"].drop_duplicates("left_out")
+    # Run folders of earlier versions have no members.
+    members = rows["members"].to_numpy(np.float64) if "members" in rows else 1.0
+    return effective(rows["ground_truths"].to_numpy(np.float64), members)
+
+
 def error_of_units(
     values: Values, counts: Values, names: pd.Index[str], unit: str, paired: bool
 ) -> SampleError | None:
@@ -105,16 +122,20 @@ def error_of_units(
     enough = units >= (LEAST_ROUTES if unit == "route" else 2) and placements > paired
     if not enough or np.isnan(values).any():
         return None
-    deviations = values - values.mean(axis=0)
     if paired:
-        deviations -= deviations.mean(axis=1, keepdims=True)
-    covariance = (units - 1) / units * (deviations.T @ deviations)
+        values = values - values.mean(axis=1, keepdims=True)
+    covariance = np.zeros((placements, placements))
+    alarms = (counts == 0) & (unit == "individual")
+    for stratum in (values[~alarms], values[alarms]):
+        if len(stratum):
+            deviations = stratum - stratum.mean(axis=0)
+            covariance += (1 - 1 / len(stratum)) * (deviations.T @ deviations)
     total = float(np.trace(covariance))
-    degrees = effective = max(counts.sum() ** 2 / (counts**2).sum() - 1, 1.0)
+    degrees = equal_units = max(effective(counts) - 1, 1.0)
     if paired and total > 0:
         degrees *= max(total**2 / float((covariance**2).sum()), 1.0)
     of_placements = pd.DataFrame(covariance, names, names)
-    return SampleError(total / (placements - paired), degrees, unit, effective, of_placements)
+    return SampleError(total / (placements - paired), degrees, unit, equal_units, of_placements)
 
 
 def combined(noise: Noise, error: SampleError | None) -> Noise:
