@@ -40,7 +40,6 @@ def cheapest(
     from sweeps.search.judgement.chosen import recall_of
     from sweeps.search.problem.problem import read_problem
     from sweeps.store.open import store_of
-    from sweeps.store.run_folder_owner import claim_run_folder
 
     console = output()
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
@@ -50,7 +49,6 @@ def cheapest(
         if dry_run:
             say(summary) if not as_json else print_json({"summary": summary})
             return
-        claim_run_folder(problem.folder, config, problem.source)
         recall = recall_of(console, problem, store_of(problem.sweep()))
     if not as_json:
         say(summary)

@@ -18,7 +18,6 @@ from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
 from sweeps.results.rigs import write_rigs_page
 from sweeps.store.open import check_writable, store_of
-from sweeps.store.run_folder_owner import claim_run_folder
 
 app = new_app()
 
@@ -69,7 +68,6 @@ def run(
 
     with checked_input():
         check_writable(sweep, store)
-        claim_run_folder(sweep.common.output / sweep.common.name, config, sweep.source)
     what = (sweep, plan, store, called(), rerun_failed)
     if not interruptible(console, lambda: run_sweep(console, *what)):
         raise typer.Exit(1)

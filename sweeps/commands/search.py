@@ -61,13 +61,11 @@ def search(
     from sweeps.search.adapt import first_round, second_round
     from sweeps.search.run import run_search
     from sweeps.store.open import check_writable, store_of
-    from sweeps.store.run_folder_owner import claim_run_folder
 
     with checked_input():
         sweep = problem.sweep()
         store = store_of(sweep)
         check_writable(sweep, store)
-        claim_run_folder(problem.folder, config, problem.source)
     if problem.file.search.adapt is not None:
         with checked_input():
             first = first_round(problem, config, set_ or [])
