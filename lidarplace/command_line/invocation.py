@@ -1,7 +1,10 @@
 """How this program was started, so that the commands that it prints can be typed as they are."""
 
+import json
 import shlex
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 from lidarplace.files.secret_urls import hide_secrets
 
@@ -14,3 +17,17 @@ def called() -> str:
 def command(*words: str) -> str:
     """A command of this project for a shell: a verb and its arguments."""
     return shlex.join(["lidarplace", *words])
+
+
+def with_settings(line: str, settings: Mapping[str, Any]) -> str:
+    """A command line with `--set` of every key, which replaces that of an earlier one."""
+    words, kept = iter(shlex.split(line)), list[str]()
+    for word in words:
+        pair = next(words, "") if word == "--set" else word.removeprefix("--set=")
+        if word == pair:
+            kept.append(word)
+        elif pair.partition("=")[0].strip() not in settings:
+            kept += ["--set", pair]
+    for key, value in settings.items():
+        kept += ["--set", f"{key}={json.dumps(value, separators=(',', ':'))}"]
+    return shlex.join(kept)

@@ -133,14 +133,40 @@ def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
         assert any(text.startswith(part) for text in listed), part
 
 
-def test_a_remedy_sets_an_axis_where_the_key_is_one_and_another_log_for_a_log(run):
+def test_a_remedy_sets_an_axis_where_the_key_is_one_and_no_routes_of_a_log(run):
     named = replace(short(routes(run, 1), 0.2), axes=("training.epochs",))
     log = replace(named, config="scene: {source: log, folder: drives}")
     (group,) = groups(run)
-    line = evidence.remedy("run", evidence.weaknesses(log, group))
+    found = evidence.weaknesses(log, group)
+    line = evidence.remedy("run", found)
     assert "'grid.training.epochs=[20]'" in line
-    assert "scene.test_folder=" in line
+    assert "scene." not in line
+    assert any("scene.test_folder" in own.sentence for own in found)
     assert evidence.remedy("run", []) == ""
+
+
+def test_a_remedy_replaces_a_key_that_was_set(run):
+    sets = "--set training.epochs=3 --set=name=a --set 'grid.seed=[0]'"
+    called = replace(
+        short(seeds(run, 1), 0.2),
+        sweep=run.sweep.model_copy(update={"command": f"lidarplace run 'my grid.yaml' {sets}"}),
+    )
+    said = Analysis.of(called).answer
+    words = shlex.split(said.command)
+    assert words[:5] == ["lidarplace", "run", "my grid.yaml", "--set", "name=a"]
+    assert sorted(word.partition("=")[0] for word in words[6::2]) == [
+        "grid.seed",
+        "training.epochs",
+    ]
+
+
+def test_a_command_without_a_seed_is_not_given_seeds(run):
+    judge = "{command: 'detect {train} {test}'}"
+    for config in (f"judge: {judge}", f"grid: {{judge: [specialist, {judge}]}}"):
+        few = replace(seeds(run, 1), config=config)
+        said = Analysis.of(few).answer
+        assert "grid.seed" not in said.command
+        assert any("{seed}" in text for text in cautions(few))
 
 
 def test_a_sweep_without_results_has_no_headline(run):

@@ -1,8 +1,6 @@
 """How weak the evidence of a comparison of placements is, and what to run for more of it."""
 
-import json
 import math
-import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from lidarplace.base.metrics import HEADLINE_METRIC
+from lidarplace.command_line.invocation import with_settings
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
 from tracking.findings.groups import ONE_FOR_ALL, Group
@@ -69,8 +68,7 @@ def remedy(command: str, found: Sequence[Weakness]) -> str:
     """The line that ran the sweep or search, with keys that remove them; "" without any."""
     keys = dict.fromkeys(key for weakness in found for key in weakness.remedy)
     most = {key: max(own.remedy[key] for own in found if key in own.remedy) for key in keys}
-    pairs = [f"{key}={json.dumps(v, separators=(',', ':'))}" for key, v in most.items()]
-    return " ".join([command, *(f"--set {shlex.quote(pair)}" for pair in pairs)]) if pairs else ""
+    return with_settings(command, most) if most else ""
 
 
 def value_at(config: str, *keys: str) -> Any:
@@ -116,10 +114,19 @@ def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
     by_rig = known.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
     found = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
+    if _is_seedless(run):
+        hint = " Its seeds are the same until judge.command has {seed}."
+        return [replace(own, sentence=own.sentence + hint, remedy={}) for own in found]
     if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
         own = _set(run, "judge", ONE_FOR_ALL[0])
         found = [replace(weakness, remedy={**own, **weakness.remedy}) for weakness in found]
     return found
+
+
+def _is_seedless(run: RunFolder) -> bool:
+    """Whether a command evaluates placements without a seed, so that the sweep can have one."""
+    judges = [value_at(run.config, "judge"), *(value_at(run.config, "grid", "judge") or [])]
+    return any(isinstance(own, dict) and "{seed}" not in own.get("command", "") for own in judges)
 
 
 def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
@@ -139,6 +146,8 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
         return
     test = group.of(run.individuals[run.individuals["split"] == "test"])
     every = pd.concat([test, test.assign(**{"class": "all"})])
+    is_log = value_at(run.config, "scene", "source") == "log"
+    hint = " scene.test_folder takes another log with more of them." if is_log else ""
     counts = count_individuals(every).set_index("class")
     routes = len(test[["scene", "route"]].drop_duplicates())
     few = counts.index[counts["routes"] < LEAST_ROUTES].drop("all", errors="ignore")
@@ -152,7 +161,7 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
                 (str(name),),
                 f"only {met} {several}{of} in the test frames (at least {LEAST_INDIVIDUALS})",
                 f"{name}: {row['boxes']:,} test boxes are {met} {several}"
-                f"{ten if met > MOST_FREQUENT else ''}: others may give another AP.",
+                f"{ten if met > MOST_FREQUENT else ''}: others may give another AP.{hint}",
                 LEAST_INDIVIDUALS / met,
                 _more_routes(run, routes, LEAST_INDIVIDUALS / met),
             )
@@ -163,7 +172,7 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
                 f"only {driven} test route{'s' * (driven != 1)}"
                 f"{of and f' with {name}'} (at least {LEAST_ROUTES})",
                 f"Fewer than {LEAST_ROUTES} test routes with {', '.join(few)}: intervals allow "
-                "for which individuals were met, not for what routes differ in.",
+                f"for which individuals were met, not for what routes differ in.{hint}",
                 LEAST_ROUTES / driven,
                 _more_routes(run, routes, LEAST_ROUTES / driven),
             )
@@ -226,9 +235,9 @@ def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
 
 
 def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
-    """So many times as many, of a log another log; twice `LEAST_ROUTES` at least."""
+    """So many times as many, twice `LEAST_ROUTES` at least; a log has no others."""
     if value_at(run.config, "scene", "source") == "log":
-        return {"scene.test_folder": "LOG_WITH_MORE_TEST_ROUTES"}
+        return {}
     return _set(run, "scene.test_routes", max(2 * LEAST_ROUTES, math.ceil(routes * times)))
 
 
