@@ -45,7 +45,7 @@ def given(config: Path | None, kind: str, example: str, json_alone: bool) -> Pat
     if config is None:
         wrong(f"missing configuration file, such as {example}")
     if json_alone:
-        told = command("status", "--json")
+        told = command("status", str(config), "--json")
         wrong(f"--json: needs --dry-run or --schema; for the progress of a {kind}: {told}")
     return config
 

@@ -23,6 +23,7 @@ from sweeps.mlflow.page import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.plan import further_axes
 from sweeps.plan.trial import Plan, Trial
+from sweeps.results.origin import record_origin
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
@@ -81,6 +82,7 @@ class SweepWork:
     def open(self, folder: Path, say: Say) -> ParentRun:
         """Refer to the results, make room for more of them."""
         sweep, plan = self.sweep, self.plan
+        record_origin(sweep)
         self.store.refer(reference(sweep), [task.key for task in plan.tasks])
         keep_to_quota(self.console, sweep, self.store)
         parameters = {

@@ -14,7 +14,7 @@ from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import connect, reason
 from tracking.mlflow.page import VIEW_TAG, page_of
-from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file
+from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file, sqlite_uri
 from tracking.run_folders.json_file import Part, read_result_file
 
 app = new_app()
@@ -35,6 +35,7 @@ def dashboard(
 
     For a folder, the address is the page of its sweep, otherwise that of the latest sweep.
     """
+    uri = where
     try:
         uri, name = _tracking(where)
         client = connect(uri)
@@ -45,7 +46,7 @@ def dashboard(
     except ModuleNotFoundError:  # reported in one line for all verbs
         raise
     except Exception as error:  # of MLflow, SQLAlchemy or requests, by what is wrong there
-        wrong(hide_secrets(f"{where}: {reason(error)}", where))
+        wrong(hide_secrets(f"{where}: {reason(error, uri)}", where))
     if port is None:
         print(public_url(uri).rstrip("/") + page)
         return
@@ -89,7 +90,7 @@ def _tracking(where: str) -> tuple[str, str | None]:
         known = read_result_file(there[0], _About)
         uri, name = absolute_uri(known.tracking_uri), known.name
     else:
-        uri = absolute_uri(f"sqlite:///{where}")
+        uri = absolute_uri(sqlite_uri(path))
     database = sqlite_file(uri)
     if database is not None and not (database.is_file() and database.stat().st_size):
         fault = "an empty file" if database.is_file() else "no such database"

@@ -151,7 +151,9 @@ def mistake(first: Mapping[str, Any], key: str, place: str = "") -> InputError:
         said = _said(first)
         words = re.match(r"(should (be|have)|allowed (is|are)|expected) ", said)
         expected = said[words.end() :] if words else ""
-        inner = InputError("" if words else said, expected=expected)
+        is_bool = first["type"] == "string_type" and isinstance(first["input"], bool)
+        fix = "put text such as 'no' or 'on' into quotes, which YAML reads as a bool" * is_bool
+        inner = InputError("" if words else said, expected=expected, fix=fix)
     if inner.place:
         return InputError(str(inner), place=place, key=key)
     key = ("." if first["loc"] else ": ").join(filter(None, (key, inner.key)))

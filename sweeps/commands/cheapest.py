@@ -32,6 +32,7 @@ def cheapest(
 
     Solves the grid of candidates of a search, with a proof or a bound, then refines the rig off the
     grid. Needs no traffic, unless search.cheapest.recall is set. Writes placement.yaml."""
+    from sweeps.results.origin import record_origin
     from sweeps.search.cheapest.choose import cheapest as choose
     from sweeps.search.cheapest.choose import check
     from sweeps.search.cheapest.polish import polish
@@ -49,7 +50,8 @@ def cheapest(
         if dry_run:
             say(summary) if not as_json else print_json({"summary": summary})
             return
-        recall = recall_of(console, problem, store_of(problem.sweep()))
+        record_origin(sweep := problem.sweep())
+        recall = recall_of(console, problem, store_of(sweep))
     if not as_json:
         say(summary)
     with checked_input():

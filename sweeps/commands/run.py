@@ -16,6 +16,7 @@ from sweeps.execution.memory import check_memory
 from sweeps.options import DryRunOption, SchemaOption, SetOption, given
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
+from sweeps.results.origin import check_origin
 from sweeps.results.rigs import write_rigs_page
 from sweeps.store.open import check_writable, store_of
 
@@ -55,6 +56,7 @@ def run(
     console = output()
     if dry_run:
         with checked_input():
+            check_origin(sweep)
             shown = planned(sweep, plan, store)
             page = None if as_json else write_rigs_page(sweep, shown.cautions)
         if as_json:

@@ -49,6 +49,7 @@ def status(
     from sweeps.sweep_or_search import is_search
 
     overrides = set_ or []
+    sets = [word for pair in overrides for word in ("--set", pair)]
     say = partial(print, file=sys.stderr)
     with checked_input():
         if is_search(config):
@@ -60,7 +61,7 @@ def status(
             if as_json:
                 print_json({"kind": "search"} | asdict(found))
             else:
-                print_search(output(), found, all_)
+                print_search(output(), found, all_, problem.folder)
             return
         sweep, plan = read_plan(config, overrides)
         store = store_of(sweep)
@@ -68,11 +69,12 @@ def status(
     if as_json:
         print_json({"kind": "sweep"} | asdict(state))
     else:
-        print_state(output(), state, all_)
+        print_state(output(), state, all_, command("run", str(config), *sets, "--rerun-failed"))
 
 
-def print_state(console: Console, state: SweepState, every: bool) -> None:
-    """Print tables of stages and trials; of many trials, unless `every`, what runs or failed."""
+def print_state(console: Console, state: SweepState, every: bool, again: str) -> None:
+    """Print tables of stages and trials; of many trials, unless `every`, what runs or failed.
+    `again` is the command that retries all failures."""
     by_status = Counter(trial.status for trial in state.trials)
     counts = ", ".join(f"{by_status[name]} {name}" for name in _STATUSES if by_status[name])
     console.print(f"{state.name}: {_alive(state.alive)}; {len(state.trials)} trials: {counts}")
@@ -96,11 +98,10 @@ def print_state(console: Console, state: SweepState, every: bool) -> None:
     if len(trials) < len(state.trials):
         console.print(f"{len(state.trials) - len(trials)} more trials: --all lists them")
     if by_status["failed"]:
-        again = f"{command('run')} with --rerun-failed"
-        console.print(f"What failed for good is tried again by {again}.")
+        console.print(f"To retry what failed for good: {again}", soft_wrap=True)
 
 
-def print_search(console: Console, state: SearchState, every: bool) -> None:
+def print_search(console: Console, state: SearchState, every: bool, folder: Path) -> None:
     """Print how far the trials are, the best of them, what failed, and the state of `verify`."""
     trials = state.trials
     console.print(
@@ -119,7 +120,8 @@ def print_search(console: Console, state: SearchState, every: bool) -> None:
         console.print(f"trial {own['trial']} failed: {own['reason']}", soft_wrap=True)
     if state.verify is not None:
         console.print()
-        print_state(console, state.verify, every)
+        again = command("run", str(folder / "sweep.yaml"), "--rerun-failed")
+        print_state(console, state.verify, every, again)
 
 
 def _alive(alive: bool) -> str:

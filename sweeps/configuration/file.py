@@ -58,7 +58,7 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
         unknown = [key for key in raw if key not in model.model_fields]
         for key, (kind, verb) in _VERBS.items():
             if key in unknown:
-                fix = f"run this file with {command(verb)}"
+                fix = f"run: {command(verb, str(path))}"
                 raise InputError(f"key of {kind}", key=key, fix=fix)
         for key in map(str, unknown):
             raise unknown_key(key, model, key=shortened(key))

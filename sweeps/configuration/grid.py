@@ -62,13 +62,14 @@ class Sweep:
     axes less what is excluded, last axis fastest; once for every rung of `promote` that trains, the
     full trainings last. `axes`: key paths of the grid, and those that rungs of `promote` set.
     `source`: the configuration after `--set`, as plain data. `rigs`: of the points, and all others
-    that the configuration names."""
+    that the configuration names. `path`: its file."""
 
     common: Common
     points: tuple[GridPoint, ...]
     axes: tuple[str, ...]
     source: Mapping[str, Any]
     rigs: Rigs
+    path: Path
 
 
 def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
@@ -125,7 +126,7 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     if not points:
         raise InputError("no point of the grid is left", key="exclude")
     source = portable(raw, path.parent)
-    return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs)
+    return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs, path)
 
 
 def _check_mounts(sweep: Sweep) -> None:

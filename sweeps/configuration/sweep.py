@@ -45,6 +45,7 @@ from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.command import CommandJudge, Judge
+from tracking.mlflow.uri import sqlite_uri
 from training import DETECTORS
 from training.settings import TrainingSettings
 
@@ -454,7 +455,7 @@ class Common(Settings):
 
     @property
     def tracking_uri(self) -> str:
-        return self.tracking.uri or f"sqlite:///{self.output / 'mlflow.db'}"
+        return self.tracking.uri or sqlite_uri(self.output / "mlflow.db")
 
     @property
     def urls(self) -> tuple[str, ...]:

@@ -198,19 +198,21 @@ def mlflow(uri: str) -> Found:
 
     shown, remedy = public_url(uri), "correct tracking.uri in the file"
     try:
-        if (file := sqlite_file(absolute_uri(uri))) is None:
-            connect(absolute_uri(uri)).search_experiments(max_results=1)
-            return Found(f"{shown} answers")
+        uri = absolute_uri(uri)
+        if (file := sqlite_file(uri)) is not None:
+            try:
+                check_takes_files(file.parent)
+                if not file.exists():
+                    return Found(f"{shown}, made at need")
+                file.open("r+b").close()
+            except OSError as error:
+                return _not_writable(error, remedy)
+        connect(uri).search_experiments(max_results=1)
     except Exception as error:  # each kind of server has its own
-        found = hide_secrets(f"{shown}: {reason(error)}", uri)
-        return Found(found, "missing", f"start the server or the database, or {remedy}")
-    try:
-        check_takes_files(file.parent)
-        if file.exists():
-            file.open("r+b").close()
-    except OSError as error:
-        return _not_writable(error, remedy)
-    return Found(f"{shown}{'' if file.exists() else ', made at need'}")
+        found = hide_secrets(f"{shown}: {reason(error, uri)}", uri)
+        start = "" if sqlite_file(uri) else "start the server or the database, or "
+        return Found(found, "missing", f"{start}{remedy}")
+    return Found(f"{shown} answers")
 
 
 def remote_store(url: str) -> Found:

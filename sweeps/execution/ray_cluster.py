@@ -32,6 +32,8 @@ _ROOT = Path(__file__).parents[2]
 _CONNECT_S = 5.0
 _STATUS_S = 30.0
 _NODES_S = 120.0  # a node unpacks the code and starts a process
+_SOCKET = "ray/session_2026-01-01_00-00-00_000000_1234567/sockets/plasma_store.10"
+_LONGEST_SOCKET = 103  # bytes, as on macOS; Linux takes 107
 _DECISIVE = ("numpy", "numba", "pandas", "scipy", "torch")
 
 
@@ -98,8 +100,14 @@ _QUIET = {"log_to_driver": False, "logging_level": "ERROR"}
 
 
 def _start(ray: ModuleType, settings: RaySettings) -> None:
-    counts = {"num_cpus": settings.num_cpus, "num_gpus": settings.num_gpus}
+    counts: dict[str, Any] = {"num_cpus": settings.num_cpus, "num_gpus": settings.num_gpus}
     worker = {"env_vars": THREADS | {"PYTHONPATH": _python_path()}}
+    place = os.environ.get("RAY_TMPDIR") or os.environ.get("TMPDIR") or "/tmp"
+    if len(os.fsencode(f"{place}/{_SOCKET}")) > _LONGEST_SOCKET:
+        logging.getLogger(__name__).warning(
+            "TMPDIR is too long for Ray's sockets, which are in /tmp/ray instead: %s", place
+        )
+        counts["_temp_dir"] = "/tmp/ray"
     try:
         ray.init(address="local", include_dashboard=False, runtime_env=worker, **counts, **_QUIET)
     except Exception as error:  # Ray raises no narrower one

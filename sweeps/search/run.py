@@ -19,6 +19,7 @@ from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress, about
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
+from sweeps.results.origin import record_origin
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.judgement.chosen import choose
 from sweeps.search.judgement.robustness import in_scene, robustness, with_share
@@ -109,6 +110,7 @@ class SearchWork:
 
     def open(self, folder: Path, say: Say) -> ParentRun:
         file, search = self.problem.file, self.problem.file.search
+        record_origin(self.problem.sweep())
         self._storage = storage_in(folder)
         if (journal := emptied_journal(folder)) is not None:
             say(f"{journal} holds no trial, though this search had some: anew")

@@ -84,8 +84,10 @@ def test_poses_of_another_file_and_rate(tmp_path):
     ends.to_csv(tmp_path / "poses.csv", index=False)
     table.drop(columns=["host_x", "host_y", "host_heading"]).to_csv(labels, index=False)
     content = mapping_of(log, manner)
-    content["poses"] = content["poses"] | {"file": str(tmp_path / "poses.csv"), "stamp": "utc"}
-    found = read_label_table(labels, TableMapping.model_validate(content), Counter())
+    content["poses"] = content["poses"] | {"file": "poses.csv", "stamp": "utc"}
+    (tmp_path / "with_poses.yaml").write_text(yaml.safe_dump(content))
+    mapping = read_mapping(tmp_path / "with_poses.yaml")  # whose folder the path is relative to
+    found = read_label_table(labels, mapping, Counter())
     found_boxes = found.boxes.sort_values(["frame", "object_id"], ignore_index=True)
     np.testing.assert_allclose(found_boxes[["x", "y"]], log.boxes[["x", "y"]], atol=1e-6)
     np.testing.assert_allclose(found.frames["ego_x"], log.frames["ego_x"], atol=1e-6)

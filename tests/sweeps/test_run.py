@@ -86,7 +86,7 @@ def test_the_run_folder_holds_the_results(folder, first):
     assert of_class.agg(set).to_dict() == {name: {boxes.get(name, 0)} for name, _ in of_class}
     about = json.loads((run / "sweep.json").read_text())
     assert about["frames"] == {"train": 8, "test": 4}
-    assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"
+    assert about["tracking_uri"] == f"sqlite+pysqlite:///{folder / 'runs/mlflow.db'}"
     assert about["command"].startswith("lidarplace run ")
     model = {"name": None, "price_usd": None, "beams": 16, "azimuth_steps": 120}
     model["elevation_deg"] = [-25.0, 5.0]

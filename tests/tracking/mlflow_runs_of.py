@@ -15,6 +15,7 @@ from tests.forked import Forked
 from tests.mlflow_database import write_database
 from tracking.mlflow.content import EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.log import SweepLog
+from tracking.mlflow.uri import sqlite_uri
 
 CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 1.5]})
 
@@ -22,7 +23,7 @@ CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 
 def new_store(folder: Path) -> str:
     """The URI of a new database in a new folder."""
     write_database(folder / "mlflow.db")
-    return f"sqlite:///{folder}/mlflow.db"
+    return sqlite_uri(folder / "mlflow.db")
 
 
 def trial(key: str, error: str | None = None, **content: Any) -> EndedTrial:

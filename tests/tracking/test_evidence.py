@@ -143,6 +143,15 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_nothing_for_a_log(run):
     assert evidence.remedy("run", []) == ""
 
 
+def test_a_command_without_a_seed_is_not_given_seeds(run):
+    judge = "{command: 'detect {train} {test}'}"
+    for config in (f"judge: {judge}", f"grid: {{judge: [specialist, {judge}]}}"):
+        few = replace(seeds(run, 1), config=config)
+        said = Analysis.of(few).answer
+        assert "grid.seed" not in said.command
+        assert any("{seed}" in text for text in cautions(few))
+
+
 def test_a_sweep_without_results_has_no_headline(run):
     assert Analysis.of(replace(run, results=run.results[:0])).headline == []
     assert Analysis.of(replace(run, results=run.results.assign(value=np.nan))).headline == []

@@ -12,6 +12,8 @@ from pathlib import Path
 import mlflow_runs_of as made
 import pytest
 
+from tracking.mlflow.uri import sqlite_file
+
 SEEDS = range(1, 5)
 KILLS = 5
 
@@ -93,5 +95,5 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     assert made.runs_of(store)["demo"].data.params == {"epochs": "3"}
     files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
     assert files == len(SEEDS) * ["placement.png"] + ["report.html"]
-    with sqlite3.connect(store.removeprefix("sqlite:///")) as database:
+    with sqlite3.connect(sqlite_file(store)) as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)

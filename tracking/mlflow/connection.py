@@ -2,6 +2,8 @@
 
 import logging
 import os
+import re
+import shlex
 import socket
 import sqlite3
 from collections.abc import Iterator
@@ -14,7 +16,7 @@ from lidarplace.base.optional import needs
 from lidarplace.files.atomic import temporary
 from lidarplace.files.regular import regular
 from lidarplace.files.secret_urls import public_url
-from tracking.mlflow.uri import is_server, sqlite_file
+from tracking.mlflow.uri import is_server, sqlite_file, sqlite_uri
 
 
 class Away(Exception):
@@ -53,11 +55,13 @@ def _create(database: Path) -> None:
     MLflow makes them in many: a process that was killed on its way, or a second one that does the
     same, would leave a database that no MLflow can open again.
     """
-    from mlflow import MlflowClient
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     partial = temporary(database)
+    # MLflow writes the folder of artifacts into SQL between quotes: in a URI none is left of them.
+    artifacts = (database.parent / "artifacts").absolute().as_uri()
     try:
-        MlflowClient(tracking_uri=f"sqlite:///{partial}").search_experiments(max_results=1)
+        SqlAlchemyStore(sqlite_uri(partial), artifacts)
         with suppress(FileExistsError):  # another process was faster
             os.link(partial, database)
     finally:
@@ -122,6 +126,29 @@ def is_away(error: Exception, uri: str) -> bool:
     return status >= 500 or status in (408, 429) or is_forbidden(error)
 
 
+def is_busy(error: Exception) -> bool:
+    """Whether another process has a local database now."""
+    codes = (getattr(cause, "sqlite_errorcode", 0) & 0xFF for cause in _causes(error))
+    return any(code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED) for code in codes)
+
+
+def _other_schema(revision: str, uri: str) -> str:
+    """Which MLflow wrote a database, and what to do. MLflow itself asks for an upgrade of the
+    database in both directions."""
+    import mlflow
+    from alembic.script import ScriptDirectory
+    from alembic.util import CommandError
+
+    migrations = Path(mlflow.__file__).parent / "store" / "db_migrations"
+    try:
+        ScriptDirectory(str(migrations)).get_revision(revision)
+    except CommandError:
+        newer = f"a newer MLflow than this one, {mlflow.__version__}, wrote this database"
+        return f"{newer}; pip install --upgrade mlflow, or set another tracking.uri"
+    upgrade = f"mlflow db upgrade {shlex.quote(public_url(uri))}"
+    return f"an older MLflow wrote this database; copy it, then run: {upgrade}"
+
+
 def is_server_error(error: Exception) -> bool:
     """Whether the server answered 500, as it does if it cannot write an artifact (503: away)."""
     from urllib3.exceptions import ResponseError
@@ -136,10 +163,15 @@ def is_forbidden(error: Exception) -> bool:
     return isinstance(error, MlflowException) and error.get_http_status_code() in (401, 403)
 
 
-def reason(error: BaseException) -> str:
-    """The innermost reason in one line."""
+_SCHEMA = re.compile(r"database schema \(found version (\w+), but expected")
+
+
+def reason(error: BaseException, uri: str = "") -> str:
+    """The innermost reason in one line; `uri`: of the database that another MLflow wrote."""
     *_, first = _causes(error)
     told = " ".join(str(first).split()) or type(first).__name__
+    if schema := _SCHEMA.search(told):
+        return _other_schema(schema[1], uri)
     if type(first) is sqlite3.DatabaseError:  # its subclasses are of other faults than the file's
         told += "; restore a copy, or move the file away: the next run of the sweep fills a new one"
     return told

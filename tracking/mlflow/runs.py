@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import hide_secrets, public_url
-from tracking.mlflow.connection import Away, connect, is_away, is_forbidden, is_server_error, reason
+from tracking.mlflow.connection import (
+    Away,
+    connect,
+    is_away,
+    is_busy,
+    is_forbidden,
+    is_server_error,
+    reason,
+)
 from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
-from tracking.mlflow.uri import is_server
+from tracking.mlflow.uri import is_server, sqlite_file
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -57,7 +65,8 @@ class SweepRuns:
     def open(self) -> None:
         """Find, or make, the experiment and the parent run, which is RUNNING; find the trials.
 
-        Raises ValueError: the server cannot take this sweep; Away: there is no connection now.
+        Raises ValueError: the server cannot take this sweep, or a local database cannot be opened;
+        Away: there is no connection now.
         """
         try:
             self._client = connect(self._uri)
@@ -72,9 +81,11 @@ class SweepRuns:
             self._client = None
             if isinstance(error, ValueError):
                 raise
-            if is_away(error, self._uri) and not is_forbidden(error):
+            local = sqlite_file(self._uri) is not None
+            may_return = is_busy(error) if local else not is_forbidden(error)
+            if may_return and is_away(error, self._uri):
                 raise Away(reason(error)) from error
-            raise InputError(reason(error), place=public_url(self._uri)) from error
+            raise InputError(reason(error, self._uri), place=public_url(self._uri)) from error
 
     def lacks(self, trial: EndedTrial) -> bool:
         """Whether something of a trial is missing. One that is finished never fails again."""

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 from lidarplace.base.errors import InputError
 from lidarplace.command_line.invocation import command
@@ -17,14 +18,25 @@ def absolute_uri(uri: str) -> str:
     check_whole("tracking.uri", uri)
     # Which driver a plain postgresql:// means depends on the version of SQLAlchemy.
     uri = re.sub("^postgresql://", "postgresql+psycopg2://", uri)
-    database = sqlite_file(uri)
-    return uri if database is None else f"sqlite:///{database.resolve()}"
+    if (database := sqlite_file(uri)) is None:
+        return uri
+    _, question_mark, options = uri.partition("?")
+    if question_mark and "=" not in options:
+        problem, fix = "? begins the options of a database", "write %3F for one in a path"
+        raise InputError(problem, key="tracking.uri", found=repr(uri), fix=fix)
+    return sqlite_uri(database.resolve()) + question_mark + options
+
+
+def sqlite_uri(database: Path) -> str:
+    """The URI of a SQLite database, quoted as by SQLAlchemy. It names the driver, as MLflow makes
+    the folders of a plain `sqlite:///` URI without removing the quotes."""
+    return f"sqlite+pysqlite:///{quote(str(database), safe=' +/')}"
 
 
 def sqlite_file(uri: str) -> Path | None:
     """The database file of a `sqlite:///` URI, None for other URIs."""
-    match = re.fullmatch(r"sqlite:///(.+)", uri)
-    return Path(match[1]) if match else None
+    match = re.match(r"sqlite(?:\+\w+)?:///([^?]+)", uri)
+    return Path(unquote(match[1])) if match else None
 
 
 def is_server(uri: str) -> bool:

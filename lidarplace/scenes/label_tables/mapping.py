@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from lidarplace.base.class_names import check_class_name
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.settings import FilePath, Length, Name, Settings, found, validated
+from lidarplace.configuration.settings import FileBeside, Length, Name, Settings, found, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
@@ -76,7 +76,10 @@ class Origin(Settings):
 class EgoPoses(Settings):
     """Where the vehicle was in the world: columns of the label file, or of a file of their own."""
 
-    file: FilePath | None = Field(None, description="CSV or Parquet; by default the label file")
+    file: FileBeside | None = Field(
+        None,
+        description="CSV or Parquet, from the folder of this mapping; by default the label file",
+    )
     drive: Name | None = Field(None, description="of that file, if named differently there")
     stamp: Name | None = Field(None, description="likewise: time stamps, or frame numbers")
     x: Name = Field(description="east")
@@ -164,4 +167,4 @@ def read_mapping(path: Path) -> TableMapping:
     content = read_yaml_file(path)
     if not isinstance(content, dict):
         raise InputError(place=path, expected="keys such as `columns`", found=found(content))
-    return validated(TableMapping, content, str(path))
+    return validated(TableMapping, content, str(path), path.parent)

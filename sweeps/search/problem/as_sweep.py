@@ -92,7 +92,7 @@ class SearchConfig:
             axes = {"placement": name, "seed": seed}
             point = self.point({**axes, **changes}, names)
             points.append(GridPoint(point, known.of(point), axes))
-        return Sweep(self.file, tuple(points), ("placement", "seed"), self.source, known)
+        return Sweep(self.file, tuple(points), ("placement", "seed"), self.source, known, self.path)
 
     def verify_settings(self, rigs: Mapping[str, Choices], others: Sequence[str]) -> dict[str, Any]:
         """The configuration, as a file has it, of a sweep that trains detectors for rigs. `others`:

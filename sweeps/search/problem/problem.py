@@ -181,7 +181,7 @@ class Problem(SearchConfig):
         fixed = {"placement": "line", "detector": None, "surrogate": surrogate}
         point = point.model_copy(update=fixed)
         own = GridPoint(point, self.rigs.of(point), {})
-        return Sweep(self.file, (own,), (), self.source, self.rigs)
+        return Sweep(self.file, (own,), (), self.source, self.rigs, self.path)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
         """The tasks that lead to its POG, and the trial that has them. Raises ConfigError."""
