@@ -17,7 +17,9 @@ import pandas as pd
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.base import registry
 from lidarplace.base.errors import InputError
+from lidarplace.base.metrics import METRICS
 from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.execution.failures import Failure
 from tests.fuzz.cases import Result
 from tests.fuzz.judge import DONE, Outcome, judge_reader, judge_verb
@@ -166,6 +168,11 @@ def outcome_of_plugin(kind: str, how: str, what: str, world: Path, place: Path) 
     text = HEAD.format(called=called, imported=what if how == "import" else "")
     text += TAILS[kind].format(field=what if how == "field" else "")
     (place / f"{module}.py").write_text(text)
+    from lidarplace.commands.convert import READERS, app
+    from training import NETWORKS
+    from training.detectors.build import PLUG_INS
+
+    registries = (SURROGATES, METRICS, READERS, NETWORKS, PLUG_INS)
     name, streams = f"{module}:THING", (io.StringIO(), io.StringIO())
     with (
         contextlib.chdir(place),
@@ -174,10 +181,11 @@ def outcome_of_plugin(kind: str, how: str, what: str, world: Path, place: Path) 
         warnings.catch_warnings(record=True),
         patch.object(sys, "path", [*sys.path]),
         patch.dict(registry.PLUGINS, clear=True),
+        contextlib.ExitStack() as stack,
     ):
+        for known in registries:
+            stack.enter_context(patch.dict(known._added))
         if kind == "reader":
-            from lidarplace.commands.convert import app
-
             return judge_verb(app, [name, "log", "out"], (module,), (0,))
         try:
             outcome = judge_reader(lambda: USES[kind](name), (module,))
