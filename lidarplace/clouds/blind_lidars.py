@@ -4,6 +4,7 @@ import numpy as np
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
+from lidarplace.base.number_text import point
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.convex import span
 from lidarplace.clouds.own_body import sedan
@@ -45,23 +46,20 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     return found
 
 
+def why_blind(rig: Placement, roi: Roi, number: int, first: int) -> tuple[str, str]:
+    """Why a LiDAR is blind, and what to do; numbers of LiDARs in the text start at `first`."""
+    if (around := housing_around(rig, number)) is not None:
+        return f"is inside the housing of LiDAR {around + first}", "move it, or correct size_mm"
+    seen = f"nothing below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)"
+    fix = "turn or move it, extend the ROI, or set allow_blind_lidars: true"
+    return f"sees no ground and {seen}", fix
+
+
 def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
     """Raise ValueError for the first of `blind_lidars`."""
     for number in blind_lidars(rig, roi, vehicle):
-        x, y, z = rig.mounts[number].position.tolist()
-        if (around := housing_around(rig, number)) is not None:
-            raise InputError(
-                f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) is inside the housing of LiDAR "
-                f"{around + 1}",
-                place=repr(rig.name),
-                fix="move it, or correct size_mm",
-            )
-        seen = f"nothing below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)"
-        raise InputError(
-            f"LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and {seen}",
-            place=repr(rig.name),
-            fix="turn or move it, extend the ROI, or set allow_blind_lidars: true",
-        )
+        place, (why, fix) = point(*rig.mounts[number].position), why_blind(rig, roi, number, 1)
+        raise InputError(f"LiDAR {number + 1} at {place} {why}", place=repr(rig.name), fix=fix)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

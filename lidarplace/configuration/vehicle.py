@@ -22,8 +22,6 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.pose import rotation
 
 Corner = tuple[Length, Length, Length]
-
-
 _LARGEST_RADIANS = 2.1
 """The largest angle of a trailer, 120 degrees, in radians; articulation of few degrees is none."""
 
@@ -100,8 +98,8 @@ class VehicleSettings(Settings):
         of_mesh = self.model_fields_set - {"boxes", "mesh", "trailer", "keep_out"}
         if self.mesh is None and of_mesh:
             raise InputError("needs mesh", key=min(of_mesh))
-        _check_above_ground(self.boxes)
         self.vehicle()
+        _check_above_ground(self.boxes)
         return self
 
     def vehicle(self) -> Vehicle:

@@ -120,7 +120,7 @@ class RigsFile:
 
     @property
     def carrier_settings(self) -> VehicleSettings | None:
-        """The same as the key `vehicle`; None for a car in requirements, a sedan in clouds."""
+        """The same as the key `vehicle` of a sweep."""
         return carrier_of(self.settings.vehicle, self.settings.keep_out)
 
     @cached_property

@@ -9,11 +9,11 @@ import numpy as np
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
-from lidarplace.clouds.blind_lidars import OBJECTS_M, blind_lidars
+from lidarplace.clouds.blind_lidars import blind_lidars, why_blind
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.common_view import common_view, weakest
 from lidarplace.mounting.facing import facing_pairs
-from lidarplace.mounting.housing import housing_around, housings_of, without
+from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.judge import Outcome, judge
@@ -170,15 +170,9 @@ def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
     whole = None if file.settings.allow_blind_lidars else _whole(rig, file)
     if whole is None:
         return []
-    texts = {}
-    for number in blind_lidars(whole, roi, file.carrier):
-        texts[number] = (
-            f"sees no ground and nothing below {OBJECTS_M:g} m in the ROI; turn or move it, extend "
-            "the ROI, or set allow_blind_lidars: true"
-        )
-        if (around := housing_around(whole, number)) is not None:
-            texts[number] = f"is inside the housing of LiDAR {around}; move it"
-    return [Violation("blind", (n,), math.nan, f"LiDAR {n}: {text}") for n, text in texts.items()]
+    found = blind_lidars(whole, roi, file.carrier)
+    whys = [(n, "; ".join(why_blind(whole, roi, n, first=0))) for n in found]
+    return [Violation("blind", (n,), math.nan, f"LiDAR {n}: {why}") for n, why in whys]
 
 
 def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:
