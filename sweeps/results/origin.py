@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.base.errors import InputError
-from lidarplace.files.atomic import read_text, write_text
+from lidarplace.files.atomic import write_text
+from lidarplace.files.json_file import read_json
 from sweeps.configuration.grid import Sweep
 
 FILE = ".origin.json"
@@ -20,11 +21,13 @@ def check_origin(sweep: Sweep) -> None:
     folder, now = sweep.common.output / sweep.common.name, _origin(sweep)
     if not (folder / FILE).is_file():
         return
-    before = json.loads(read_text(folder / FILE))
+    before = read_json(folder / FILE)
     for key in ("file", *_SCENE):
         known, new = before.get(key), now.get(key)
+        if known is None or new is None or known == new:
+            continue
         is_path = key in ("file", "folder")
-        if None in (known, new) or known == new or (is_path and not (folder / known).exists()):
+        if is_path and not (folder / known).exists():
             continue
         if is_path:
             known, new = (os.path.relpath((folder / own).resolve()) for own in (known, new))
