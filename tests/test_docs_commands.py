@@ -49,6 +49,7 @@ NOT_RUN = {
     "lidarplace run sweep.yaml --set training.mixed_precision": "a sweep of one's own",
     "lidarplace search studies/proof/search.yaml": "takes 20 minutes",
     "python studies/proof/contrast.py": "reads the runs of the proof",
+    "uv pip install ": "installs for a minute",
     "lidarplace --install-completion": "changes the shell's own files",
     "lidarplace --show-completion": "depends on the shell",
 }

@@ -2,7 +2,7 @@
 
 _PACKAGES = {
     "training": "torch",
-    "sweeps": "cmaes matplotlib mlflow optuna psutil ray requests sqlalchemy urllib3",
+    "sweeps": "alembic cmaes matplotlib mlflow optuna psutil ray requests sqlalchemy urllib3",
     "sumo": "libsumo sumo sumolib",
     "studio": "imageio viser websockets",
     "mesh": "trimesh",

@@ -24,7 +24,6 @@ from lidarplace.logs.boxes import (
     FRAME_COLUMNS,
     FULL_POSE_COLUMNS,
     GEOMETRY,
-    POINTS,
     POSE_COLUMNS,
     SIZE,
     SOURCE,
@@ -251,9 +250,6 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
     boxes[list(GEOMETRY)] = columns.numbers(boxes, GEOMETRY, source)
     for name in counted:
         boxes[name] = columns.counts_if_known(boxes, name, source)
-        if POINTS in counted:
-            expected = f"at least {name}, or missing"
-            columns.check_values(boxes, [POINTS], boxes[POINTS] < boxes[name], expected, source)
     return _with_texts(boxes, ("scene", "object_id"), source)
 
 

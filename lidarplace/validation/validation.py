@@ -26,6 +26,8 @@ from lidarplace.validation.simulation import SECTORS, Recording, Returns, simula
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
 
 MOST_CLOUDS = 60  # frames with clouds that are looked at, spread evenly; shadows need no more
+LEAST_SHARE = 0.9
+"""Least points of all LiDARs as a share of one LiDAR's: a data set's own counts differ a little."""
 WORST = 20  # objects in the table of the worst
 
 
@@ -70,8 +72,10 @@ def validate(
     and judged on routes that it was not fitted to. No vehicle: a sedan. Objects `without`, by their
     object_id or its beginning, such as wrong labels, neither hide nor count.
 
-    Raises InputError: an object to leave out is not there, there are no counts, no rig, rigs of
-    different scenes differ in their LiDARs, or no object has real points."""
+    Raises InputError: an object to leave out is not there, there are no counts, all LiDARs have
+    fewer points than one of them, there is no rig, rigs of different scenes differ in their LiDARs,
+    or no object has real points."""
+    _check_counts(log.boxes, folder)
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
     frames = log.frames["frame"].tolist()
@@ -153,6 +157,15 @@ def validate(
         worst=_worst(counted, seen),
         without=tuple(without),
     )
+
+
+def _check_counts(boxes: pd.DataFrame, folder: Path) -> None:
+    for name, column in points_of(boxes).items() if POINTS in boxes else ():
+        total = boxes[[POINTS, column]].dropna().sum()
+        if total[POINTS] < LEAST_SHARE * total[column]:
+            problem, expected = f"fewer points than of LiDAR {name} alone", f"{total[column]:,.0f}"
+            place, found = folder / "boxes.parquet", f"{total[POINTS]:,.0f}"
+            raise InputError(problem, place=place, key=POINTS, expected=expected, found=found)
 
 
 def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:

@@ -101,7 +101,7 @@ def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.Data
     if len(rigs) < 2:
         wrong(
             f"{config}: the store has detections of {len(rigs)} rig(s), at least 2 are needed; "
-            f"{command('run')} {config} makes them"
+            f"{command('run', str(config))} makes them"
         )
     seen = observations(rigs, store)
     lacking = set(classes or plan.trials[0].grid_point.point.classes) - set(seen["class"])

@@ -158,6 +158,6 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     if len(trials) < len(found.trials) or not known.issuperset(needed):
         return None, (
             f"the store of {config} has no clouds and detections of {' and '.join(found.rigs)} by "
-            f"this code; {command('run')} {config} makes them"
+            f"this code; {command('run', str(config))} makes them"
         )
     return failure_frames(found, trials, store), ""

@@ -16,10 +16,13 @@ from sweeps.execution.worker import Ended
 
 
 @pytest.fixture(scope="module", params=["debug", "local"])
-def backend(request):
+def backend(request, tmp_path_factory):
     own = {"num_cpus": 1} if request.param == "local" else {}
-    with backend_for(RaySettings(address=request.param, **own)) as found:
-        yield found
+    long = tmp_path_factory.mktemp("as_on_slurm_" + 80 * "x")  # too long for a socket's path
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(long))
+        with backend_for(RaySettings(address=request.param, **own)) as found:
+            yield found
 
 
 def test_ray_starts_when_it_is_needed():

@@ -1,73 +1,75 @@
-"""Each command that a run prints or writes on its pages can be typed as it stands."""
+"""Every command that a run prints, in a terminal or on its pages, is taken as it stands."""
 
+import html
 import re
 import shlex
 import sys
-from html import unescape
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
-from small_log import SMALL, write_sweep
+import yaml
+from typer.testing import CliRunner
 
-from lidarplace.command_line.invocation import with_settings
 from sweeps.command_line import app
+from tests.fuzz.lines import ACCEPTED, LINES
 from tests.mlflow_database import write_database
-from tests.sweeps.toy import call
+from tests.sweeps.search_files import SEARCH
+from tests.sweeps.small_log import SMALL, write_small_log
+from tests.sweeps.test_command_judge import TOY
 
-DETECT = """
-import sys
-line = "Car -1 -1 0 100 100 200 200 1.6 1.8 4.4 1 1.7 15 0 0.9"
-open(sys.argv[1] + "/000003.txt", "w").write(line)
-"""
-COMMAND = {"format": "kitti", "command": "{python} detect.py {detections} {clouds}"}
-SEEDED = COMMAND | {"command": COMMAND["command"] + " {seed}"}
-JUDGES = {
-    "command": (COMMAND, False),
-    "command with a seed": (SEEDED, True),
-    "pretrained": ("pretrained", True),
-    "specialist": ("specialist", True),
+SWEEP = SMALL | {"lidar": {"azimuth_steps": 90}, "detector": "pointpillars_tiny"}
+SWEEP |= {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}}
+SWEEP |= {"grid": {"placement": ["line", "center"], "seed": [1]}, "ray": "debug"}
+TRAINED = "--set training.epochs=1 --set training.lr=0.002"
+FEW = {"rigs": 2, "rigs_per_frame": 1, "epochs": 1}
+JUDGE = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
+NO_SEED = {"grid": {"placement": ["line", "center"]}, "judge": JUDGE}
+LOG = {"scene": {"source": "log", "folder": "log"}}
+CAR = "Car -1 -1 -10 100 100 200 200 1.6 1.8 4.4 0.0 1.6 15.0 0.0 0.9\n"
+CASES = {
+    "detectors": ("run", SWEEP, TRAINED, {"run", "studio", "dashboard"}),
+    "a command": ("run", SWEEP | NO_SEED, "", {"studio", "dashboard"}),
+    "a generalist": ("run", SWEEP | {"judge": "generalist", "generalist": FEW}, TRAINED, {"run"}),
+    "a search": ("search", SEARCH | LOG, "--set search.trials=4", {"run", "view", "dashboard"}),
 }
-"""And whether more seeds are more evidence."""
 
 
-def printed(text: str) -> set[str]:
-    """Commands in what a terminal shows, or in a page."""
-    lines = re.findall(r"lidarplace (?:run|dashboard|studio|search|view) [^\n<`]*", unescape(text))
-    return {line.strip().removesuffix('",') for line in lines}
+def commands_in(text: str) -> set[str]:
+    """Those in text, at the end of a line, and in pages."""
+    lines = re.findall(r"(?:^|: |^MLflow  )(lidarplace .+)$", text, re.MULTILINE)
+    lines += re.findall(r"<pre>(lidarplace .+?)</pre>", text, re.DOTALL)
+    return {html.unescape(line) for line in lines}
 
 
-@pytest.mark.parametrize("case", JUDGES)
-def test_commands_of_a_sweep_can_be_typed(case, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_database(tmp_path / "runs/mlflow.db")
-    Path("detect.py").write_text(DETECT)
-    judge, seeds = JUDGES[case]
-    few = {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}, "judge": judge}
-    grid = {"placement": ["line", "center"]} | ({"seed": [1]} if seeds else {})
-    path = write_sweep(tmp_path, "tiny.yaml", **few, grid=grid)
-    words = ["run", str(path), "--set", "training.epochs=1", "--set=training.batch_size=3"]
+def called(line: str, monkeypatch) -> str:
+    """What a command line prints; it ends where it would start a server."""
+    words = shlex.split(line)[1:]
     monkeypatch.setattr(sys, "argv", ["lidarplace", *words])
-    shown = call(app, *words, code=0).output
-    pages = [page.read_text() for page in Path("runs/tiny").glob("*.[hm][td]*")]
-    lines = set().union(*map(printed, [shown, *pages]))
-    more = [line for line in lines if "grid.seed=[1,2,3]" in line]
-    assert len(more) == seeds
-    assert all(line.count("training.epochs=") == 1 for line in lines if " run " in line)
-    for line in lines:
-        _, verb, *rest = shlex.split(line)
-        if verb == "run":
-            call(app, verb, *rest, "--dry-run", code=0)
-        else:
-            assert Path(rest[0]).exists(), line
+    with patch("lidarplace.studio.page.server.serving", side_effect=ACCEPTED):
+        stops_at = LINES["dashboard"].stops_at
+        with patch(stops_at, side_effect=ACCEPTED):
+            done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, (line, done.output, done.exception)
+    return done.output
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("lidarplace run a", "lidarplace run a --set a.b=[1,2]"),
-        ("lidarplace run a --set a.b=3 --set c=4", "lidarplace run a --set c=4 --set a.b=[1,2]"),
-        ("lidarplace run 'a b' --set=a.b=3", "lidarplace run 'a b' --set a.b=[1,2]"),
-    ],
-)
-def test_a_setting_replaces_an_earlier_one(line, expected):
-    assert shlex.split(with_settings(line, {"a.b": [1, 2]})) == shlex.split(expected)
+@pytest.mark.parametrize("kind", CASES)
+def test_printed_commands(kind, tmp_path, monkeypatch):
+    verb, config, options, verbs = CASES[kind]
+    monkeypatch.chdir(tmp_path)
+    write_small_log(Path("log"))
+    write_database(Path("runs/mlflow.db"))
+    Path("toy.py").write_text(TOY)
+    Path("my file.yaml").write_text(yaml.safe_dump(config | {"name": "mine"}))
+    if kind == "a command":
+        Path("truth").mkdir()
+        Path("truth/000003.txt").write_text(CAR)
+    printed = commands_in(called(f"lidarplace {verb} 'my file.yaml' {options}", monkeypatch))
+    for page in Path("runs/mine").glob("*.html"):
+        printed |= commands_in(page.read_text())
+    assert verbs <= {line.split()[1] for line in printed}
+    for line in sorted(printed):
+        dry = " --dry-run" if line.split()[1] in ("run", "search") else ""
+        called(re.sub(r"\bLOG\b", "log", line) + dry, monkeypatch)
+    called(f"lidarplace status 'my file.yaml' {options}", monkeypatch)

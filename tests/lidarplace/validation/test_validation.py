@@ -49,6 +49,13 @@ def test_what_is_lost_is_found_again(found):
     np.testing.assert_array_equal(shares[6:], 1.0)
 
 
+def test_all_lidars_have_the_points_of_each(real):
+    folder, log = real
+    few = replace(log, boxes=log.boxes.assign(points=0.5 * log.boxes["points/up"]))
+    with refused((f"{folder}/boxes.parquet", "points", "")):
+        validate(few, folder)
+
+
 def test_it_is_judged_on_routes_that_it_was_not_fitted_to(found):
     every = found.scores[found.scores["by"] == "all"].set_index("model")
     assert every.loc["shipped", "bias"] > 0.7

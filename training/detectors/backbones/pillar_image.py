@@ -105,13 +105,12 @@ class _Features(torch.autograd.Function):
             running = (norm.running_mean, norm.running_var)
             mean, variance = (cast(Tensor, item).numpy() for item in running)
         scale = 1 / np.sqrt(variance + norm.eps)
-        factor = gamma.detach().numpy() * scale.astype(own.dtype)
-        out = np.multiply(raw, factor, out=None if learns else raw)
-        out += beta.detach().numpy() - mean.astype(own.dtype) * factor
+        raw -= mean.astype(own.dtype)
+        raw *= scale.astype(own.dtype)
+        out = np.multiply(raw, gamma.detach().numpy(), out=None if learns else raw)
+        out += beta.detach().numpy()
         np.maximum(out, 0, out=out)
-        if learns:  # `raw` becomes the normalised values
-            raw -= mean.astype(own.dtype)
-            raw *= scale.astype(own.dtype)
+        if learns:
             ctx.kept = points, winner, centres, rest, raw, out
             ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
             ctx.save_for_backward(gamma)
