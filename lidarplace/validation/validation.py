@@ -75,9 +75,9 @@ def validate(
     Raises InputError: an object to leave out is not there, there are no counts, all LiDARs have
     fewer points than one of them, there is no rig, rigs of different scenes differ in their LiDARs,
     or no object has real points."""
-    _check_counts(log.boxes, folder)
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
+    _check_counts(log.boxes, folder)
     frames = log.frames["frame"].tolist()
     recording = Recording(log, rig.placement, 0, vehicle)
     returns = own = simulate(recording, frames)
