@@ -1,4 +1,4 @@
-"""Which configuration a run folder belongs to: its file, and where its scene comes from."""
+"""The origin of a run folder: the file of its configuration, and the source of its scene."""
 
 import json
 import os
@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.base.errors import InputError
-from lidarplace.files.atomic import read_text, write_text
+from lidarplace.files.atomic import write_text
+from lidarplace.files.json_file import read_json
 from sweeps.configuration.grid import Sweep
 
 FILE = ".origin.json"
@@ -20,21 +21,20 @@ def check_origin(sweep: Sweep) -> None:
     folder, now = sweep.common.output / sweep.common.name, _origin(sweep)
     if not (folder / FILE).is_file():
         return
-    before = json.loads(read_text(folder / FILE))
+    before = read_json(folder / FILE)
     for key in ("file", *_SCENE):
-        known, new = before.get(key), now.get(key)
-        is_path = key in ("file", "folder")
-        if known is None or new is None or known == new:
+        old, new = before.get(key), now.get(key)
+        if old is None or new is None or old == new:
             continue
-        if is_path and not (folder / known).exists():
-            continue
-        if is_path:
-            known, new = (os.path.relpath((folder / own).resolve()) for own in (known, new))
+        if key in ("file", "folder"):
+            if not (folder / old).exists():
+                continue
+            old, new = (os.path.relpath((folder / path).resolve()) for path in (old, new))
         raise InputError(
             "the run folder has the results of another " + ("file" if key == "file" else "scene"),
             place=folder,
             key="" if key == "file" else f"scene.{key}",
-            expected=known,
+            expected=old,
             found=new,
             fix=f"set another name, such as --set name={sweep.common.name}_2",
         )
@@ -53,9 +53,8 @@ def _origin(sweep: Sweep) -> dict[str, Any]:
     folder = (sweep.common.output / sweep.common.name).resolve()
     scene = sweep.points[0].point.scene.model_dump(mode="json", include=set(_SCENE))
     varied = {axis.partition(".")[2] for axis in sweep.axes if axis.startswith("scene.")}
-    origin = {key: own for key, own in scene.items() if key not in varied}
-    if "scene" in sweep.axes:
-        origin = {}
+    is_varied = "scene" in sweep.axes
+    origin = {k: value for k, value in scene.items() if not is_varied and k not in varied}
     if "folder" in origin:
         origin["folder"] = os.path.relpath(Path(origin["folder"]).resolve(), folder)
     return {"file": os.path.relpath(sweep.path.resolve(), folder)} | origin
