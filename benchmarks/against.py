@@ -252,7 +252,7 @@ PARTS: dict[str, tuple[Callable[[], Call], int]] = {
     "rays": (rays, 7),
     "expected recall": (expected_recall, 7),
     "prediction, pointpillars_tiny": (prediction, 9),
-    "a rig by the package's detector": (rig, 7),
+    "a rig by the package's detector": (rig, 3),
     "training, pointpillars_tiny": (lambda: training("pointpillars_tiny"), 5),
     "training, second_tiny": (lambda: training("second_tiny"), 3),
     f"planning of {PLACEMENTS:,} placements": (planning, 3),
