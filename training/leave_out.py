@@ -93,7 +93,7 @@ def units_of(
         if half not in splits and every - half not in splits and len(splits) < SPLITS:
             splits.append(half)
     for i, half in enumerate(splits):
-        one, other = (np.isin(own, [*half]).astype(np.int64) for own in (truth, detection))
+        one, other = (np.isin(rows, [*half]).astype(np.int64) for rows in (truth, detection))
         units.append(Units("half", (f"{i}a", f"{i}b"), one, other))
     return units
 

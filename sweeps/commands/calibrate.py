@@ -73,7 +73,7 @@ def calibrate(
                 Path(str(log)), [], rig or [], geometry or [], layout, world, calib, class_map, roi,
                 class_ or [], split, "visible", accept or [],
             )  # fmt: skip
-            say("\n".join([*asked.notes, *(f"warning: {own}" for own in asked.cautions)]))
+            say("\n".join([*asked.notes, *(f"warning: {text}" for text in asked.cautions)]))
             seen = _of_detections(asked)
         checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
     section = checks_section(checks)

@@ -17,6 +17,7 @@ from rich.text import Text
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
+from lidarplace.files.secret_urls import hide_secrets
 from sweeps.options import SetOption
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def status(
     from sweeps.sweep_or_search import is_search
 
     overrides = set_ or []
-    sets = [word for pair in overrides for word in ("--set", pair)]
+    sets = [word for pair in map(hide_secrets, overrides) for word in ("--set", pair)]
     say = partial(print, file=sys.stderr)
     with checked_input():
         if is_search(config):

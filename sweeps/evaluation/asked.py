@@ -78,7 +78,7 @@ def asked_for(
     form = None if layout is None else known("layout", layout, {own: own for own in LAYOUTS})
     rule = known("counted", counted, {str(name): name for name in get_args(Counted)})
     part = known("split", split, {own: own for own in SPLITS})
-    checks = {own: own for own in get_args(DetectionCheck)}
+    checks = {name: name for name in get_args(DetectionCheck)}
     accepted = [known("accept", name, checks) for name in accept]
     whole = read_box_log(log)
     test = TestFrames.of(whole, part, crop, classes, rule)

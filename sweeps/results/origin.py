@@ -1,4 +1,4 @@
-"""Which configuration a run folder belongs to: its file, and where its scene comes from."""
+"""Origin of a run folder: the file and the scene of the configuration that it belongs to."""
 
 import json
 import os
@@ -21,19 +21,18 @@ def check_origin(sweep: Sweep) -> None:
     folder, now = sweep.common.output / sweep.common.name, _origin(sweep)
     before = _recorded(folder)
     for key in ("file", *_SCENE):
-        known, new = before.get(key), now.get(key)
-        if known is None or new is None or known == new:
+        old, new = before.get(key), now.get(key)
+        if old is None or new is None or old == new:
             continue
-        is_path = key in ("file", "folder")
-        if is_path and not (folder / known).exists():
-            continue
-        if is_path:
-            known, new = (os.path.relpath((folder / own).resolve()) for own in (known, new))
+        if key in ("file", "folder"):
+            if not (folder / old).exists():
+                continue
+            old, new = (os.path.relpath((folder / path).resolve()) for path in (old, new))
         raise InputError(
             "the run folder has the results of another " + ("file" if key == "file" else "scene"),
             place=folder,
             key="" if key == "file" else f"scene.{key}",
-            expected=known,
+            expected=old,
             found=new,
             fix=f"set another name, such as --set name={sweep.common.name}_2",
         )
@@ -48,23 +47,24 @@ def record_origin(sweep: Sweep) -> None:
 
 
 def _recorded(folder: Path) -> dict[str, Any]:
+    """Read what `record_origin` wrote, {} in a new folder. Raises InputError if it is damaged."""
     path = folder / FILE
-    recorded: dict[str, Any] = read_json(path) if path.is_file() else {}
-    return recorded
+    origin = read_json(path) if path.is_file() else {}
+    if not isinstance(origin, dict):
+        raise InputError(place=path, expected="a mapping of keys", fix="remove it")
+    return origin
 
 
 def _origin(sweep: Sweep) -> dict[str, Any]:
-    """Paths are relative to the run folder, with which they may be moved. A file in the run folder,
-    such as its config.yaml, is none of its origins."""
+    """Compute the origin. Paths are relative to the run folder, with which they may be moved; a
+    file in it, such as its config.yaml, is none of its origins."""
     folder = (sweep.common.output / sweep.common.name).resolve()
     scene = sweep.points[0].point.scene.model_dump(mode="json", include=set(_SCENE))
     varied = {axis.partition(".")[2] for axis in sweep.axes if axis.startswith("scene.")}
-    origin = {key: own for key, own in scene.items() if key not in varied}
-    if "scene" in sweep.axes:
-        origin = {}
+    is_varied = "scene" in sweep.axes
+    origin = {k: value for k, value in scene.items() if not is_varied and k not in varied}
     if "folder" in origin:
         origin["folder"] = os.path.relpath(Path(origin["folder"]).resolve(), folder)
-    file = sweep.path.resolve()
-    return (
-        origin if file.is_relative_to(folder) else {"file": os.path.relpath(file, folder)} | origin
-    )
+    if not (file := sweep.path.resolve()).is_relative_to(folder):
+        origin["file"] = os.path.relpath(file, folder)
+    return origin

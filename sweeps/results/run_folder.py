@@ -174,9 +174,10 @@ def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.
 
 
 def _detection_cautions(trials: Sequence[DetectorTrial], store: Store) -> list[str]:
-    """What is implausible about the detections of commands, each once."""
-    commands = {own.learns.key: own.learns for own in trials if own.learns.stage == "command"}
-    return [text for own in commands.values() for text in store.read(own, attrgetter("cautions"))]
+    """Return the cautions about the detections of commands, each command once."""
+    learnt = {trial.learns.key: trial.learns for trial in trials}
+    commands = [task for task in learnt.values() if task.stage == "command"]
+    return [text for task in commands for text in store.read(task, attrgetter("cautions"))]
 
 
 def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -56,9 +56,9 @@ class CommandFailed(RuntimeError):
 def detected_by(
     params: CommandParams, frames: pd.DataFrame, objects: pd.DataFrame, clouds: Clouds
 ) -> Judged:
-    """What a command detects in the test frames among `frames` of a box log, by the clouds of all
-    and the objects in the others; those in the test frames only check it. Raises CommandFailed: it
-    fails, takes too long, or writes nothing or something wrong."""
+    """Run a command that detects objects in the test frames among `frames` of a box log, by the
+    clouds of all and the objects in the others; those in the test frames only check it. Raises
+    CommandFailed: it fails, takes too long, or writes nothing or something wrong."""
     frames, cautions = frames[frames["frame"].isin(clouds.frames)], list[str]()
     testing = frames[frames["split"] == "test"]
     tested = objects["frame"].isin(testing["frame"])
@@ -75,8 +75,8 @@ def detected_by(
             try:
                 detections = read_detections([found], log, params.classes, layout=layout)
                 compared = detections, objects[tested], testing, params.log.stem
-                how = params.judge.accept, "judge.accept: [{}]"
-                cautions = check_detections(*compared, *how)
+                accepted = params.judge.accept, "judge.accept: [{}]"
+                cautions = check_detections(*compared, *accepted)
                 problem = "no detections" if detections.empty else ""
             except ValueError as error:
                 problem = str(error)

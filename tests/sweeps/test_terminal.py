@@ -97,7 +97,7 @@ def test_an_option_that_is_unknown(capsys, monkeypatch):
 def test_the_state_of_a_sweep():
     trials = [TrialState(name, "failed", OBEYED, name) for name in NAMES]
     state = SweepState(NAMES[0], False, {"train": {"failed": 6}}, trials)
-    assert_shown(printed(print_state, state, True, "lidarplace run"))
+    assert_shown(printed(print_state, state, True, "lidarplace run small.yaml --rerun-failed"))
 
 
 def test_the_plan_of_a_sweep():

@@ -46,6 +46,7 @@ def test_exact_p_equals_scipys_permutation_test(coefficient, ties):
             (row,), lambda x: own(x).statistic, permutation_type="pairings", n_resamples=10**6
         )
         assert p == pytest.approx(test.pvalue, abs=1e-12)
+    assert np.isnan(permutation_p(x * np.nan, y, coefficient)).all()
 
 
 def test_tied_coefficients_count_although_they_round_differently():

@@ -117,8 +117,8 @@ def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
     judges = [value_at(run.config, "judge"), *(value_at(run.config, "grid", "judge") or ())]
     commands = [judge.get("command", "") for judge in judges if isinstance(judge, dict)]
     if not all("{seed}" in command for command in commands):  # it evaluates a placement only once
-        more = "Name {seed} in judge.command to train it again."
-        found = [replace(own, sentence=f"{own.sentence} {more}", remedy={}) for own in found]
+        more = " Name {seed} in judge.command to train it again."
+        found = [replace(few, sentence=few.sentence + more, remedy={}) for few in found]
     if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
         own = _set(run, "judge", ONE_FOR_ALL[0])
         found = [replace(weakness, remedy={**own, **weakness.remedy}) for weakness in found]

@@ -117,7 +117,7 @@ def _errors(
 
 
 def _by_seeds(own: pd.DataFrame) -> Iterator[tuple[object, ...]]:
-    """Of one seed's value, alike for all placements."""
+    """Variance and degrees of freedom of one seed's value, alike for all placements."""
     at = [pd.factorize(own[key])[0] for key in ("placement", "seed")]
     y = np.full([numbers.max() + 1 for numbers in at], np.nan)
     y[*at] = own["value"]  # a pivot takes twice as long, for hundreds of groups

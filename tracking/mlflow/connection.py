@@ -133,8 +133,8 @@ def is_busy(error: Exception) -> bool:
 
 
 def _other_schema(revision: str, uri: str) -> str:
-    """Which MLflow wrote a database, and what to do. MLflow itself asks for an upgrade of the
-    database in both directions."""
+    """Explain whether a newer or an older MLflow wrote a database, and how to go on. MLflow itself
+    asks for an upgrade of the database in both cases."""
     import mlflow
     from alembic.script import ScriptDirectory
     from alembic.util import CommandError

@@ -27,7 +27,7 @@ def with_one_at_each_bound(
     size that weigh as much as those there are, (Σn)² / Σn² over their boxes n; inf adds none.
     """
     one = 1 / individuals
-    kept = 1 / (1 + 2 * one)
-    centre = kept * (mean + one * (low + high))
+    weight = 1 / (1 + 2 * one)
+    centre = weight * (mean + one * (low + high))
     added = one**2 * ((high - centre) ** 2 + (centre - low) ** 2)
-    return centre, kept**2 * (variance + added)
+    return centre, weight**2 * (variance + added)

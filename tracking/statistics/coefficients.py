@@ -55,7 +55,7 @@ _BLOCK = 200_000  # multiplications at a time: one thread does them in its cache
 
 @lru_cache(maxsize=6)
 def _orders(n: int, count: int, seed: int) -> NDArray[np.int16]:
-    """All permutations of n items, or a seeded sample of `count` if they are more, shape (m, n)."""
+    """Return all permutations of n items, or a seeded sample of `count` if fewer, shape (m, n)."""
     if n <= LARGEST_EXACT or math.factorial(n) <= count:
         return np.array(list(permutations(range(n))), dtype=np.int16)
     rows = np.tile(np.arange(n, dtype=np.int16), (count, 1))
@@ -82,8 +82,9 @@ def permutation_p(x: Values, y: Values, coefficient: str, seed: int = 0) -> Valu
     """
     of_x, of_y = scores(x, coefficient), scores(y, coefficient)
     observed = of_x @ of_y
-    p = np.where(np.isnan(observed), np.nan, rank_test_p(x, y, coefficient))
-    rows = np.flatnonzero(np.isfinite(observed) & np.isnan(p))
+    p, rows = np.full(len(x), np.nan), np.flatnonzero(np.isfinite(observed))
+    p[rows] = rank_test_p(x[rows], y, coefficient)
+    rows = rows[np.isnan(p[rows])]
     for count in (_SAMPLED, _most_orders(len(of_y))):
         if len(rows):
             orders = _orders(len(y), count, seed)
@@ -97,7 +98,7 @@ def permutation_p(x: Values, y: Values, coefficient: str, seed: int = 0) -> Valu
 def _smaller_tail(
     of_x: Values, y: Values, coefficient: str, orders: NDArray[np.int16], observed: Values
 ) -> NDArray[np.int64]:
-    """How many orders of `y` give a coefficient as low, or as high, whichever are fewer."""
+    """Count the orders of `y` with a coefficient as low, or as high, whichever are fewer."""
     of_y = scores(y, coefficient)
     less, greater = np.zeros((2, len(of_x)), np.int64)
     length = max(_BLOCK // of_x.size, 1)

@@ -94,7 +94,7 @@ def by_unit(left_out: pd.DataFrame) -> Iterator[tuple[Values, Values, pd.Index[s
 
 
 def effective(counts: Values, members: Values | float = 1.0) -> float:
-    """How many units of equal size weigh as much, (Σn)² / Σn² of units of n boxes.
+    """Count the units of equal size that weigh as much, (Σn)² / Σn² of units of n boxes.
 
     `members`: the same of the units that each one groups. inf without any box.
     """
@@ -105,7 +105,7 @@ def effective(counts: Values, members: Values | float = 1.0) -> float:
 def effective_individuals(left_out: pd.DataFrame) -> float:
     """`effective` of the individuals in rows of one class, metric and IoU."""
     rows = left_out[left_out["unit"] == "individual"].drop_duplicates("left_out")
-    # Run folders of earlier versions have no members.
+    # `members` is optional in a table that is made in Python; reading a run folder adds it.
     members = rows["members"].to_numpy(np.float64) if "members" in rows else 1.0
     return effective(rows["ground_truths"].to_numpy(np.float64), members)
 

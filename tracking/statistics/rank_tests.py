@@ -40,7 +40,7 @@ def rank_test_p(x: Values, y: Values, coefficient: str) -> Values:
 
 
 def _ties(values: Values) -> tuple[int, ...]:
-    """How often each number occurs, the most frequent first."""
+    """Count how often each number occurs, the most frequent first."""
     return tuple(sorted(np.unique(values, return_counts=True)[1].tolist(), reverse=True))
 
 

@@ -24,7 +24,7 @@ class Noise:
 
     @classmethod
     def of(cls, y: Values) -> Noise:
-        """Of the differences between placements; `y` has shape (n, seeds).
+        """Estimate the noise of differences between placements; `y` has shape (n, seeds).
 
         By `without_seeds` where all placements have the same seeds, else by `pooled_variance`.
         """
@@ -72,18 +72,18 @@ def without_seeds(y: Values) -> tuple[Values, Values, Values]:
     `y` has a row a placement and a column a seed, shape (..., n, seeds), NaN where one is missing.
     Returns the means, (..., n), the variance, NaN without degrees of freedom, and these, (...,).
     """
-    known, means = np.isfinite(y), seed_mean(y)
-    rest = np.where(known, y - means[..., None], 0.0)
-    counts = known.sum(axis=-1, keepdims=True)
-    shares = known / np.maximum(counts, 1)  # of each seed in the mean of a placement
+    measured, means = np.isfinite(y), seed_mean(y)
+    rest = np.where(measured, y - means[..., None], 0.0)
+    counts = measured.sum(axis=-1, keepdims=True)
+    shares = measured / np.maximum(counts, 1)  # of each seed in the mean of a placement
     # The normal equations of the seeds, after those of the placements are eliminated.
-    each = np.eye(y.shape[-1]) * known.sum(axis=-2)[..., None, :]
-    matrix = each - np.swapaxes(known, -1, -2).astype(np.float64) @ shares
+    each = np.eye(y.shape[-1]) * measured.sum(axis=-2)[..., None, :]
+    matrix = each - np.swapaxes(measured, -1, -2).astype(np.float64) @ shares
     of_seeds = np.linalg.pinv(matrix, hermitian=True) @ rest.sum(axis=-2)[..., None]
     within = shares @ of_seeds
-    squares = np.where(known, rest + within - np.swapaxes(of_seeds, -1, -2), 0.0) ** 2
-    free = known.any(axis=-2).sum(axis=-1) - 1.0  # effects of seeds
-    degrees = known.sum(axis=(-2, -1)) - known.any(axis=-1).sum(axis=-1) - free
+    squares = np.where(measured, rest + within - np.swapaxes(of_seeds, -1, -2), 0.0) ** 2
+    free = measured.any(axis=-2).sum(axis=-1) - 1.0  # effects of seeds
+    degrees = measured.sum(axis=(-2, -1)) - measured.any(axis=-1).sum(axis=-1) - free
     linked = (np.linalg.matrix_rank(matrix, hermitian=True) == free) & (degrees > 0)
     variance, unlinked = pooled_variance(y)
     return (

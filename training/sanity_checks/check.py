@@ -48,7 +48,7 @@ def check_detections(
 
 
 def doubts_of_detections(sample: Sample) -> Iterator[DetectionDoubt]:
-    """All doubts, those first that explain others; none without labels or detections."""
+    """Yield all doubts, first those that explain others; none without labels or detections."""
     if len(sample.labels) and len(sample.detections):
         yield from chain(
             _doubts_of_rows(sample), doubts_of_conventions(sample), doubts_of_hits(sample)

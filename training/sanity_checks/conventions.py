@@ -67,9 +67,9 @@ def doubts_of_conventions(sample: Sample) -> Iterator[DetectionDoubt]:
     """Doubt of the convention of the boxes; that of the height only if they fit from above."""
     chosen = sample.chosen_detections()
     boxes = sample.detections[list(GEOMETRY)].to_numpy(np.float64)[chosen]
-    given = Convention("place", "x", "", boxes, sample.frame[chosen])
-    from_above = sample.largest(sample.overlaps(boxes, given.frame, three_d=False))
-    doubt = _fitting(sample, from_above, _from_above(sample, given), three_d=False)
+    original = Convention("place", "x", "", boxes, sample.frame[chosen])
+    from_above = sample.largest(sample.overlaps(boxes, original.frame, three_d=False))
+    doubt = _fitting(sample, from_above, _from_above(sample, original), three_d=False)
     if doubt is None and len(boxes) and np.median(np.hypot(*boxes[:, :2].T)) > FARTHEST_M:
         why = f"most detections are farther than {FARTHEST_M:,.0f} m from the vehicle"
         remedy = "convert them to metres in the vehicle's frame"
@@ -83,8 +83,8 @@ def doubts_of_conventions(sample: Sample) -> Iterator[DetectionDoubt]:
         remedy = "look for another frame of coordinates"
         doubt = DetectionDoubt("overlap", "x", why, remedy, certain=False)
     elif doubt is None:
-        whole = sample.largest(sample.overlaps(boxes, given.frame, three_d=True))
-        doubt = _fitting(sample, whole, _heights(sample, given), three_d=True)
+        whole = sample.largest(sample.overlaps(boxes, original.frame, three_d=True))
+        doubt = _fitting(sample, whole, _heights(sample, original), three_d=True)
     yield from () if doubt is None else (doubt,)
 
 
@@ -92,7 +92,7 @@ def _fitting(
     sample: Sample, before: NDArray[np.float64], others: Iterator[Convention], three_d: bool
 ) -> DetectionDoubt | None:
     """Doubt that names the convention that fits best, the first of equals; None: none is far better
-    than what is given, whose largest IoU of each label is `before`."""
+    than the original one, whose largest IoU of each label is `before`."""
     most, doubt = 0.0, None
     for other in others:
         after = sample.largest(sample.overlaps(other.boxes, other.frame, three_d))
@@ -113,23 +113,23 @@ def _fitting(
     return doubt
 
 
-def _from_above(sample: Sample, given: Convention) -> Iterator[Convention]:
+def _from_above(sample: Sample, original: Convention) -> Iterator[Convention]:
     """The simpler ones first."""
-    boxes = given.boxes
+    boxes = original.boxes
     turns = [*product(_PLACES.items(), _YAWS.items())][1:]
-    for (place, axes), (yaw, (sign, turn)) in sorted(turns, key=lambda own: bool(own[1][0])):
+    for (place, axes), (yaw, (sign, turn)) in sorted(turns, key=lambda pair: bool(pair[1][0])):
         other = boxes.copy()
         other[:, :2] = boxes[:, :2] @ np.transpose(axes)
         other[:, 6] = sign * boxes[:, 6] + turn
         text = "with " + " and ".join(filter(None, (place, yaw)))
         check: DetectionCheck = "place" if place else "yaw"
-        yield Convention(check, place[:1] or "yaw", text, other, given.frame)
+        yield Convention(check, place[:1] or "yaw", text, other, original.frame)
     for unit, factor in _UNITS.items():
-        yield _scaled(given, "place", f"with places and sizes in {unit}", factor, factor)
-        yield _scaled(given, "place", f"with places in {unit}", factor, 1.0)
-        yield _scaled(given, "size", f"with sizes in {unit}", 1.0, factor)
-    yield _scaled(given, "size", "with sizes as half of an object", 1.0, 2.0)
-    yield _scaled(given, "size", "with sizes as twice an object", 1.0, 0.5)
+        yield _scaled(original, "place", f"with places and sizes in {unit}", factor, factor)
+        yield _scaled(original, "place", f"with places in {unit}", factor, 1.0)
+        yield _scaled(original, "size", f"with sizes in {unit}", 1.0, factor)
+    yield _scaled(original, "size", "with sizes as half of an object", 1.0, 2.0)
+    yield _scaled(original, "size", "with sizes as twice an object", 1.0, 0.5)
     every = sample.detections[list(GEOMETRY)].to_numpy(np.float64)
     for text, frame in _frames(sample):
         yield Convention("time", "frame", text, every, frame)
@@ -139,20 +139,20 @@ def _from_above(sample: Sample, given: Convention) -> Iterator[Convention]:
     if numbers and poses.keys() >= set(numbers):
         turned, origin = zip(*(poses[number] for number in numbers), strict=True)
         ego = Poses(np.array(origin), Rotation.from_matrix(np.array(turned)))
-        own = Poses.of_boxes(detections)
+        poses_of_boxes = Poses.of_boxes(detections)
         for text, posed in (
-            ("as boxes in the world", own.seen_from(ego)),
-            ("as boxes in the vehicle's frame, not in the world", own.posed_by(ego)),
+            ("as boxes in the world", poses_of_boxes.seen_from(ego)),
+            ("as boxes in the vehicle's frame, not in the world", poses_of_boxes.posed_by(ego)),
         ):
             other = np.column_stack([posed.position, boxes[:, 3:6], posed.yaw])
-            yield given._replace(text=text, boxes=other)
+            yield original._replace(text=text, boxes=other)
 
 
 def _scaled(
-    given: Convention, check: DetectionCheck, text: str, place: float, size: float
+    original: Convention, check: DetectionCheck, text: str, place: float, size: float
 ) -> Convention:
-    boxes = given.boxes * [*[place] * 3, *[size] * 3, 1.0]
-    return Convention(check, "x" if check == "place" else "length", text, boxes, given.frame)
+    boxes = original.boxes * [*[place] * 3, *[size] * 3, 1.0]
+    return Convention(check, "x" if check == "place" else "length", text, boxes, original.frame)
 
 
 def _frames(sample: Sample) -> Iterator[tuple[str, NDArray[np.int64]]]:
@@ -166,16 +166,16 @@ def _frames(sample: Sample) -> Iterator[tuple[str, NDArray[np.int64]]]:
     yield "with all frames reversed", place[::-1][sample.frame]
 
 
-def _heights(sample: Sample, given: Convention) -> Iterator[Convention]:
+def _heights(sample: Sample, original: Convention) -> Iterator[Convention]:
     """Another origin of z: the bottom of a box, or one that is as far off as the boxes are."""
-    label, row, iou = sample.overlaps(given.boxes, given.frame, three_d=False)
+    label, row, iou = sample.overlaps(original.boxes, original.frame, three_d=False)
     same = iou > SAME_PLACE
-    up = sample.labels["z"].to_numpy(np.float64)[label[same]] - given.boxes[row[same], 2]
+    up = sample.labels["z"].to_numpy(np.float64)[label[same]] - original.boxes[row[same], 2]
     off = float(np.median(up)) if len(up) else 0.0
     for text, offset in (
-        ("with z at the bottom of a box", given.boxes[:, 5] / 2),
+        ("with z at the bottom of a box", original.boxes[:, 5] / 2),
         (f"with z {off:+.2f} m from its value, as from a LiDAR", off),
     ):
-        boxes = given.boxes.copy()
+        boxes = original.boxes.copy()
         boxes[:, 2] += offset
-        yield Convention("ground", "z", text, boxes, given.frame)
+        yield Convention("ground", "z", text, boxes, original.frame)

@@ -39,12 +39,12 @@ def _classes(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
     truth, named = (table["class"].to_numpy()[rows] for table, rows in tables)
     names = sorted({*truth, *named})
     counts = pd.crosstab(truth, named).reindex(index=names, columns=names, fill_value=0).to_numpy()
-    meant, given = linear_sum_assignment(-counts / np.maximum(counts.sum(axis=0), 1))
-    right, other = np.diag(counts)[given], counts[meant, given]
-    moved = (meant != given) & (other > MANY * right)
+    of_label, of_detection = linear_sum_assignment(-counts / np.maximum(counts.sum(axis=0), 1))
+    right, other = np.diag(counts)[of_detection], counts[of_label, of_detection]
+    moved = (of_label != of_detection) & (other > MANY * right)
     if moved.sum() > 1 and other[moved].sum() >= LEAST:
-        pairs = zip(given[moved].tolist(), meant[moved].tolist(), strict=True)
-        text = ", ".join(f"{names[own]} those of {names[of]}" for own, of in pairs)
+        pairs = zip(of_detection[moved].tolist(), of_label[moved].tolist(), strict=True)
+        text = ", ".join(f"{names[one]} those of {names[of]}" for one, of in pairs)
         why = f"detections hit objects of other classes: {text}; {other[moved].sum():,} times, "
         why += f"their own {right[moved].sum():,} times"
         yield DetectionDoubt("class", "class", why, "correct the order of the classes")
@@ -53,25 +53,25 @@ def _classes(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
 def _scores(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
     """Doubt of scores that are out of range, or lower for hits than for false alarms between the
     labels, class by class (Mann and Whitney)."""
-    found, labels = sample.detections, sample.labels
-    score, name = found["score"].to_numpy(np.float64), found["class"].to_numpy()
+    detections, labels = sample.detections, sample.labels
+    score, name = detections["score"].to_numpy(np.float64), detections["class"].to_numpy()
     same = labels["class"].to_numpy()[hits.label] == name[hits.detection]
-    hit = np.zeros(len(found), bool)
+    hit = np.zeros(len(detections), bool)
     hit[hits.detection[same]] = True
     near = sample.chosen_detections()
     for axis in "xy":
-        near &= found[axis].between(labels[axis].min(), labels[axis].max()).to_numpy()
-    pairs = above = variance = 0.0
+        near &= detections[axis].between(labels[axis].min(), labels[axis].max()).to_numpy()
+    pairs = pairs_won = variance = 0.0
     for of_class in pd.unique(name):
-        own = np.flatnonzero(near & (name == of_class))
-        hit_count = int(hit[own].sum())
-        both = hit_count * (len(own) - hit_count)
+        rows = np.flatnonzero(near & (name == of_class))
+        hit_count = int(hit[rows].sum())
+        both = hit_count * (len(rows) - hit_count)
         pairs += both
-        above += rankdata(score[own])[hit[own]].sum() - hit_count * (hit_count + 1) / 2
-        variance += both * (len(own) + 1) / 12
+        pairs_won += rankdata(score[rows])[hit[rows]].sum() - hit_count * (hit_count + 1) / 2
+        variance += both * (len(rows) + 1) / 12
     low, high = score.min(), score.max()
-    if above < min(LEAST_AUC * pairs, pairs / 2 - SIGMAS * math.sqrt(variance)):
-        why = f"a hit has a higher score than a false alarm in {above / pairs:.0%} of the pairs"
+    if pairs_won < min(LEAST_AUC * pairs, pairs / 2 - SIGMAS * math.sqrt(variance)):
+        why = f"a hit has a higher score than a false alarm in {pairs_won / pairs:.0%} of the pairs"
         remedy = "the surer the higher; negate them" if high <= 0 else "the surer the higher"
         yield DetectionDoubt("score", "score", why, remedy, certain=bool(high <= 0))
     elif low < 0 or high > 1:

@@ -57,7 +57,7 @@ class Sample:
         of_label, of_detection = (
             number[table["frame"]].to_numpy(np.int64) for table in (labels, detections)
         )
-        counts = [np.bincount(own, minlength=len(frames)) for own in (of_label, of_detection)]
+        counts = [np.bincount(rows, minlength=len(frames)) for rows in (of_label, of_detection)]
         labelled = np.flatnonzero(counts[0])
         pairs = int(counts[0] @ counts[1])
         size = min(len(labelled), max(1, MOST_PAIRS * len(labelled) // max(1, pairs)))
@@ -68,7 +68,7 @@ class Sample:
         return cls(frames, chosen, labels.iloc[rows], place, detections, of_detection)
 
     def chosen_detections(self) -> NDArray[np.bool_]:
-        """Which detections are in the chosen frames."""
+        """Return a mask of the detections that are in the chosen frames."""
         return np.isin(self.frame, self.chosen)
 
     def overlaps(self, boxes: Boxes, frame: NDArray[np.int64], three_d: bool) -> Overlaps:

@@ -56,7 +56,7 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
 
 
 def _order(problem: Problem, rig: Choices) -> tuple[float, int]:
-    """What is to be least: the cost, then the number of LiDARs."""
+    """Return the objective to minimise: the cost, then the number of LiDARs."""
     return cost_of(rig, problem), len(rig)
 
 
@@ -97,8 +97,8 @@ def _value(problem: Problem, placed: Sequence[Placed]) -> tuple[float, float, fl
 
 
 def needed_for(problem: Problem, rig: Choices, recall: Recall | None) -> list[str]:
-    """What fails without each LiDAR, or without its mirrored pair: a requirement, a constraint, the
-    recall, or the setting that asks for it; "" for nothing."""
+    """Name the first failure without each LiDAR, or without its mirrored pair: a requirement, a
+    constraint, the recall, or the setting that asks for it; "" for nothing."""
     placed = slots_of(rig, problem) or []
     return [_needed_for(problem, rig, lidar, placed, recall) for lidar in rig]
 
@@ -108,7 +108,8 @@ def _needed_for(
 ) -> str:
     search = problem.file.search
     together = next((place.rig for place in placed if lidar in place.rig), ())
-    for parts, text in [((lidar,), ""), (together, "the pair: ")]:
+    removals = {(lidar,): ""} | ({together: "the pair: "} if len(together) > 1 else {})
+    for parts, text in removals.items():
         rest = tuple(other for other in rig if other not in parts)
         if (verdict := verdict_of(rest, problem)).broken:
             return text + _worst(verdict)

@@ -92,12 +92,12 @@ class Programme:
 
     def of_number(self, cost: float) -> Programme:
         """The programme of the fewest LiDARs of choices that cost no more; shares rows and cuts."""
-        found = replace(self, costs=self.sizes, of_highest=False, base=0.0, exactly=False)
+        programme = replace(self, costs=self.sizes, of_highest=False, base=0.0, exactly=False)
         if self.of_highest:
-            found.cut((self.costs > cost - self.base + 1e-9).astype(float), -math.inf, 0.0)
+            programme.cut((self.costs > cost - self.base + 1e-9).astype(float), -math.inf, 0.0)
         else:
-            found.cut(self.costs, -math.inf, self._most(cost))
-        return found
+            programme.cut(self.costs, -math.inf, self._most(cost))
+        return programme
 
     def _most(self, cost: float) -> float:
         return cost - self.base + 1e-6 * max(1.0, abs(cost))

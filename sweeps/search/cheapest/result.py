@@ -35,19 +35,19 @@ def proof(problem: Problem, chosen: Chosen) -> str:
             f"would cost at least {_told(problem, chosen.bound)} ({work})."
         )
     named = "" if settings.by == "lidars" else f"{settings.by} "
-    told = f"{named}{_told(problem, chosen.cost)}"
+    cost = f"{named}{_told(problem, chosen.cost)}"
     if chosen.gap == 0.0:
         number, proven = len(chosen.rig), "of the grid, which is proven"
         if settings.by != "lidars":
-            told += f" with {number} LiDAR{'s' * (number > 1)}"
+            cost += f" with {number} LiDAR{'s' * (number > 1)}"
         if chosen.fewest == number:
-            return f"{told}: the least {proven} ({work})."
+            return f"{cost}: the least {proven} ({work})."
         return (
-            f"{told}: the least {settings.by} {proven}; at that {settings.by} at least "
+            f"{cost}: the least {settings.by} {proven}; at that {settings.by} at least "
             f"{chosen.fewest:g} are needed, when search.cheapest.seconds were over ({work})."
         )
     return (
-        f"{told}; no rig of the grid costs less than {_told(problem, chosen.bound)}, a gap of "
+        f"{cost}; no rig of the grid costs less than {_told(problem, chosen.bound)}, a gap of "
         f"{100 * chosen.gap:.3g} %, when search.cheapest.seconds were over ({work})."
     )
 

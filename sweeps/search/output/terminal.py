@@ -50,8 +50,8 @@ def warnings_of(problem: Problem) -> list[str]:
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
     further = ignored("each rig", settings.further_settings)
-    said = [*contested, *problem.cautions, *further, *greedy_warnings(problem)]
-    return said + rig_warnings(begun_with, problem)
+    warnings = [*contested, *problem.cautions, *further, *greedy_warnings(problem)]
+    return warnings + rig_warnings(begun_with, problem)
 
 
 def greedy_warnings(problem: Problem) -> list[str]:
