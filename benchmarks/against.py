@@ -264,6 +264,8 @@ PARTS: dict[str, tuple[Callable[[], Call], int]] = {
 def serve() -> None:
     """Answer each part's name with CPU seconds and result of one more turn, as lines of JSON."""
     answers, sys.stdout = sys.stdout, sys.stderr
+    folder = tempfile.TemporaryDirectory()  # of all parts, and gone at the end
+    tempfile.tempdir = folder.name
     calls: dict[str, Call] = {}
     turns = dict.fromkeys(PARTS, 0)
     for line in sys.stdin:
