@@ -39,11 +39,11 @@ def check_class_name(name: Any, **parts: str) -> None:
 def check_among(names: Iterable[str], classes: Iterable[str], **parts: str) -> None:
     """Raise InputError of these `parts`, with what was probably meant, unless all `names` are among
     `classes`: a name that none has would count for nothing."""
-    known = list(dict.fromkeys(classes))
+    class_names = list(dict.fromkeys(classes))
     for name in names:
-        if name not in known:
-            problem = f"{name} is not among classes{did_you_mean(name, known)}"
-            raise InputError(problem, expected=", ".join(known) or "none", **parts)
+        if name not in class_names:
+            problem = f"{name} is not among classes{did_you_mean(name, class_names)}"
+            raise InputError(problem, expected=", ".join(class_names) or "none", **parts)
 
 
 def counts_of(classes: pd.Series) -> dict[str, int]:

@@ -106,8 +106,8 @@ def finite_number(value: object, place: str) -> float:
     except OverflowError:  # an integer beyond the range of floats
         number = math.inf
     if not math.isfinite(number):
-        expected, found = "one finite real number", reprlib.repr(value)
-        raise InputError("wrong value", place=place, expected=expected, found=found)
+        expected, text = "one finite real number", reprlib.repr(value)
+        raise InputError("wrong value", place=place, expected=expected, found=text)
     return number
 
 
@@ -115,8 +115,8 @@ def _reason(error: Exception) -> str:
     if isinstance(error, ValidationError):  # of a field of `Surrogate` or `Metric`
         first = error.errors(include_url=False)[0]
         key, expected = ".".join(map(str, first["loc"])), first["msg"].removeprefix("Input should ")
-        found = reprlib.repr(first["input"])
-        error = InputError(key=key, expected=expected.removeprefix("be "), found=found)
+        value = reprlib.repr(first["input"])
+        error = InputError(key=key, expected=expected.removeprefix("be "), found=value)
     kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
     return kind + " ".join(str(error).split())
 

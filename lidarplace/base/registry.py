@@ -100,7 +100,7 @@ class Registry(Mapping[str, T]):
         return nullcontext() if name in self.own else foreign_code(name, passed)
 
     def number(self, name: str, compute: Callable[[], float], of: str) -> float:
-        """What `compute` of `name` returns `of` a rig or class: of a plug-in, one finite number.
+        """Compute the number `name` of a rig or class `of`; that of a plug-in must be finite.
         Raises InputError that names both."""
         if name in self.own:
             return compute()

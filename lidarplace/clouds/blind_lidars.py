@@ -47,7 +47,7 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
 
 
 def why_blind(rig: Placement, roi: Roi, number: int, first: int) -> tuple[str, str]:
-    """Why a LiDAR is blind, and what to do; numbers of LiDARs in the text start at `first`."""
+    """Return the reason why a LiDAR is blind, and a remedy; LiDARs are numbered from `first`."""
     if (around := housing_around(rig, number)) is not None:
         return f"is inside the housing of LiDAR {around + first}", "move it, or correct size_mm"
     seen = f"nothing below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)"

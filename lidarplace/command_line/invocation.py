@@ -24,11 +24,11 @@ def with_settings(line: str, settings: Mapping[str, Any]) -> str:
 
     Values are written as JSON, which is YAML."""
     words = iter(shlex.split(line))
-    kept: list[str] = []
+    result: list[str] = []
     for word in words:
         pair = next(words, "") if word == "--set" else word.removeprefix("--set=")
         if pair == word or pair.partition("=")[0].strip() not in settings:
-            kept += [word] if pair == word else ["--set", pair]
+            result += [word] if pair == word else ["--set", pair]
     for key, value in settings.items():
-        kept += ["--set", f"{key}={json.dumps(value, separators=(',', ':'))}"]
-    return shlex.join(kept)
+        result += ["--set", f"{key}={json.dumps(value, separators=(',', ':'))}"]
+    return shlex.join(result)

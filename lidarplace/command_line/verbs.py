@@ -35,8 +35,8 @@ class Verb(TyperCommand):
         for parameter in self.params:
             if parameter.param_type_name == "argument" and parameter.metavar is None:
                 parameter.metavar = str(parameter.name).upper()
-            if (shown := getattr(parameter, "display_type", None)) is not None:
-                vars(parameter)["display_type"] = partial(_type_of_items, shown)
+            if (display_type := getattr(parameter, "display_type", None)) is not None:
+                vars(parameter)["display_type"] = partial(_type_of_items, display_type)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the command line."""
@@ -66,9 +66,9 @@ class Verb(TyperCommand):
         formatter.write((self.epilog or "").replace("{command}", ctx.command_path))
 
 
-def _type_of_items(shown: Callable[[Any], str], ctx: Any) -> str:
+def _type_of_items(display_type: Callable[[Any], str], ctx: Any) -> str:
     """The type of an option in its help: `<path>` for typer's `<list[Path]>`."""
-    return re.sub(r"list\[(\w+)\]", lambda item: item[1].lower(), shown(ctx))
+    return re.sub(r"list\[(\w+)\]", lambda item: item[1].lower(), display_type(ctx))
 
 
 def new_app(**settings: Any) -> typer.Typer:

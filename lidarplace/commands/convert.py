@@ -57,11 +57,11 @@ class _Readers(TyperGroup):
         def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
             def log(ignored: Counter[str]) -> BoxLog:
                 with READERS.calls(name, ValueError, OSError), at(name):
-                    found = read(source, ignored)
-                if not isinstance(found, BoxLog):
-                    kind = type(found).__name__
+                    box_log = read(source, ignored)
+                if not isinstance(box_log, BoxLog):
+                    kind = type(box_log).__name__
                     raise InputError("wrong type", place=name, expected="a BoxLog", found=kind)
-                return found
+                return box_log
 
             convert_log(log, source, out)
 

@@ -112,8 +112,8 @@ class CorrectionFile(Settings):
 
     @model_validator(mode="after")
     def _build(self) -> CorrectionFile:
-        known, fix = ((*CLASSES, OTHER, *self.classes), "list it in classes if your logs have it")
-        check_among(self.factor, known, key="factor", fix=fix)
+        fix = "list it in classes if your logs have it"
+        check_among(self.factor, (*CLASSES, OTHER, *self.classes), key="factor", fix=fix)
         self.of_all  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 

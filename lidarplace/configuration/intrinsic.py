@@ -18,7 +18,7 @@ def check_intrinsic(matrix: Sequence[Sequence[float]], pixels: tuple[int, int] |
     (fx, skew, cx), (across, fy, cy), last = matrix
     if any(last[:2]) and not (cx or cy):
         raise InputError("matrix is transposed", key="intrinsic", expected=SHAPE)
-    if any(abs(own) > _HAIR for own in (skew, across, last[0], last[1], last[2] - 1)):
+    if any(abs(entry) > _HAIR for entry in (skew, across, last[0], last[1], last[2] - 1)):
         raise InputError(key="intrinsic", expected=SHAPE, found=[list(row) for row in matrix])
     if not min(fx, fy) > 0:
         raise InputError(key="intrinsic", expected="focal lengths > 0, such as [[1260, 0, 800], …]")
@@ -30,8 +30,8 @@ def check_intrinsic(matrix: Sequence[Sequence[float]], pixels: tuple[int, int] |
             if max(cx, cy) <= 1:
                 unit = "parts of the image; multiply by pixels"
             fix = f"values are probably {unit}" if field > WIDEST_DEG else "use pixels"
-            found = f"{field:.4g} by {focal:g} for {size} pixels"
-            raise InputError(key="intrinsic", expected=expected, found=found, fix=fix)
+            text = f"{field:.4g} by {focal:g} for {size} pixels"
+            raise InputError(key="intrinsic", expected=expected, found=text, fix=fix)
     if not 1 / _MOST_STRETCHED <= (ratio := fx / fy) <= _MOST_STRETCHED:
         expected = f"fx / fy of 1 / {_MOST_STRETCHED:g} to {_MOST_STRETCHED:g}"
         raise InputError(key="intrinsic", expected=expected, found=f"{ratio:.3g}")

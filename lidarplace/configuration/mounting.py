@@ -147,7 +147,7 @@ def carrier_of(
     if not keep_out:
         return vehicle
     body = vehicle or VehicleSettings.model_validate({"boxes": Vehicle.car().boxes.tolist()})
-    boxes = (tuple(zip(own.x, own.y, own.z, strict=True)) for own in keep_out.values())
+    boxes = (tuple(zip(box.x, box.y, box.z, strict=True)) for box in keep_out.values())
     return body.model_copy(update={"keep_out": (*body.keep_out, *boxes)})
 
 

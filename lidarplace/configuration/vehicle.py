@@ -53,8 +53,8 @@ class TrailerSettings(Settings):
         largest = max(map(abs, self.angles_deg))
         if 0 < largest <= _LARGEST_RADIANS:
             fix = f"write {math.degrees(largest):.4g} for {largest:g} radians"
-            found = f"at most {largest:g}, as in radians"
-            raise InputError(key="angles_deg", expected="degrees", found=found, fix=fix)
+            text = f"at most {largest:g}, as in radians"
+            raise InputError(key="angles_deg", expected="degrees", found=text, fix=fix)
         _check_above_ground(self.boxes)
         return self
 

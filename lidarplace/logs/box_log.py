@@ -184,14 +184,14 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
     columns.check_values(boxes, ["frame"], row < 0, f"one of {name}, which lists all", source)
     if "timestamp_s" not in boxes or "timestamp_s" not in frames or boxes.empty:
         return
-    time, own = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
-    off = np.abs(own - time[row]) if np.ptp(own) > 0 else np.zeros(len(own))
+    time, box_time = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
+    off = np.abs(box_time - time[row]) if np.ptp(box_time) > 0 else np.zeros(len(box_time))
     step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
     if step > 0 and (far := off > step / 2).mean() > 0.5:
         problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
         parts = {"expected": f"{time[row][far][0]:.16g}", "fix": "are frame numbers off by one?"}
-        place, found = f"{source}: row {int(far.argmax())}", f"{own[far][0]:.16g}"
-        raise InputError(problem, place=place, key="timestamp_s", found=found, **parts)
+        parts |= {"place": f"{source}: row {int(far.argmax())}", "key": "timestamp_s"}
+        raise InputError(problem, found=f"{box_time[far][0]:.16g}", **parts)
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:

@@ -57,9 +57,9 @@ def shares(
     edges: dict[int, Edges] = {}
 
     def parts(one: int, other: int, at: float) -> tuple[float, float]:
-        hides, known = (obstacles[one], obstacles[other]), (edges[one], edges[other])
+        hides, ends = (obstacles[one], obstacles[other]), (edges[one], edges[other])
         steps = steps_between_edges(hides)
-        seen, common = seen_parts((views[one], views[other], at, *hides, one, other, *known, steps))
+        seen, common = seen_parts((views[one], views[other], at, *hides, one, other, *ends, steps))
         return seen, common
 
     for n in {n for pair in pairs for n in pair}:

@@ -19,7 +19,7 @@ class EquippedVehicle(Vehicle):
 
     @cached_property
     def poses(self) -> Mapping[str, Vehicle]:
-        """All shapes of the body, with the keep-outs, by the name of the case."""
+        """Shapes of the body, each with the keep-outs, by the name of the case."""
         keep_outs, poses = self.boxes[len(self.body.boxes) :], poses_of(self.body).items()
         return {label: pose.with_boxes(keep_outs) for label, pose in poses}
 

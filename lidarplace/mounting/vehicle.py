@@ -92,8 +92,8 @@ def poses_of(vehicle: Vehicle) -> Mapping[str, Vehicle]:
 
 def body_of(vehicle: Vehicle) -> Vehicle:
     """The body alone, without keep-outs."""
-    found: Vehicle = getattr(vehicle, "body", vehicle)
-    return found
+    body: Vehicle = getattr(vehicle, "body", vehicle)
+    return body
 
 
 def no_mounts_of(vehicle: Vehicle) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Where the view of a sensor can begin or end, and where a circle of points crosses such edges."""
+"""Edges of the view of a sensor, and the points where a circle crosses them."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ def add_crossings(edges, apex, circle, cuts, count):
     from `apex`. Returns the new count.
 
     `circle`: the points m + u cos(angle) + v sin(angle), and the first and the last angle."""
-    middle, u, v, first, last = circle
-    mx, my, mz = middle[0] - apex[0], middle[1] - apex[1], middle[2] - apex[2]
+    centre, u, v, first, last = circle
+    mx, my, mz = centre[0] - apex[0], centre[1] - apex[1], centre[2] - apex[2]
     radius = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     square = mx * mx + my * my + mz * mz + radius * radius
     e = 2.0 * (mx * u[0] + my * u[1] + mz * u[2])
@@ -136,12 +136,12 @@ def add_crossings(edges, apex, circle, cuts, count):
                 count = before
                 break
             count = _add_roots(a, b, c, first, last, cuts, count)
-        kept = before
+        end = before
         for k in range(before, count):
             if _inside(planes, circle, cuts[k]):
-                cuts[kept] = cuts[k]
-                kept += 1
-        count = kept
+                cuts[end] = cuts[k]
+                end += 1
+        count = end
     return count
 
 
@@ -159,9 +159,9 @@ def _add_roots(a, b, c, first, last, cuts, count):
     """Add the angles in (first, last) where a + b cos + c sin is 0; returns the new count."""
     size = math.hypot(b, c)
     if abs(a) < size:
-        middle, half = math.atan2(c, b), math.acos(-a / size)
+        azimuth, half = math.atan2(c, b), math.acos(-a / size)
         for side in range(2):
-            angle = middle - half if side == 0 else middle + half
+            angle = azimuth - half if side == 0 else azimuth + half
             angle = first + (angle - first) % (2.0 * math.pi)
             if angle < last:
                 cuts[count] = angle

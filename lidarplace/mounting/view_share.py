@@ -66,17 +66,17 @@ def seen_parts(pair):
         while depth >= 0:  # a stack of intervals that are still open
             low, high = ends[depth]
             sl, cl, sh, ch = columns[depth]
-            middle = 0.5 * (low + high)
-            sm, cm, _ = _of_circle(pair, False, start + middle * width, cuts, turns)
+            mean = 0.5 * (low + high)
+            sm, cm, _ = _of_circle(pair, False, start + mean * width, cuts, turns)
             bent = max(abs(sl - 2.0 * sm + sh), abs(cl - 2.0 * cm + ch))
             if bent * (high - low) <= _TOLERANCE or depth == _HALVINGS:
                 seen += (high - low) * (sl + 4.0 * sm + sh) / 6.0
                 common += (high - low) * (cl + 4.0 * cm + ch) / 6.0
                 depth -= 1
             else:
-                ends[depth, 1], columns[depth, 2], columns[depth, 3] = middle, sm, cm
+                ends[depth, 1], columns[depth, 2], columns[depth, 3] = mean, sm, cm
                 depth += 1
-                ends[depth, 0], ends[depth, 1] = middle, high
+                ends[depth, 0], ends[depth, 1] = mean, high
                 columns[depth, 0], columns[depth, 1] = sm, cm
                 columns[depth, 2], columns[depth, 3] = sh, ch
     return seen, common
@@ -84,20 +84,20 @@ def seen_parts(pair):
 
 @inner
 def _of_circle(pair, level, at, cuts, turns):
-    """The same of the elevation whose sine is `at`, or of the azimuth `at`; and the number of
-    `turns`, which become the angles where either ends or begins."""
+    """Return `seen_parts` of one circle, and the number of `turns`: the angles where either ends or
+    begins. The circle has the elevation whose sine is `at` (`level`), or the azimuth `at`."""
     view, (lowest, highest), (start, width) = pair[0], pair[0].field.sines, pair[0].field.azimuth
     (ox, oy, oz), far = view.origin, pair[2]
     if level:
         up, flat = far * at, far * math.sqrt(max(1.0 - at * at, 0.0))
         x, y, z = turned(view.rotation, 0.0, 0.0, up)
-        middle, first, last = (ox + x, oy + y, oz + z), start, start + width
+        centre, first, last = (ox + x, oy + y, oz + z), start, start + width
         u, v = turned(view.rotation, flat, 0.0, 0.0), turned(view.rotation, 0.0, flat, 0.0)
     else:
-        middle, first, last = (ox, oy, oz), math.asin(lowest), math.asin(highest)
+        centre, first, last = (ox, oy, oz), math.asin(lowest), math.asin(highest)
         u = turned(view.rotation, far * math.cos(at), far * math.sin(at), 0.0)
         v = turned(view.rotation, 0.0, 0.0, far)
-    circle = middle, u, v, first, last
+    circle = centre, u, v, first, last
     count = add_crossings(pair[7], view.origin, circle, cuts, 0)
     count = add_crossings(pair[8], pair[1].origin, circle, cuts, count)
     steps = max(pair[9], 1)
@@ -112,14 +112,14 @@ def _of_circle(pair, level, at, cuts, turns):
             continue
         angle = 0.5 * (near + cuts[n])
         status = _at_angle(pair, level, at, angle)
-        for which in range(2):
-            if status[which] != passed[which]:
+        for sensor in range(2):
+            if status[sensor] != passed[sensor]:
                 edge = near
                 if pair[9] > 0 and near > first:
-                    edge = _bisected(pair, level, at, which, before, near, angle)
-                sign = -1.0 if status[which] else 1.0
+                    edge = _bisected(pair, level, at, sensor, before, near, angle)
+                sign = -1.0 if status[sensor] else 1.0
                 amount = sign * (edge if level else math.sin(edge))
-                seen, common = (seen + amount, common) if which == 0 else (seen, common + amount)
+                seen, common = (seen + amount, common) if sensor == 0 else (seen, common + amount)
                 turns[number] = edge
                 number += 1
         near, before, passed = cuts[n], angle, status
@@ -129,19 +129,19 @@ def _of_circle(pair, level, at, cuts, turns):
 
 
 @inner
-def _bisected(pair, level, at, which, low, cut, high):
+def _bisected(pair, level, at, sensor, low, cut, high):
     """The angle between two of a circle at which a status changes, probably at `cut`."""
-    before = _at_angle(pair, level, at, low)[which]
-    if _at_angle(pair, level, at, cut - _NEAR)[which] == before:
+    before = _at_angle(pair, level, at, low)[sensor]
+    if _at_angle(pair, level, at, cut - _NEAR)[sensor] == before:
         low = cut - _NEAR
-    if _at_angle(pair, level, at, cut + _NEAR)[which] != before:
+    if _at_angle(pair, level, at, cut + _NEAR)[sensor] != before:
         high = cut + _NEAR
     while high - low > 2.5 * _NEAR:
-        middle = 0.5 * (low + high)
-        if _at_angle(pair, level, at, middle)[which] == before:
-            low = middle
+        mean = 0.5 * (low + high)
+        if _at_angle(pair, level, at, mean)[sensor] == before:
+            low = mean
         else:
-            high = middle
+            high = mean
     return 0.5 * (low + high)
 
 
@@ -154,13 +154,13 @@ def _at_angle(pair, level, at, angle):
 def _status(pair, up, azimuth):
     """Whether a sensor sees in a direction of its own frame, and whether the other one sees the
     point there, too."""
-    view, other, at, hides, hides_other, own, another = pair[:7]
+    view, other, at, hides, hides_other, number, another = pair[:7]
     level = math.sqrt(max(1.0 - up * up, 0.0))
     ahead, left = level * math.cos(azimuth), level * math.sin(azimuth)
     if not has_direction(view.field, ahead, left, up):
         return False, False
     o, (dx, dy, dz) = view.origin, turned(view.rotation, ahead, left, up)
-    if stopped(o, dx, dy, dz, at, hides, own):
+    if stopped(o, dx, dy, dz, at, hides, number):
         return False, False
     x, y, z = o[0] + at * dx, o[1] + at * dy, o[2] + at * dz
     if not in_view(other, x, y, z):

@@ -184,7 +184,7 @@ def log_parts(scene: LogScene) -> list[ScenePart]:
 
 @lru_cache(maxsize=8)
 def _cautions(recordings: tuple[LogRecording, ...]) -> tuple[str, ...]:
-    """Of the log, or of that to train and that to test on."""
+    """Check the log, or the log to train on and the log to test on; see `LogScene.cautions`."""
     logs = {recording.scene.folder: recording.record() for recording in recordings}
     cautions = [caution for folder, log in logs.items() for caution in check_log(log, folder)]
     if len(logs) > 1:

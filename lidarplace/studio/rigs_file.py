@@ -120,12 +120,12 @@ class RigsFile:
 
     @property
     def carrier_settings(self) -> VehicleSettings | None:
-        """The same as the key `vehicle` of a sweep."""
+        """Settings of the vehicle with its keep-outs, as the key `vehicle` of a sweep."""
         return carrier_of(self.settings.vehicle, self.settings.keep_out)
 
     @cached_property
     def carrier(self) -> Vehicle | None:
-        """The same in clouds; None, a sedan, where the file tells of neither."""
+        """Vehicle in clouds; None, a sedan, if the file has neither `vehicle` nor `keep_out`."""
         return None if self.carrier_settings is None else self.body
 
     @cached_property

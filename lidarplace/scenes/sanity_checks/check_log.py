@@ -1,4 +1,4 @@
-"""All checks of a box log: an error for what cannot be meant, cautions for what hardly is."""
+"""Checks of a box log: an error for impossible values, cautions for implausible ones."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -16,7 +16,7 @@ CONVERTED = "change {remedy} of the mapping that converts it (`lidarplace conver
 
 
 def doubts_of_log(log: BoxLog) -> Iterator[Doubt]:
-    """All doubts of a log."""
+    """Run all checks of a log, and yield their doubts."""
     return chain(
         doubts_of_poses(log),
         doubts_of_units(log),

@@ -7,7 +7,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Convention:
-    """How to get from the numbers of a log to the ego frame, if they mean something else."""
+    """Conversion of the numbers of a log to the ego frame, if they are in another convention."""
 
     meaning: str
     remedy: str  # keys of a mapping

@@ -30,12 +30,12 @@ def doubts_of_duplicates(log: BoxLog) -> Iterator[Doubt]:
 def doubts_of_copies(train: BoxLog, test: BoxLog) -> Iterator[Doubt]:
     """Doubt of test frames of `test` that equal training frames of another route in `train`, which
     may be the same log."""
-    known = _frames(train)
-    tested = known if train is test else _frames(test)
-    known, tested = known[known["split"] == "train"], tested[tested["split"] == "test"]
-    same = tested.merge(known, on="hash", suffixes=("", "_known"))
+    trained = _frames(train)
+    tested = trained if train is test else _frames(test)
+    trained, tested = trained[trained["split"] == "train"], tested[tested["split"] == "test"]
+    same = tested.merge(trained, on="hash", suffixes=("", "_trained"))
     if train is test:  # the paper's split divides a route, in which everything may stand still
-        same = same[same["place"] != same["place_known"]]
+        same = same[same["place"] != same["place_trained"]]
     if same.empty:
         return
     copied = tested["frame"].isin(same["frame"])

@@ -182,10 +182,10 @@ def _in_the_world(pairs: pd.DataFrame, convention: Convention) -> Steps:
 
 
 def _beside_the_vehicle(pairs: pd.DataFrame, convention: Convention, stands: bool = False) -> Steps:
-    """By the motion of the vehicle, v ahead and w to the left, under which objects slide least; or
-    it `stands`. `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the normal of an
-    object's length axis, d its step and p its place in the ego frame. Needs over two objects in a
-    frame."""
+    """Steps by the motion of the vehicle, v ahead and w to the left, under which objects slide
+    least; or it `stands`. `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the
+    normal of an object's length axis, d its step and p its place in the ego frame. Needs over two
+    objects in a frame."""
     x, y = _place(pairs, "", convention)
     before_x, before_y = _place(pairs, "before_", convention)
     yaw = convention.turn + convention.factor * pairs["yaw"].to_numpy(np.float64)
