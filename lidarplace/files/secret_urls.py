@@ -22,7 +22,9 @@ _NAME = re.compile(
     r"(?:api|access|auth|secret|private)[-_]?key)$",
     re.IGNORECASE,
 )
-_TOKEN = re.compile(r"(?:hf_|gh[opsu]_|github_pat_|glpat-|sk-|xox[a-z]-|AKIA|eyJ)[\w.-]{12,}")
+_TOKEN = re.compile(
+    r"(?<![A-Za-z0-9])(?:hf_|gh[opsu]_|github_pat_|glpat-|sk-|xox[a-z]-|AKIA|eyJ)[\w.-]{12,}"
+)
 _SHORTEST = 4
 """Characters of a secret that is looked for by itself: shorter ones are parts of other words."""
 

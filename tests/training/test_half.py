@@ -15,7 +15,7 @@ from training.settings import TrainingSettings
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-HALF = TrainingSettings(epochs=10, batch_size=2, mixed_precision="everywhere")
+HALF = TrainingSettings(epochs=14, batch_size=2, mixed_precision="everywhere")
 FULL = HALF.model_copy(update={"mixed_precision": True})
 
 
