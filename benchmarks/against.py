@@ -277,7 +277,7 @@ def serve() -> None:
             start = cpu_seconds()
             value = calls[name](turns[name])
             answer: dict[str, Any] = {"seconds": cpu_seconds() - start, "value": value}
-        except (ImportError, AttributeError, TypeError, KeyError, RuntimeError) as error:
+        except Exception as error:  # another commit may refuse a part in any way
             answer = {"missing": f"{type(error).__name__}: {error}"[:200]}
         print(json.dumps(answer), file=answers, flush=True)
 
