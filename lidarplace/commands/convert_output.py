@@ -29,7 +29,7 @@ from lidarplace.rigs.rotations import order_caution
 from lidarplace.scenes.ground_level import OFF, OFF_M, levelled, off_ground
 from lidarplace.scenes.real_clouds import count_real_points
 from lidarplace.scenes.sanity_checks.check_log import check_log
-from lidarplace.scenes.static_world import static_worlds
+from lidarplace.scenes.static_world.world_builder import static_worlds
 
 RECORDED = Path("clouds") / "recorded"
 """Of a log's folder: its real clouds, a folder each scene."""
